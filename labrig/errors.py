@@ -1,0 +1,136 @@
+"""Every failure that labrig reports, as one tree.
+
+.. code-block:: text
+
+    LabrigError                    message, hint, exit_code
+    ├── AnswerIsNoError       (1)  it ran, and the answer is no
+    │   ├── CalibrationRefusedError
+    │   └── MeasurementRefusedError
+    ├── InputError            (2)  what was given cannot be used; also a ValueError
+    │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
+    │   ├── PictureError           a file that should be a picture and is not, or of another size
+    │   ├── OutputExistsError      something would be overwritten
+    │   └── LimitError             a move beyond an axis' limits, refused before it starts
+    ├── MachineError          (3)  a device or the computer failed, or motion had to stop
+    │   ├── BusError               no CAN interface, bus off
+    │   ├── DriveError             an EPOS2 refused, faulted or fell silent
+    │   ├── CameraError            no camera, a setting ignored, no picture
+    │   ├── DiskError              no space, not writable
+    │   └── SafetyStopError        stopped because going on was not known to be safe
+    ├── RecordError           (4)  a run on disk that is damaged, or is no run
+    └── InterruptedRunError (130)  INT, TERM or HUP
+
+A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
+`exit_code`; nothing else in labrig prints or exits.
+"""
+
+from dataclasses import dataclass
+
+
+class LabrigError(Exception):
+    """A failure with a sentence for the user and a hint.
+
+    Parameters
+    ----------
+    message : str
+        Names the thing, its value and the limit.
+    hint : str
+        What the user can do about it; empty where nothing is known.
+    """
+
+    exit_code = 3
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+
+class AnswerIsNoError(LabrigError):
+    """The command ran to its end and the answer is no."""
+
+    exit_code = 1
+
+
+class CalibrationRefusedError(AnswerIsNoError):
+    """A calibration that would lie."""
+
+
+class MeasurementRefusedError(AnswerIsNoError):
+    """A picture from which the quantity asked for cannot be stated."""
+
+
+class InputError(LabrigError, ValueError):
+    """What was given cannot be used."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One fault of a file: where it stands, what it is, what to do.
+
+    `where` reads `file:line:column key.path` as far as these are known.
+    """
+
+    where: str
+    message: str
+    hint: str = ""
+
+
+class FileFormatError(InputError):
+    """A YAML or JSON file that does not say what it should, with every problem found."""
+
+    def __init__(self, problems: tuple[Problem, ...]) -> None:
+        first = problems[0]
+        lines = [f"{p.where}: {p.message}" + (f" ({p.hint})" if p.hint and p is not first else "") for p in problems]
+        super().__init__("\n".join(lines), first.hint)
+        self.problems = problems
+
+
+class PictureError(InputError):
+    """A file that should be a picture and is not, or a picture of another size."""
+
+
+class OutputExistsError(InputError):
+    """Something on disk would be overwritten."""
+
+
+class LimitError(InputError):
+    """A move beyond the limits of an axis; refused before anything is sent."""
+
+
+class MachineError(LabrigError):
+    """A device or the computer failed, or motion had to stop."""
+
+
+class BusError(MachineError):
+    """The CAN interface is missing, unreachable or bus off."""
+
+
+class DriveError(MachineError):
+    """A drive refused a command, went to fault, or fell silent."""
+
+
+class CameraError(MachineError):
+    """No camera, a setting that it ignored, or no picture."""
+
+
+class DiskError(MachineError):
+    """No space left, or a folder that cannot be written."""
+
+
+class SafetyStopError(MachineError):
+    """Stopped because going on was not known to be safe."""
+
+
+class RecordError(LabrigError):
+    """A run on disk that is damaged, of a newer schema, or no run at all."""
+
+    exit_code = 4
+
+
+class InterruptedRunError(LabrigError):
+    """INT, TERM or HUP arrived."""
+
+    exit_code = 130

@@ -1,0 +1,37 @@
+"""The world that simulated devices live in: gel, needle, sheath, light and lens; it knows no device.
+
+What is decided here
+--------------------
+- The world shares no model with what measures it: it has its own projection, its own path and its own
+  frames, so that it can contradict `vision` and `geometry`. import-linter forbids the import.
+- Every draw comes from the seed and from what it is for (specimen, hole, needle, picture of the hole), never
+  from what was drawn before: hole 7 has the same radius whether or not holes 0 to 6 were used.
+- Frames are those of the steering plane: z along the insertion (right in the picture), y up, x away from the
+  camera. The origin is seen at `lens.origin_px`; the sheath's tip stands there, but for the sheath's play,
+  when the linear axis is at `sheath_tip_at_origin_linear_mm`. At linear axis 0 it touches the gel's surface.
+- The needle stays in the steering plane: at a roll other than 0 and pi only the curvature's component in the
+  plane acts.
+- The tip is the end of the centre line, level with the foremost point of the bevel.
+- Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
+  made from the one holds for the other), depth of field, motion blur, friction and wind-up of the needle.
+"""
+
+from labrig.simulation.description import (
+    GelDescription,
+    LensDescription,
+    LightDescription,
+    NeedleDescription,
+    SheathDescription,
+    WorldDescription,
+)
+from labrig.simulation.world import World
+
+__all__ = [
+    "GelDescription",
+    "LensDescription",
+    "LightDescription",
+    "NeedleDescription",
+    "SheathDescription",
+    "World",
+    "WorldDescription",
+]

@@ -1,0 +1,152 @@
+"""What the simulated world is made of: the `world:` section of a rig file."""
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import Field
+
+from labrig.protocol import Conflict, Model, NonNegativeMm, PixelUv, PositiveMm
+
+_SAFE_SDS = 6  # a radius that many standard deviations below its mean must still be a radius
+
+
+class GelDescription(Model):
+    """How tightly the needle steers in a gel: each insertion draws its radius normally distributed."""
+
+    gelatin_percent: Annotated[float, Field(gt=0, le=100)] = Field(
+        description="Mass of gelatin powder over mass of water [%]."
+    )
+    radius_mean_mm: PositiveMm = Field(description="Mean radius of curvature [mm].")
+    radius_sd_mm: NonNegativeMm = Field(
+        description="Standard deviation of the radius between insertions [mm]."
+    )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield a spread so wide that a drawn radius could be nothing."""
+        if _SAFE_SDS * self.radius_sd_mm >= self.radius_mean_mm:
+            limit = self.radius_mean_mm / _SAFE_SDS
+            message = f"{self.radius_sd_mm:g} mm; must be below {limit:g} mm, a sixth of radius_mean_mm"
+            yield Conflict("radius_sd_mm", message)
+
+
+class NeedleDescription(Model):
+    """The needle as it is, not as it was designed."""
+
+    diameter_mm: Annotated[float, Field(gt=0, le=2.5)] = Field(1.2, description="Outer diameter [mm].")
+    hinge_closing_mm: PositiveMm = Field(
+        3.0,
+        description="Arc length over which the hinges close: curvature grows linearly from 0 to 1/r [mm].",
+    )
+    bevel_deg: Annotated[float, Field(ge=15, le=90)] = Field(
+        50.0, description="Angle between the bevel's face and the needle's axis [deg]."
+    )
+    link_mm: PositiveMm = Field(
+        3.0, description="Length of a link between two hinges; each cut shows as a tick [mm]."
+    )
+
+
+class SheathDescription(Model):
+    """The straight tube that leads the needle into the gel."""
+
+    diameter_mm: Annotated[float, Field(gt=0, le=3)] = Field(2.0, description="Outer diameter [mm].")
+    lateral_play_sd_mm: NonNegativeMm = Field(
+        0.05, description="Standard deviation, from hole to hole, of the tip's lateral position [mm]."
+    )
+    angle_play_sd_deg: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.2, description="Standard deviation, from hole to hole, of the direction of entry [deg]."
+    )
+
+
+class LensDescription(Model):
+    """The camera: pinhole, Brown-Conrady distortion, and how it stands over the steering plane."""
+
+    width_px: Annotated[int, Field(ge=64, le=4096)] = Field(1280, description="Width of the picture [px].")
+    height_px: Annotated[int, Field(ge=64, le=4096)] = Field(720, description="Height of the picture [px].")
+    fx_px: Annotated[float, Field(gt=0)] = Field(1800.0, description="Focal length along u [px].")
+    fy_px: Annotated[float, Field(gt=0)] = Field(1802.0, description="Focal length along v [px].")
+    cx_px: float = Field(645.0, description="Principal point, u [px].")
+    cy_px: float = Field(352.0, description="Principal point, v [px].")
+    distortion: tuple[float, float, float, float, float] = Field(
+        (-0.12, 0.05, 0.0006, -0.0004, 0.0), description="k1, k2, p1, p2, k3 [-]."
+    )
+    distance_mm: PositiveMm = Field(
+        115.0, description="From the centre of projection to the steering plane, along the optical axis [mm]."
+    )
+    tilt_deg: Annotated[float, Field(ge=0, le=30)] = Field(
+        2.0, description="Angle between the optical axis and the plane's normal [deg]."
+    )
+    tilt_azimuth_deg: float = Field(
+        35.0, description="Axis in the picture about which the camera is tilted, from u towards v [deg]."
+    )
+    roll_deg: float = Field(0.4, description="Turn of the camera about its optical axis [deg].")
+    origin_px: PixelUv = Field(
+        (320.0, 200.0),
+        description="Where the origin of the steering plane stands in the picture, (u, v) [px].",
+    )
+
+
+class LightDescription(Model):
+    """The light table under the gel and the lamp above it."""
+
+    level: Annotated[float, Field(gt=0, le=255)] = Field(165.0, description="Brightness of clear gel [grey].")
+    unevenness: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.3, description="Fall of brightness across the picture [fraction of level]."
+    )
+    glint: Annotated[float, Field(ge=0, le=255)] = Field(
+        150.0, description="Brightness that the needle's specular glint adds [grey]."
+    )
+    azimuth_deg: float = Field(
+        115.0, description="Where the lamp stands, from +z towards +y in the steering plane [deg]."
+    )
+
+
+def _paper_gels() -> tuple[GelDescription, ...]:
+    """Return the radii of the paper's section V-B."""
+    rows = ((10, 28.34, 0.247), (13, 27.71, 0.237), (16, 27.36, 0.459), (19, 27.13, 0.473))
+    return tuple(GelDescription(gelatin_percent=p, radius_mean_mm=m, radius_sd_mm=s) for p, m, s in rows)
+
+
+class WorldDescription(Model):
+    """The simulated world: lengths in mm, angles in degrees, brightness in grey levels (0 to 255)."""
+
+    gels: tuple[GelDescription, ...] = Field(
+        default_factory=_paper_gels,
+        min_length=1,
+        description="Known gels by rising gelatin; between two of them mean and SD are interpolated.",
+    )
+    needle: NeedleDescription = Field(default_factory=NeedleDescription, description="The needle.")
+    sheath: SheathDescription = Field(default_factory=SheathDescription, description="The sheath.")
+    lens: LensDescription = Field(default_factory=LensDescription, description="The camera's lens and stand.")
+    light: LightDescription = Field(default_factory=LightDescription, description="The light.")
+    sheath_tip_at_origin_linear_mm: float = Field(
+        15.0,
+        description="Position of the linear axis at which the sheath's tip stands at the plane's origin; "
+        "at 0 it touches the gel [mm].",
+    )
+    blur_px: Annotated[float, Field(ge=0, le=2)] = Field(
+        0.8, description="Standard deviation of the lens's blur [px]."
+    )
+    noise_sd: Annotated[float, Field(ge=0, le=100)] = Field(
+        3.0, description="Standard deviation of the noise at the light's level [grey]."
+    )
+    bubbles_per_specimen: Annotated[int, Field(ge=0, le=2000)] = Field(
+        140, description="Air bubbles cast into each specimen [-]."
+    )
+    ignores: tuple[str, ...] = Field(
+        (),
+        description="Camera settings that the simulated camera silently ignores, as some cameras do [-].",
+    )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield gels out of order, and a needle that does not fit the sheath."""
+        for index, (earlier, later) in enumerate(pairwise(self.gels), start=1):
+            if later.gelatin_percent <= earlier.gelatin_percent:
+                yield Conflict(
+                    f"gels.{index}.gelatin_percent",
+                    f"{later.gelatin_percent:g} % follows {earlier.gelatin_percent:g} %",
+                    "list each gel once, by rising gelatin",
+                )
+        if self.needle.diameter_mm >= self.sheath.diameter_mm:
+            message = f"{self.needle.diameter_mm:g} mm; must be below sheath.diameter_mm"
+            yield Conflict("needle.diameter_mm", f"{message}, {self.sheath.diameter_mm:g} mm")

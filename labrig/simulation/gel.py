@@ -1,0 +1,165 @@
+"""Specimens: gel with its radii, bubbles and clouds, and the holes made in it.
+
+A specimen is described in gel coordinates (lateral, z): a point of the gel stands at y = lateral + position
+once the operator has shifted it to that position.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from labrig.errors import InputError
+from labrig.simulation.description import GelDescription, WorldDescription
+from labrig.simulation.lens import Field32, Floats
+from labrig.simulation.seeds import stream
+from labrig.simulation.track import Track
+
+LAST_POSITION_MM = 240.0  # holes lie between 0 and here
+_LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # what comes into view from any hole
+_Z_MM = (-20.0, 80.0)
+_CLOUD_GRID_MM = 0.5
+
+
+def radius_law_mm(gels: tuple[GelDescription, ...], gelatin_percent: float) -> tuple[float, float]:
+    """Return mean and standard deviation of the radius in a gel, interpolated between the known ones.
+
+    Raises
+    ------
+    InputError
+        For a gel softer or stiffer than any that is described: nothing is known there.
+    """
+    percents = [gel.gelatin_percent for gel in gels]
+    if not percents[0] <= gelatin_percent <= percents[-1]:
+        message = (
+            f"gelatin of {gelatin_percent:g} % lies outside of what the world describes, "
+            f"{percents[0]:g} to {percents[-1]:g} %"
+        )
+        raise InputError(message, "add the gel to `world: gels:` in the rig file, or use one that is there")
+    mean = np.interp(gelatin_percent, percents, [gel.radius_mean_mm for gel in gels])
+    sd = np.interp(gelatin_percent, percents, [gel.radius_sd_mm for gel in gels])
+    return float(mean), float(sd)
+
+
+@dataclass
+class Hole:
+    """One place where the sheath enters, what was drawn for it, and what has been cut there so far.
+
+    number, position_mm : as the operator counts; radius_mm : of the needle's path; play_mm, heading_rad : of
+    the sheath; patchiness (N,) : how dark the cut looks at each mm; track : the needle's path, from the time
+    the needle first left the sheath, with the linear axis at track_linear_mm; sheath_reach_mm : the linear
+    axis' farthest position.
+    """
+
+    number: int | None
+    position_mm: float
+    radius_mm: float
+    play_mm: float
+    heading_rad: float
+    patchiness: Field32
+    track: Track | None = None
+    track_linear_mm: float = 0.0
+    sheath_reach_mm: float = 0.0
+
+    def sheath_point_mm(self, beyond_origin_mm: float) -> tuple[float, float]:
+        """Return the point (y, z) of the sheath's axis that far beyond the plane's origin."""
+        return (
+            self.play_mm + beyond_origin_mm * math.sin(self.heading_rad),
+            beyond_origin_mm * math.cos(self.heading_rad),
+        )
+
+
+def no_gel() -> Hole:
+    """Return what lies before the sheath on an empty bench: the needle goes straight and leaves nothing."""
+    return Hole(None, 0.0, math.inf, 0.0, 0.0, np.zeros(1, np.float32))
+
+
+@dataclass(frozen=True)
+class Bubble:
+    """An air bubble: centre in gel coordinates and radius [mm]."""
+
+    lateral_mm: float
+    z_mm: float
+    radius_mm: float
+
+
+@dataclass
+class Specimen:
+    """A block of gel with everything that is fixed to it; holes by the operator's number and position."""
+
+    name: str
+    gelatin_percent: float
+    bubbles: tuple[Bubble, ...]
+    clouds: Field32
+    holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
+
+    def clouds_at(self, lateral_mm: Field32, z_mm: Field32) -> Field32:
+        """Return the gel's relative brightness at gel coordinates (H, W); its mean is 0."""
+        columns = (z_mm - np.float32(_Z_MM[0])) / np.float32(_CLOUD_GRID_MM)
+        rows = (lateral_mm - np.float32(_LATERAL_MM[0])) / np.float32(_CLOUD_GRID_MM)
+        clouds = cv2.remap(self.clouds, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        return np.asarray(clouds, np.float32)
+
+
+def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent: float) -> Specimen:
+    """Return a fresh specimen; the same name, gelatin and seed give the same one.
+
+    Raises
+    ------
+    InputError
+        For a gelatin that the world does not describe.
+    """
+    radius_law_mm(world.gels, gelatin_percent)
+    return Specimen(
+        name,
+        gelatin_percent,
+        _cast_bubbles(world.bubbles_per_specimen, stream(seed, "bubbles", name)),
+        _cast_clouds(stream(seed, "clouds", name)),
+    )
+
+
+def make_hole(
+    world: WorldDescription,
+    random: np.random.Generator,
+    gelatin_percent: float,
+    place: tuple[int | None, float],
+) -> Hole:
+    """Return an unused hole at a place (number, position) with its radius and the sheath's play drawn."""
+    mean, sd = radius_law_mm(world.gels, gelatin_percent)
+    radius, play, angle = random.standard_normal(3).tolist()
+    return Hole(
+        *place,
+        radius_mm=mean + sd * radius,
+        play_mm=world.sheath.lateral_play_sd_mm * play,
+        heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
+        patchiness=_patchiness(random),
+    )
+
+
+def _patchiness(random: np.random.Generator) -> Field32:
+    """Return how dark a cut looks along its way, every millimetre: air stays in it in places only."""
+    slow = np.convolve(random.standard_normal(128), np.ones(5) / math.sqrt(5), mode="same")
+    return np.clip(0.075 + 0.05 * slow, 0.015, 0.20).astype(np.float32)
+
+
+def _cast_bubbles(count: int, random: np.random.Generator) -> tuple[Bubble, ...]:
+    lateral = random.uniform(*_LATERAL_MM, count)
+    z = random.uniform(-13.0, _Z_MM[1], count)
+    radius = np.clip(random.lognormal(math.log(0.30), 0.55, count), 0.1, 1.0)
+    return tuple(Bubble(*row) for row in np.stack([lateral, z, radius], axis=1).tolist())
+
+
+def _cast_clouds(random: np.random.Generator) -> Field32:
+    """Return the relative brightness of the gel on a grid: broad clouds and a finer grain."""
+    shape = tuple(int((high - low) / _CLOUD_GRID_MM) for low, high in (_LATERAL_MM, _Z_MM))
+    broad = _smooth_noise(random, shape, 7.0 / _CLOUD_GRID_MM) * 0.030
+    fine = _smooth_noise(random, shape, 0.9 / _CLOUD_GRID_MM) * 0.008
+    return (broad + fine).astype(np.float32)
+
+
+def _smooth_noise(random: np.random.Generator, shape: tuple[int, ...], sigma: float) -> Floats:
+    """Return Gaussian noise of unit standard deviation, correlated over `sigma` samples."""
+    noise = np.asarray(cv2.GaussianBlur(random.standard_normal(shape), (0, 0), sigma), np.float64)
+    smooth: Floats = noise / noise.std()
+    return smooth

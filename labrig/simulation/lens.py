@@ -1,0 +1,146 @@
+"""The world's own camera: pinhole with Brown-Conrady distortion, standing over the steering plane.
+
+The camera frame has X to the right, Y down and Z along the optical axis. In the steering plane frame z runs
+along the insertion (right in the picture), y up and x away from the camera.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from labrig.errors import InputError
+from labrig.simulation.description import LensDescription
+
+Floats = npt.NDArray[np.float64]
+Field32 = npt.NDArray[np.float32]
+
+_UNDISTORT_STEPS = 12  # the fixed point gains about a digit a step for the distortion of a good lens
+_UNDISTORT_LIMIT = 1e-6  # in the last step, normalised; a few thousandths of a pixel
+
+
+def distort(ideal: Floats, lens: LensDescription) -> Floats:
+    """Apply the lens's distortion to ideal normalised coordinates (..., 2); Brown 1966."""
+    k1, k2, p1, p2, k3 = lens.distortion
+    a, b = ideal[..., 0], ideal[..., 1]
+    r2 = a * a + b * b
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a),
+            b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b,
+        ],
+        axis=-1,
+    )
+
+
+def undistort(distorted: Floats, lens: LensDescription) -> Floats:
+    """Invert `distort` by a fixed-point iteration; (..., 2) in, (..., 2) out.
+
+    Raises
+    ------
+    InputError
+        For a distortion so strong that the lens folds the picture.
+    """
+    ideal, missed = distorted, distorted
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_UNDISTORT_STEPS):
+            missed = distorted - distort(ideal, lens)
+            ideal = ideal + missed
+    if not np.abs(missed).max() < _UNDISTORT_LIMIT:
+        message = (
+            f"the distortion {list(lens.distortion)} of the world's lens has no inverse over the picture"
+        )
+        raise InputError(message, "weaken k1, k2 and k3 under `world: lens:` in the rig file")
+    return ideal
+
+
+def project(points_camera_mm: Floats, lens: LensDescription) -> Floats:
+    """Return the pixels (N, 2) of points (N, 3) in the camera frame [mm]."""
+    seen = distort(points_camera_mm[:, :2] / points_camera_mm[:, 2:], lens)
+    return seen * (lens.fx_px, lens.fy_px) + (lens.cx_px, lens.cy_px)
+
+
+def unproject(pixels: Floats, lens: LensDescription) -> Floats:
+    """Return the directions (N, 3), third component 1, of the rays that end in pixels (N, 2)."""
+    ideal = undistort((pixels - (lens.cx_px, lens.cy_px)) / (lens.fx_px, lens.fy_px), lens)
+    return np.concatenate([ideal, np.ones_like(ideal[:, :1])], axis=1)
+
+
+def rotation_about(axis: Floats, angle_rad: float) -> Floats:
+    """Return the 3x3 right-handed rotation about a unit vector (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Floats = np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * (cross @ cross)
+    return rotation
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A flat thing before the camera: its point p is seen at `rotation @ p + translation_mm`.
+
+    rotation (3, 3), translation_mm (3,); the thing is flat along its first two axes.
+    """
+
+    rotation: Floats
+    translation_mm: Floats
+
+    def to_camera(self, flat_mm: Floats) -> Floats:
+        """Return points (N, 2) of the flat thing in the camera frame (N, 3) [mm]."""
+        camera: Floats = flat_mm @ self.rotation[:, :2].T + self.translation_mm
+        return camera
+
+    def meet(self, rays: npt.NDArray[np.floating]) -> tuple[Field32, Field32]:
+        """Return where rays (..., 3) meet the flat thing: its two coordinates [mm]."""
+        normal = self.rotation[:, 2]
+        depth = (normal @ self.translation_mm) / (rays @ normal.astype(rays.dtype))
+        offset = self.rotation[:, :2].T @ self.translation_mm
+        first = (rays @ self.rotation[:, 0].astype(rays.dtype)) * depth - offset[0]
+        second = (rays @ self.rotation[:, 1].astype(rays.dtype)) * depth - offset[1]
+        return first.astype(np.float32), second.astype(np.float32)
+
+
+@lru_cache(maxsize=2)
+def steering_plane_pose(lens: LensDescription) -> Pose:
+    """Return the pose of the steering plane, flat coordinates (y, z), whose origin is seen at origin_px."""
+    upright = np.array(
+        [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    )  # columns: y, z, x in the camera frame
+    azimuth = math.radians(lens.tilt_azimuth_deg)
+    tilt = rotation_about(np.array([math.cos(azimuth), math.sin(azimuth), 0.0]), math.radians(lens.tilt_deg))
+    roll = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(lens.roll_deg))
+    rotation = roll @ tilt @ upright
+    ray = unproject(np.array([lens.origin_px]), lens)[0]
+    normal = rotation[:, 2]
+    return Pose(rotation, ray * (normal[2] * lens.distance_mm / (normal @ ray)))
+
+
+@dataclass(frozen=True)
+class PixelPlane:
+    """Where each pixel's ray meets the steering plane, y_mm and z_mm (H, W), and a pixel's size there."""
+
+    y_mm: Field32
+    z_mm: Field32
+    mm_per_px: float
+
+
+@lru_cache(maxsize=1)
+def pixel_rays(lens: LensDescription) -> Floats:
+    """Return the direction of every pixel's ray, (H, W, 3)."""
+    u, v = np.meshgrid(np.arange(lens.width_px, dtype=float), np.arange(lens.height_px, dtype=float))
+    rays = unproject(np.stack([u.ravel(), v.ravel()], axis=1), lens)
+    return rays.reshape(lens.height_px, lens.width_px, 3)
+
+
+@lru_cache(maxsize=2)
+def pixel_plane(lens: LensDescription) -> PixelPlane:
+    """Return the steering plane's coordinates of every pixel."""
+    y_mm, z_mm = steering_plane_pose(lens).meet(pixel_rays(lens))
+    return PixelPlane(y_mm, z_mm, float(np.median(np.diff(z_mm, axis=1))))
+
+
+def plane_to_pixels(plane_mm: Floats, lens: LensDescription) -> Floats:
+    """Return the pixels (N, 2) of points (N, 2) of the steering plane, columns (y, z) [mm]."""
+    return project(steering_plane_pose(lens).to_camera(plane_mm), lens)

@@ -1,0 +1,261 @@
+"""The world: what stands on the bench, what the axes have done to it, and what the camera sees of it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from labrig.errors import InputError
+from labrig.simulation import bench, painting
+from labrig.simulation.description import WorldDescription
+from labrig.simulation.drawing import Reach
+from labrig.simulation.gel import LAST_POSITION_MM, Hole, Specimen, cast_specimen, make_hole, no_gel
+from labrig.simulation.lens import Field32, Floats
+from labrig.simulation.seeds import stream
+from labrig.simulation.sensor import Sensor, blurred
+from labrig.simulation.track import Node, Track
+
+_STUCK_MM = 0.5  # an instrument deeper than that would tear the gel when a hand moves it
+
+
+@dataclass(frozen=True)
+class _Axes:
+    """Positions of the three axes."""
+
+    insertion_mm: float = 0.0
+    rotation_rad: float = 0.0
+    linear_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Still:
+    """Something that covers the view: its name and its sharp picture."""
+
+    name: str
+    sharp: Field32
+
+
+class World:
+    """The simulated bench.
+
+    Parameters
+    ----------
+    description : WorldDescription
+        The `world:` section of the rig file.
+    seed : int
+        The protocol's seed. Each draw has a stream of its own (specimen; hole and needle; picture of the
+        hole), so that none depends on what was done before.
+    """
+
+    def __init__(self, description: WorldDescription, seed: int) -> None:
+        self.description = description
+        self._seed = seed
+        self._axes = _Axes()
+        self._needle_id: str | None = None
+        self._specimens: dict[tuple[str, float], Specimen] = {}
+        self._specimen: Specimen | None = None
+        self._hole = no_gel()
+        self._still: _Still | None = None
+        self._scene: _Still | None = None
+        self._backdrop: tuple[tuple[str, float, float], painting.Backdrop] | None = None
+        self._pictures: dict[str, int] = {}
+        self._white = bench.light_field(description.light, description.lens) * np.float32(
+            description.light.level
+        )
+        size_px = (description.lens.width_px, description.lens.height_px)
+        self._sensor = Sensor(seed, size_px, description.noise_sd, description.light.level)
+
+    def mount_needle(self, needle_id: str) -> None:
+        """Clamp a needle into the instrument; until then there is none.
+
+        Raises
+        ------
+        InputError
+            While needle or sheath stands in a gel; so does every deed below that moves the gel.
+        """
+        self._refuse_if_stuck("the needle is changed")
+        self._needle_id = needle_id
+
+    def place_specimen(self, name: str, gelatin_percent: float) -> None:
+        """Put a specimen before the sheath: fresh, or with the tracks it has from before.
+
+        Raises
+        ------
+        InputError
+            For a gelatin that the world does not describe.
+        """
+        self._refuse_if_stuck(f"{name} is placed")
+        key = (name, gelatin_percent)
+        if key not in self._specimens:
+            self._specimens[key] = cast_specimen(self.description, self._seed, name, gelatin_percent)
+        self._still = None
+        self._specimen = self._specimens[key]
+        self._enter_hole(self._specimen, None, 0.0)
+
+    def shift_to_hole(self, specimen: str, hole: int, position_mm: float) -> None:
+        """Shift the gel by hand until `position_mm` of it has gone past the sheath, towards +y.
+
+        Older tracks move along, up in the picture; a needle that bends towards -y never meets them.
+
+        Raises
+        ------
+        InputError
+            If another specimen stands before the sheath, or the position lies outside of the gel.
+        """
+        self._refuse_if_stuck(f"the gel is shifted to hole {hole}")
+        if self._specimen is None or self._specimen.name != specimen:
+            placed = "nothing" if self._specimen is None else self._specimen.name
+            raise InputError(
+                f"specimen {specimen} is not on the bench; {placed} is", "place the specimen first"
+            )
+        if not 0 <= position_mm <= LAST_POSITION_MM:
+            limits = f"0 to {LAST_POSITION_MM:g} mm"
+            raise InputError(f"hole position {position_mm:g} mm lies outside of the gel, {limits}")
+        self._still = None
+        self._enter_hole(self._specimen, hole, position_mm)
+
+    def hold_board(self, view: int, columns: int, rows: int, square_mm: float) -> None:
+        """Hold a chessboard with columns x rows inner corners before the camera, another way in each view."""
+        board, lens = bench.Board(columns, rows, square_mm), self.description.lens
+        pose = bench.board_pose(view, board, stream(self._seed, "board", view), lens)
+        self._still = _Still(f"board {view}", bench.board_picture(board, pose, lens, self._white))
+
+    def lay_graph_paper(self, pitch_mm: float) -> None:
+        """Lay graph paper into the steering plane, nearly along the sheath; it fills the view."""
+        random = stream(self._seed, "graph paper")
+        paper = bench.graph_paper(pitch_mm, random, self.description.lens, self._white)
+        self._still = _Still("graph paper", paper)
+
+    def clear_bench(self) -> None:
+        """Take away specimen, board and paper."""
+        self._refuse_if_stuck("the bench is cleared")
+        self._specimen, self._hole, self._still = None, no_gel(), None
+
+    def advance(self, insertion_mm: float, rotation_rad: float, linear_mm: float) -> None:
+        """Bring the axes to these positions; the needle cuts on where it goes deeper than it has been.
+
+        Going back it withdraws along its path, and going in again it follows it. A needle that stands out
+        while the linear axis moves is carried along its path. Between two calls the bevel is taken to stand
+        at the later call's `rotation_rad`.
+        """
+        self._axes = _Axes(insertion_mm, rotation_rad, linear_mm)
+        hole = self._hole
+        if self._specimen is None:
+            hole.track = None
+        else:
+            hole.sheath_reach_mm = max(hole.sheath_reach_mm, linear_mm)
+        if self._needle_id is not None and insertion_mm > 0:
+            self._cut(hole)
+
+    def _cut(self, hole: Hole) -> None:
+        if hole.track is None:
+            closing_mm = self.description.needle.hinge_closing_mm
+            hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, hole.radius_mm, closing_mm)
+            hole.track_linear_mm = self._axes.linear_mm
+        hole.track.extend(self._needle_reach().to_mm, self._axes.rotation_rad)
+
+    def picture(self, exposure: float = 1.0) -> npt.NDArray[np.uint8]:
+        """Return what the camera sees, (H, W) uint8; each call is another exposure, with noise of its own.
+
+        Parameters
+        ----------
+        exposure : float
+            Light gathered, over that at which clear gel is `light.level` bright. The sensor saturates at 255.
+        """
+        scene = self._scene_name()
+        count = self._pictures.get(scene, 0)
+        self._pictures[scene] = count + 1
+        light = self._light(scene)
+        if exposure != 1.0:
+            light = light * np.float32(exposure)
+        return self._sensor.expose(light, stream(self._seed, "picture", scene, count))
+
+    def truth(self) -> dict[str, object]:
+        """Return what is true of the insertion in the present hole, ready for JSON.
+
+        Its keys: specimen, gelatin_percent, needle_id, hole, radius_mm (drawn), each None where there is
+        none; hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z] and arc_length_mm
+        at the deepest so far, so that they can be asked for before or after the needle is withdrawn.
+        """
+        hole, track = self._hole, self._hole.track
+        start = self._sheath_tip_mm() if track is None else _place(track.at(0.0))
+        return {
+            "specimen": None if self._specimen is None else self._specimen.name,
+            "gelatin_percent": None if self._specimen is None else self._specimen.gelatin_percent,
+            "needle_id": self._needle_id,
+            "hole": hole.number,
+            "hole_position_mm": hole.position_mm,
+            "radius_mm": hole.radius_mm if math.isfinite(hole.radius_mm) else None,
+            "sheath_tip_mm": list(start),
+            "tip_mm": list(start if track is None else _place(track.at(track.length_mm))),
+            "arc_length_mm": 0.0 if track is None else track.length_mm,
+        }
+
+    def centre_line_mm(self, points: int = 400) -> Floats:
+        """Return the needle's true centre line now, from the sheath's tip to its own, (points, 2) as (y, z).
+
+        It has no points while the needle is inside the sheath.
+        """
+        track, reach = self._hole.track, self._needle_reach()
+        if track is None or reach.to_mm <= reach.from_mm:
+            return np.empty((0, 2))
+        return np.array([_place(track.at(arc)) for arc in np.linspace(reach.from_mm, reach.to_mm, points)])
+
+    def _enter_hole(self, specimen: Specimen, number: int | None, position_mm: float) -> None:
+        place = (number, position_mm)
+        if place not in specimen.holes:
+            random = stream(self._seed, "hole", specimen.name, number, self._needle_id)
+            specimen.holes[place] = make_hole(self.description, random, specimen.gelatin_percent, place)
+        self._hole = specimen.holes[place]
+
+    def _refuse_if_stuck(self, deed: str) -> None:
+        needle_mm = 0.0 if self._needle_id is None else max(0.0, self._axes.insertion_mm)
+        depth_mm = self._axes.linear_mm + needle_mm
+        if self._specimen is not None and depth_mm > _STUCK_MM:
+            message = f"{deed} while the instrument stands {depth_mm:.1f} mm deep in {self._specimen.name}"
+            raise InputError(message, f"withdraw needle and sheath to {_STUCK_MM} mm or less first")
+
+    def _sheath_tip_mm(self) -> tuple[float, float]:
+        origin_mm = self.description.sheath_tip_at_origin_linear_mm
+        return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm)
+
+    def _needle_reach(self) -> Reach:
+        """Return the part of the track between the sheath's tip and the needle's."""
+        sheath_mm = self._axes.linear_mm - self._hole.track_linear_mm
+        return Reach(sheath_mm, sheath_mm + self._axes.insertion_mm, self._axes.rotation_rad)
+
+    def _scene_name(self) -> str:
+        if self._still is not None:
+            return self._still.name
+        if self._specimen is None:
+            return "empty bench"
+        return repr((self._specimen.name, self._hole.number, self._hole.position_mm, self._needle_id))
+
+    def _light(self, scene: str) -> Field32:
+        """Return the blurred picture before noise."""
+        if self._still is not None:
+            return blurred(self._still.sharp, self.description.blur_px)
+        behind = self._behind(scene)
+        return painting.with_needle(self.description, behind, self._hole, self._needle_reach())
+
+    def _behind(self, scene: str) -> painting.Backdrop:
+        """Return the present scene with the sheath, painted again only where something in it has moved."""
+        key = (scene, self._axes.linear_mm, self._hole.sheath_reach_mm)
+        if self._backdrop is None or self._backdrop[0] != key:
+            sharp = self._gel_scene(scene)
+            behind = painting.backdrop(self.description, sharp, self._hole, self._axes.linear_mm)
+            self._backdrop = (key, behind)
+        return self._backdrop[1]
+
+    def _gel_scene(self, scene: str) -> Field32:
+        if self._specimen is None:
+            return self._white
+        if self._scene is None or self._scene.name != scene:
+            sharp = painting.gel_scene(self.description, self._specimen, self._hole, self._white)
+            self._scene = _Still(scene, sharp)
+        return self._scene.sharp
+
+
+def _place(node: Node) -> tuple[float, float]:
+    return node.y_mm, node.z_mm

@@ -1,0 +1,116 @@
+"""Chessboard and graph paper, as a calibration would see them."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from labrig.simulation import World
+from labrig.simulation.bench import Board, board_pose
+from labrig.simulation.lens import plane_to_pixels, project
+from labrig.simulation.seeds import stream
+from tests.simulation.benches import QUIET
+
+BOARD = Board(9, 6, 25.0)
+Floats = npt.NDArray[np.float64]
+
+
+def found_corners(picture: npt.NDArray[np.uint8]) -> Floats:
+    """Return the inner corners of the board in a picture (54, 2), refined."""
+    found, corners = cv2.findChessboardCorners(picture, (BOARD.columns, BOARD.rows))
+    assert found
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-4)
+    return np.asarray(cv2.cornerSubPix(picture, corners, (7, 7), (-1, -1), stop), float)[:, 0]
+
+
+@pytest.fixture(scope="module")
+def views() -> list[Floats]:
+    """Return the corners found in 16 views with noise."""
+    world = World(QUIET.model_copy(update={"noise_sd": 3.0}), 2)
+    pictures = []
+    for view in range(16):
+        world.hold_board(view, BOARD.columns, BOARD.rows, BOARD.square_mm)
+        pictures.append(world.picture())
+    return [found_corners(picture) for picture in pictures]
+
+
+def test_corners_are_seen_where_the_pose_puts_them(views: list[Floats]) -> None:
+    """Found corners agree with the projected ones within 0.1 px rms in every view, from either end."""
+    for view, found in enumerate(views):
+        pose = board_pose(view, BOARD, stream(2, "board", view), QUIET.lens)
+        expected = project(pose.to_camera(BOARD.corners_mm()), QUIET.lens)
+        missed = min(np.sqrt(((found - each) ** 2).sum(axis=1).mean()) for each in (expected, expected[::-1]))
+        assert missed < 0.1
+
+
+def test_sixteen_views_calibrate_the_lens(views: list[Floats]) -> None:
+    """Zhang's method on them gives focal lengths within 0.2 % and the principal point within 3 px."""
+    flat = np.concatenate([BOARD.corners_mm(), np.zeros((54, 1))], axis=1).astype(np.float32)
+    seen = [view[:, None].astype(np.float32) for view in views]
+    size = (QUIET.lens.width_px, QUIET.lens.height_px)
+    rms, matrix, *_ = cv2.calibrateCamera([flat] * len(seen), seen, size, np.eye(3), np.zeros(5))
+    lens = QUIET.lens
+    assert rms < 0.1
+    assert (matrix[0, 0], matrix[1, 1]) == pytest.approx((lens.fx_px, lens.fy_px), rel=0.002)
+    assert (matrix[0, 2], matrix[1, 2]) == pytest.approx((lens.cx_px, lens.cy_px), abs=3)
+
+
+def test_views_cover_the_picture(views: list[Floats]) -> None:
+    """Corners reach within 110 px of each side, and of the picture's 8 x 6 cells at least 44 hold one."""
+    corners = np.concatenate(views)
+    assert (corners.min(axis=0) < 110).all()
+    assert (corners.max(axis=0) > (1280 - 110, 720 - 110)).all()
+    cells = {(int(u * 8 / 1280), int(v * 6 / 720)) for u, v in corners}
+    assert len(cells) >= 44
+
+
+def test_any_board_stays_inside_the_picture() -> None:
+    """Boards of other proportions are held so that their white rim is in view too."""
+    for board in (Board(7, 7, 10.0), Board(11, 4, 30.0)):
+        for view in range(20):
+            pose = board_pose(view, board, stream(1, "board", view), QUIET.lens)
+            rim = project(pose.to_camera(board.rim_mm()), QUIET.lens)
+            assert (rim > -1).all()
+            assert (rim < (1280, 720)).all()
+
+
+def brightness_along(
+    picture: npt.NDArray[np.uint8], start_mm: Floats, way: Floats, strip_mm: float
+) -> Floats:
+    """Return the brightest of a strip beside each place of a 30 mm way in the plane, every 0.01 mm.
+
+    A strip one pitch wide blots out the lines that run along the way.
+    """
+    along = np.arange(0.0, 30.0, 0.01)[:, None, None] * way
+    beside = np.linspace(0.0, strip_mm, 9)[None, :, None] * way[::-1]
+    places = start_mm + along + beside
+    pixels = plane_to_pixels(places.reshape(-1, 2), QUIET.lens).reshape(places.shape).astype(np.float32)
+    sampled = cv2.remap(picture.astype(np.float32), pixels[..., 0], pixels[..., 1], cv2.INTER_CUBIC)
+    return np.asarray(sampled.max(axis=1), float)
+
+
+def line_places_mm(profile: Floats, pitch_mm: float) -> Floats:
+    """Return the centroids of the dark lines of a profile sampled every 0.01 mm."""
+    paper = cv2.dilate(profile[:, None], np.ones((round(110 * pitch_mm), 1)))[:, 0]
+    ink = np.clip(paper - profile - 15, 0, None)
+    lines = np.split(np.arange(len(ink)), np.flatnonzero(np.diff((ink > 0).astype(int)) != 0) + 1)
+    centres = [(ink[line] * line).sum() / ink[line].sum() for line in lines if ink[line].any()]
+    return np.array(centres) * 0.01
+
+
+@pytest.mark.parametrize("pitch_mm", [1.0, 2.0])
+def test_graph_paper_is_ruled_in_the_steering_plane(pitch_mm: float) -> None:
+    """Sampled through the lens along z and along y, its lines stand one pitch apart all over the view."""
+    world = World(QUIET, 3)
+    world.lay_graph_paper(pitch_mm)
+    picture = world.picture()
+    for start_mm, way in (
+        ((-5.0, -10.0), (0.0, 1.0)),
+        ((10.0, 30.0), (-1.0, 0.0)),
+        ((-25.0, 25.0), (0.0, 1.0)),
+    ):
+        profile = brightness_along(picture, np.array(start_mm), np.array(way), pitch_mm)
+        gaps_mm = np.diff(line_places_mm(profile, pitch_mm)[1:-1])
+        assert len(gaps_mm) >= 30 / pitch_mm - 4
+        assert gaps_mm == pytest.approx(np.full(len(gaps_mm), pitch_mm), abs=0.03)
+        assert gaps_mm.mean() == pytest.approx(pitch_mm, abs=0.003)

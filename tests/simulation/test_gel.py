@@ -1,0 +1,75 @@
+"""What is drawn for a specimen and its holes."""
+
+import numpy as np
+import pytest
+
+from labrig.errors import InputError
+from labrig.simulation import GelDescription, NeedleDescription, World, WorldDescription
+from labrig.simulation.gel import make_hole, radius_law_mm
+from labrig.simulation.seeds import stream
+from tests.simulation.benches import QUIET, bench
+
+PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0: (27.13, 0.473)}
+
+
+@pytest.mark.parametrize("gelatin_percent", PAPER)
+def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float) -> None:
+    """Over 2000 seeds mean and SD agree with section V-B within four standard errors."""
+    mean, sd = PAPER[gelatin_percent]
+    streams = (stream(seed, "hole", "A", 3, "N1") for seed in range(2000))
+    drawn = np.array([make_hole(QUIET, each, gelatin_percent, (3, 65.0)).radius_mm for each in streams])
+    assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(2000)
+    assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 2000)
+
+
+def test_a_gel_between_two_known_ones_is_interpolated() -> None:
+    """At 14.5 % mean and SD are half-way between those of 13 and 16 %."""
+    assert radius_law_mm(WorldDescription().gels, 14.5) == pytest.approx((27.535, 0.348))
+
+
+@pytest.mark.parametrize("gelatin_percent", [9.9, 19.1])
+def test_a_gel_beyond_the_known_ones_is_refused(gelatin_percent: float) -> None:
+    """Nothing is extrapolated; the error names value and limits."""
+    with pytest.raises(InputError, match=rf"{gelatin_percent:g} % .* 10 to 19 %"):
+        World(QUIET, 1).place_specimen("A", gelatin_percent)
+
+
+def test_the_draw_of_a_hole_does_not_depend_on_earlier_holes() -> None:
+    """Hole 3 has the same radius and play whether or not other holes were visited before."""
+    direct = bench(hole=3, position_mm=65.0)
+    after_others = bench(hole=0, position_mm=35.0)
+    after_others.shift_to_hole("A", 1, 45.0)
+    after_others.shift_to_hole("A", 3, 65.0)
+    assert direct.truth() == after_others.truth()
+
+
+def test_hole_specimen_needle_and_seed_each_change_the_draw() -> None:
+    """Five holes that differ in one thing each have five radii."""
+    worlds = [bench(), bench(hole=1), bench(seed=6)]
+    other_needle = World(QUIET, 5)
+    other_needle.mount_needle("N2")
+    other_specimen = World(QUIET, 5)
+    other_specimen.mount_needle("N1")
+    for world, name in ((other_needle, "A"), (other_specimen, "B")):
+        world.place_specimen(name, 13.0)
+        world.shift_to_hole(name, 0, 35.0)
+    assert len({world.truth()["radius_mm"] for world in (*worlds, other_needle, other_specimen)}) == 5
+
+
+def test_gels_out_of_order_are_refused() -> None:
+    """Interpolation needs them by rising gelatin."""
+    gel = GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=0.2)
+    with pytest.raises(ValueError, match="13 % follows 13 %"):
+        WorldDescription(gels=(gel, gel))
+
+
+def test_a_spread_that_could_draw_no_radius_is_refused() -> None:
+    """A standard deviation near the mean is a slip of the pen."""
+    with pytest.raises(ValueError, match=r"must be below 4\.5 mm"):
+        GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=5.0)
+
+
+def test_a_needle_wider_than_the_sheath_is_refused() -> None:
+    """The needle slides inside the sheath."""
+    with pytest.raises(ValueError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
+        WorldDescription(needle=NeedleDescription(diameter_mm=2.2))

@@ -1,0 +1,157 @@
+"""What the camera sees, measured with the tests' own means and compared with the truth."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from labrig.simulation import LightDescription, World, WorldDescription
+from labrig.simulation.lens import pixel_plane, plane_to_pixels
+from tests.simulation.benches import QUIET, bench, insert, withdraw
+
+Floats = npt.NDArray[np.float64]
+OFFSETS_MM = np.arange(-1.4, 1.4001, 0.02)
+
+
+def profiles(picture: npt.NDArray[np.uint8], line_mm: Floats) -> Floats:
+    """Return the brightness across a line (N, 2) at `OFFSETS_MM`, positive towards +y: (N, K)."""
+    tangent = np.gradient(line_mm, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    points = line_mm[:, None] + OFFSETS_MM[None, :, None] * normal[:, None]
+    pixels = plane_to_pixels(points.reshape(-1, 2), QUIET.lens).reshape(*points.shape).astype(np.float32)
+    sampled = cv2.remap(picture.astype(np.float32), pixels[..., 0], pixels[..., 1], cv2.INTER_CUBIC)
+    return np.asarray(sampled, float)
+
+
+def edge_mm(profile: Floats, low_mm: float, high_mm: float) -> float:
+    """Return the centroid of the gradient's size between two offsets."""
+    within = np.abs(OFFSETS_MM - 0.5 * (low_mm + high_mm)) <= 0.5 * (high_mm - low_mm)
+    steepness = np.abs(np.gradient(profile))[within]
+    return float((steepness * OFFSETS_MM[within]).sum() / steepness.sum())
+
+
+@pytest.mark.parametrize("roll_rad", [0.0, np.pi])
+def test_the_needle_s_edges_stand_where_the_truth_says(roll_rad: float) -> None:
+    """Along the shaft both edges lie 0.6 mm from the true centre line, their middle within 0.01 mm."""
+    world = bench(WorldDescription(bubbles_per_specimen=0))
+    insert(world, 40.0, roll_rad=roll_rad)
+    line = world.centre_line_mm(401)
+    across = profiles(world.picture(), line)
+    in_view = plane_to_pixels(line, QUIET.lens)[:, 1] > 20
+    for start in range(20, 380, 60):
+        if in_view[start : start + 60].all():
+            mean = across[start : start + 60].mean(axis=0)
+            edges = edge_mm(mean, -0.82, -0.42), edge_mm(mean, 0.42, 0.82)
+            assert edges == pytest.approx((-0.6, 0.6), abs=0.02)
+            assert abs(sum(edges)) / 2 < 0.01
+
+
+def test_the_needle_is_dark_with_a_glint_off_its_middle() -> None:
+    """Both flanks are darker than half the gel; the brightest place between them is off the centre line."""
+    world = bench()
+    insert(world, 40.0)
+    mean = profiles(world.picture(), world.centre_line_mm(401))[40:120].mean(axis=0)
+    gel = mean[np.abs(OFFSETS_MM) > 1.2].mean()
+    inner = np.abs(OFFSETS_MM) < 0.45
+    glint_mm = OFFSETS_MM[inner][np.argmax(mean[inner])]
+    assert mean[inner].min() < 0.5 * gel
+    assert mean[inner].max() > 1.5 * mean[inner].min()
+    assert 0.05 < abs(glint_mm) < 0.4
+
+
+def test_the_needle_ends_at_its_true_tip() -> None:
+    """Just behind the tip the bevel's leading side is steel; just beyond it there is gel."""
+    world = bench()
+    insert(world, 40.0)
+    picture, line = world.picture().astype(float), world.centre_line_mm(4001)
+    tip, along = line[-1], (line[-1] - line[-2]) / np.linalg.norm(line[-1] - line[-2])
+    leading = tip - 0.35 * np.array([along[1], -along[0]])
+    places = leading + np.array([[-0.6], [0.35]]) * along
+    behind, beyond = (picture[round(v), round(u)] for u, v in plane_to_pixels(places, QUIET.lens))
+    assert behind < 0.5 * beyond
+
+
+def test_the_sheath_ends_at_its_true_tip() -> None:
+    """Grey steel of 2 mm up to the tip, and no further."""
+    world = bench()
+    world.advance(0.0, 0.0, 15.0)
+    y, z = world.truth()["sheath_tip_mm"]
+    picture = world.picture()
+    body = profiles(picture, np.stack([np.full(60, y), z - np.linspace(8.0, 1.0, 60)], axis=1)).mean(axis=0)
+    assert (edge_mm(body, -1.2, -0.85), edge_mm(body, 0.85, 1.2)) == pytest.approx((-1, 1), abs=0.03)
+    beyond = profiles(picture, np.stack([np.full(60, y), z + np.linspace(0.3, 8.0, 60)], axis=1)).mean(axis=0)
+    assert np.ptp(beyond) < 12
+
+
+def test_a_withdrawn_needle_leaves_a_faint_track_that_moves_with_the_gel() -> None:
+    """Shifted by 10 mm, the slit is seen 10 mm towards +y, darker than its surroundings but only faintly."""
+    world = bench()
+    insert(world, 40.0)
+    line = world.centre_line_mm()
+    withdraw(world)
+    world.shift_to_hole("A", 1, 45.0)
+    shifted = line + np.array([10.0, 0.0])
+    seen = plane_to_pixels(shifted, QUIET.lens)[:, 1] > 25
+    mean = profiles(world.picture(), shifted[seen]).mean(axis=0)
+    around = mean[np.abs(OFFSETS_MM) > 0.8].mean()
+    slit = mean[np.abs(OFFSETS_MM) < 0.1].mean()
+    assert 0.85 * around < slit < 0.98 * around
+    assert np.ptp(profiles(world.picture(), line).mean(axis=0)) < 8
+
+
+def test_bubbles_move_with_the_gel() -> None:
+    """What bubbles add at one hole is added 10 mm further towards +y at the next."""
+    plane = pixel_plane(QUIET.lens)
+    rings = []
+    for position_mm in (35.0, 45.0):
+        with_bubbles = bench(QUIET.model_copy(update={"bubbles_per_specimen": 140}), position_mm=position_mm)
+        rings.append(with_bubbles.picture().astype(float) - bench(position_mm=position_mm).picture())
+    dark = np.abs(rings[0]) > 15
+    dark &= (plane.y_mm < 0) & (plane.z_mm > -14) & (plane.z_mm < 40)
+    pixels = plane_to_pixels(
+        np.stack([plane.y_mm[dark] + 10.0, plane.z_mm[dark]], axis=1).astype(float), QUIET.lens
+    )
+    moved = rings[1][np.rint(pixels[:, 1]).astype(int), np.rint(pixels[:, 0]).astype(int)]
+    assert np.corrcoef(moved, rings[0][dark])[0, 1] > 0.9
+
+
+def test_noise_has_the_described_spread_and_is_new_in_each_picture() -> None:
+    """Two pictures of one scene differ by noise of SD 3 times the square root of 2, without correlation."""
+    world = bench(WorldDescription())
+    first, second, third = (world.picture().astype(float) for _ in range(3))
+    spread = (first - second)[100:600, 500:1200].std() / np.sqrt(2)
+    assert spread == pytest.approx(3.0, abs=0.25)
+    assert abs(np.corrcoef((first - second).ravel(), (first - third).ravel())[0, 1] - 0.5) < 0.02
+
+
+def test_light_is_uneven_and_follows_exposure() -> None:
+    """The picture is brighter here than there, half as bright at half the exposure, and saturates."""
+    world = World(QUIET.model_copy(update={"light": LightDescription(unevenness=0.3)}), 1)
+    plain = world.picture().astype(float)[:, 200:]
+    assert plain.max() - plain.min() > 15
+    assert np.abs(world.picture(0.5)[:, 200:] - plain / 2).max() <= 1
+    assert world.picture(4.0)[:, 200:].min() == 255
+
+
+def test_a_drawn_needle_changes_nothing_outside_of_its_neighbourhood() -> None:
+    """Pasting the blurred needle leaves no seam: beyond 2.5 mm the picture is that without the needle."""
+    empty, inserted = bench(), bench()
+    empty.advance(0.0, 0.0, 15.0)
+    insert(inserted, 20.0)
+    changed = np.argwhere(empty.picture() != inserted.picture())
+    pixels = plane_to_pixels(inserted.centre_line_mm(), QUIET.lens)
+    far = np.linalg.norm(changed[:, None, ::-1] - pixels[None], axis=2).min(axis=1)
+    assert far.max() * pixel_plane(QUIET.lens).mm_per_px < 2.5
+
+
+def test_a_path_that_leaves_the_view_is_drawn_up_to_the_edge() -> None:
+    """With the bevel up the needle runs out of the picture's top and is dark where it does."""
+    world = bench()
+    insert(world, 40.0, roll_rad=np.pi)
+    line = world.centre_line_mm()
+    pixels = plane_to_pixels(line, QUIET.lens)
+    at_edge = int(np.argmin(np.abs(pixels[:, 1] - 2)))
+    across = profiles(world.picture(), line[at_edge - 3 : at_edge + 4]).mean(axis=0)
+    assert pixels[-1, 1] < -50
+    assert across[np.abs(OFFSETS_MM) < 0.5].min() < 80

@@ -1,0 +1,165 @@
+"""The bench: what hands and axes do to it, and what it remembers."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from labrig.errors import InputError
+from labrig.simulation import SheathDescription, World, WorldDescription
+from tests.simulation.benches import QUIET, bench, insert, withdraw
+
+
+def session(seed: int) -> tuple[bytes, ...]:
+    """Return the pictures of a short session."""
+    world = bench(WorldDescription(), seed)
+    pictures = []
+    for depth_mm in (5.0, 20.0):
+        insert(world, depth_mm)
+        pictures.append(world.picture())
+    withdraw(world)
+    world.shift_to_hole("A", 1, 45.0)
+    pictures.append(world.picture())
+    world.clear_bench()
+    world.lay_graph_paper(1.0)
+    pictures.append(world.picture())
+    world.hold_board(0, 9, 6, 25.0)
+    pictures.append(world.picture())
+    return tuple(picture.tobytes() for picture in pictures)
+
+
+def test_the_same_seed_gives_the_same_pictures_byte_for_byte() -> None:
+    """Two worlds that live through the same see the same; another seed sees otherwise."""
+    first = session(3)
+    assert first == session(3)
+    assert all(ours != theirs for ours, theirs in zip(first, session(4), strict=True))
+
+
+def test_the_needle_withdraws_along_its_path_and_follows_it_again() -> None:
+    """Half-way back, and half-way in again, the needle lies on the first half of its path."""
+    world = bench()
+    insert(world, 20.0)
+    half = world.centre_line_mm()
+    insert(world, 40.0)
+    world.advance(20.0, 0.0, 15.0)
+    assert world.centre_line_mm() == pytest.approx(half, abs=1e-9)
+    world.advance(5.0, 0.0, 15.0)
+    world.advance(20.0, 0.0, 15.0)
+    assert world.centre_line_mm() == pytest.approx(half, abs=1e-9)
+
+
+def test_the_bevel_has_no_effect_on_a_path_already_cut() -> None:
+    """Turned while withdrawn, the needle follows its old path and bends the other way only beyond it."""
+    world = bench()
+    insert(world, 20.0)
+    first = world.centre_line_mm()
+    world.advance(0.0, math.pi, 15.0)
+    world.advance(20.0, math.pi, 15.0)
+    assert world.centre_line_mm() == pytest.approx(first)
+    world.advance(40.0, math.pi, 15.0)
+    y, z = world.centre_line_mm()[-40:].T
+    assert np.all(np.diff(np.diff(y) / np.diff(z)) > 0)
+
+
+def test_truth_tells_the_insertion_before_and_after_it_is_withdrawn() -> None:
+    """Radius, sheath tip, deepest tip and length stay true of the hole, and go into JSON."""
+    world = bench(WorldDescription(sheath=SheathDescription(lateral_play_sd_mm=0, angle_play_sd_deg=0)))
+    insert(world, 40.0)
+    deepest = world.truth()
+    withdraw(world)
+    assert world.truth() == deepest == json.loads(json.dumps(deepest))
+    assert deepest["sheath_tip_mm"] == [0.0, 0.0]
+    assert deepest["arc_length_mm"] == 40.0
+    assert (deepest["specimen"], deepest["gelatin_percent"], deepest["hole"]) == ("A", 13.0, 0)
+
+
+def test_truth_of_an_empty_bench_has_no_radius() -> None:
+    """Every key is there, and what there is not is None."""
+    truth = World(QUIET, 1).truth()
+    assert set(truth) == set(bench().truth())
+    assert truth["radius_mm"] is None
+    assert truth["specimen"] is None
+
+
+def test_the_sheath_stands_where_the_linear_axis_says() -> None:
+    """Its tip lies on its axis, axis position less 15 mm from the origin, but for the play."""
+    world = bench()
+    world.advance(0.0, 0.0, 12.0)
+    y, z = world.truth()["sheath_tip_mm"]
+    assert z == pytest.approx(-3.0, abs=0.01)
+    assert abs(y) < 0.3
+
+
+def test_a_needle_is_carried_along_its_path_by_the_linear_axis() -> None:
+    """2 mm of linear axis with the needle out move its tip on by 2 mm of arc, and back again."""
+    world = bench()
+    insert(world, 20.0)
+    world.advance(20.0, 0.0, 17.0)
+    tip = world.centre_line_mm()[-1]
+    assert world.truth()["arc_length_mm"] == pytest.approx(22.0)
+    world.advance(20.0, 0.0, 13.0)
+    assert len(world.centre_line_mm()) > 0
+    world.advance(22.0, 0.0, 15.0)
+    assert world.centre_line_mm()[-1] == pytest.approx(tip)
+
+
+def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
+    """Without a specimen each insertion starts anew."""
+    world = World(QUIET, 1)
+    world.mount_needle("N1")
+    insert(world, 30.0)
+    line = world.centre_line_mm()
+    assert np.ptp(line[:, 0]) == 0
+    assert line[-1, 1] == pytest.approx(30.0)
+    world.advance(0.0, 0.0, 15.0)
+    assert len(world.centre_line_mm()) == 0
+
+
+def test_without_a_needle_nothing_is_cut() -> None:
+    """The axes may move before a needle is mounted."""
+    world = World(QUIET, 1)
+    world.place_specimen("A", 13.0)
+    world.shift_to_hole("A", 0, 35.0)
+    insert(world, 20.0)
+    assert world.truth()["arc_length_mm"] == 0.0
+
+
+@pytest.mark.parametrize(("insertion_mm", "linear_mm"), [(5.0, 0.0), (0.0, 15.0)])
+def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, linear_mm: float) -> None:
+    """Needle or sheath in the gel: shifting it is refused, with the depth."""
+    world = bench()
+    world.advance(insertion_mm, 0.0, linear_mm)
+    with pytest.raises(InputError, match=f"{insertion_mm + linear_mm:.1f} mm deep in A"):
+        world.shift_to_hole("A", 1, 45.0)
+    with pytest.raises(InputError, match="deep in A"):
+        world.place_specimen("B", 13.0)
+    with pytest.raises(InputError, match="deep in A"):
+        world.clear_bench()
+    with pytest.raises(InputError, match="deep in A"):
+        world.mount_needle("N2")
+
+
+def test_a_hole_of_another_specimen_is_refused() -> None:
+    """The operator cannot shift what is not there."""
+    with pytest.raises(InputError, match="specimen B is not on the bench; A is"):
+        bench().shift_to_hole("B", 0, 35.0)
+
+
+@pytest.mark.parametrize("position_mm", [-1.0, 241.0, math.nan])
+def test_a_hole_outside_of_the_gel_is_refused(position_mm: float) -> None:
+    """Positions lie between 0 and 240 mm."""
+    with pytest.raises(InputError, match="0 to 240 mm"):
+        bench().shift_to_hole("A", 0, position_mm)
+
+
+def test_a_specimen_put_back_has_kept_its_tracks() -> None:
+    """Back at an old hole, the needle follows the track it cut there."""
+    world = bench()
+    insert(world, 30.0)
+    withdraw(world)
+    before = world.truth()
+    world.place_specimen("B", 16.0)
+    world.place_specimen("A", 13.0)
+    world.shift_to_hole("A", 0, 35.0)
+    assert world.truth() == before

@@ -1,0 +1,66 @@
+"""Protocol file -> the model of the experiment that it names."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+from pydantic import Field
+
+from labrig.protocol.explain import choice_fault
+from labrig.protocol.overrides import overridden, put
+from labrig.protocol.protocols import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol.schema import JsonSchema, model_schema
+from labrig.protocol.tree import Node, Place, Tree, file_format_error
+from labrig.protocol.yaml_file import model_of_tree, tree_of_file
+from labrig.protocol.yaml_text import read_tree
+
+AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol
+
+_MODELS: dict[str, type[SteerabilityProtocol] | type[CameraCalibrationProtocol] | type[ImportProtocol]] = {
+    "steerability": SteerabilityProtocol,
+    "camera-calibration": CameraCalibrationProtocol,
+    "import": ImportProtocol,
+}
+
+
+def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | None = None) -> AnyProtocol:
+    """Return the protocol in a file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The YAML file; its `experiment:` names the model.
+    overrides : sequence of str
+        `dotted.key=value` each, put over the file's values.
+    seed : int, optional
+        Put over the file's seed and over any override.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file and of the overrides.
+    """
+    tree = overridden(tree_of_file(Path(path)), overrides)
+    return _protocol_of(tree if seed is None else _with_seed(tree, seed))
+
+
+def parse_protocol(text: str, source: str) -> AnyProtocol:
+    """Return the protocol in a text; `source` names it in messages. Raises as `load_protocol`."""
+    return _protocol_of(read_tree(text, source))
+
+
+def protocol_schema() -> JsonSchema:
+    """Return the JSON Schema (draft 2020-12) of a protocol file, for editors."""
+    return model_schema(Annotated[AnyProtocol, Field(discriminator="experiment")], "labrig protocol")
+
+
+def _with_seed(tree: Tree, seed: int) -> Tree:
+    place = Place("--seed")
+    return Tree(put(tree.root, ("seed",), Node("scalar", place, seed, key_place=place)), tree.faults)
+
+
+def _protocol_of(tree: Tree) -> AnyProtocol:
+    chosen = tree.root.children.get("experiment")
+    if chosen is None or chosen.scalar not in _MODELS:
+        raise file_format_error([*tree.faults, choice_fault(tree.root, ("experiment",), tuple(_MODELS))])
+    return model_of_tree(tree, _MODELS[str(chosen.scalar)])

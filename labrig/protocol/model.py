@@ -1,0 +1,99 @@
+"""The base of every model that a YAML file fills, and the types of its fields.
+
+A model is frozen, refuses unknown keys, takes no text for a number and no NaN or infinity. Each field carries
+a description with its unit in brackets; the schema, the editor and the error messages show it.
+"""
+
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+PositiveMm: TypeAlias = Annotated[float, Field(gt=0, le=1000)]
+NonNegativeMm: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
+SpeedMmS: TypeAlias = Annotated[float, Field(gt=0, le=100)]
+Seed: TypeAlias = Annotated[int, Field(ge=0, le=2**32 - 1)]
+PixelUv: TypeAlias = tuple[float, float]
+Direction: TypeAlias = Literal["right", "left", "up", "down"]
+
+# Joiners that scripts and emoji need; every other invisible character could make two names look the same.
+_ALLOWED_INVISIBLE = "\u200c\u200d"
+_REFUSED_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Two values that are right alone and wrong together.
+
+    Parameters
+    ----------
+    key : str
+        The dotted key to change, relative to the model that found the conflict.
+    message : str
+        Names the value, its limit and the other key that sets the limit.
+    hint : str
+        What to do.
+    """
+
+    key: str
+    message: str
+    hint: str = ""
+
+
+class ConflictError(ValueError):
+    """Carries the conflicts of a model through pydantic; `load_yaml_model` turns it into problems."""
+
+    def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
+        super().__init__("; ".join(conflict.message for conflict in conflicts))
+        self.conflicts = conflicts
+
+
+class Model(BaseModel):
+    """Base of protocols, rig files and their sections.
+
+    A subclass that has rules across fields overrides `conflicts`; all of them are reported, each at its key.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield what is wrong between fields; called once each of them is right alone."""
+        return ()
+
+    @model_validator(mode="after")
+    def _refuse_conflicts(self) -> Self:
+        if found := tuple(self.conflicts()):
+            raise ConflictError(found)
+        return self
+
+
+def _plain_text(text: str, *, also: str = "") -> str:
+    for position, character in enumerate(text, start=1):
+        allowed = character in also or character in _ALLOWED_INVISIBLE
+        if not allowed and unicodedata.category(character) in _REFUSED_CATEGORIES:
+            raise ValueError(
+                f"the invisible character U+{ord(character):04X} at position {position} is not allowed"
+            )
+    return text
+
+
+def _plain_lines(text: str) -> str:
+    return _plain_text(text, also="\n\t")
+
+
+def _name(text: str) -> str:
+    if text != text.strip():
+        raise ValueError("a name neither starts nor ends with a space")
+    return _plain_text(text)
+
+
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_name)]
+"""Any printable text that names a thing; two names are the same only if every character is."""
+
+Line: TypeAlias = Annotated[str, Field(max_length=200), AfterValidator(_plain_text)]
+"""Any printable text on one line, or none."""
+
+Notes: TypeAlias = Annotated[str, Field(max_length=10_000), AfterValidator(_plain_lines)]
+"""Any printable text, of several lines if wanted, or none."""

@@ -1,0 +1,277 @@
+"""The experiments that labrig knows: steerability, camera calibration, imported pictures."""
+
+from collections.abc import Iterator
+from math import cos, pi
+from typing import Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import (
+    Conflict,
+    Direction,
+    Line,
+    Model,
+    Name,
+    NonNegativeMm,
+    Notes,
+    PixelUv,
+    PositiveMm,
+    Seed,
+    SpeedMmS,
+)
+
+
+class Protocol(Model):
+    """What every protocol says."""
+
+    schema_version: Literal[1] = Field(
+        1, description="Version of this file format; a higher one needs a newer labrig."
+    )
+    experiment: str
+    title: Line = Field("", description="Heading of the report.")
+    operator: Line = Field("", description="Who stands at the rig.")
+    notes: Notes = Field("", description="Anything worth knowing later; several lines if wanted.")
+    seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
+
+
+class Needle(Model):
+    """The needle of the run."""
+
+    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
+    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    design_radius_mm: PositiveMm = Field(
+        description="Radius of curvature that the needle was designed for [mm]."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius that the needle's own thickness rules out."""
+        yield from _radius_too_small(self)
+
+
+class Specimen(Model):
+    """One block of gel."""
+
+    name: Name = Field(description="What is written on the block; unique in the protocol.")
+    gelatin_percent: float = Field(
+        ge=1, le=50, description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
+    )
+
+
+class Sheath(Model):
+    """The tube that brings the needle into the gel."""
+
+    depth_mm: PositiveMm = Field(description="How far the linear module brings the sheath into the gel [mm].")
+    speed_mm_s: SpeedMmS = Field(description="Speed of the sheath, in and out [mm/s].")
+    diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
+
+
+class Insertion(Model):
+    """How the needle goes in and comes out."""
+
+    length_mm: float = Field(gt=0, le=500, description="How far the needle leaves the sheath [mm].")
+    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
+    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
+    frame_every_mm: PositiveMm = Field(description="Inserted length between two pictures [mm].")
+    bevel_roll_rad: float = Field(
+        0.0,
+        ge=-2 * pi,
+        le=2 * pi,
+        description="Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y.",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a picture spacing longer than the insertion."""
+        if self.frame_every_mm > self.length_mm:
+            message = (
+                f"frame_every_mm is {self.frame_every_mm:g}, must be at most length_mm, {self.length_mm:g}"
+            )
+            yield Conflict("frame_every_mm", message, "the final shape is pictured in any case")
+
+
+class AnalysisWindow(Model):
+    """Which part of the shaft the circle is fitted to, and when its radius is worth stating."""
+
+    window_start_mm: NonNegativeMm = Field(
+        description="Arc length behind the sheath tip left out of the fit, where the hinges still close [mm]."
+    )
+    window_end_mm: NonNegativeMm = Field(
+        description="Arc length before the needle's tip left out of the fit [mm]."
+    )
+    min_window_mm: PositiveMm = Field(description="Shortest arc length that is still fitted [mm].")
+    max_radius_sigma_mm: PositiveMm = Field(
+        description="Standard deviation of the radius beyond which it is not accepted [mm]."
+    )
+
+    @property
+    def least_length_mm(self) -> float:
+        """The shortest needle outside the sheath that can be measured [mm]."""
+        return self.window_start_mm + self.min_window_mm + self.window_end_mm
+
+
+class SteerabilityProtocol(Protocol):
+    """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
+
+    experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Steerability test", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    specimens: tuple[Specimen, ...] = Field(
+        min_length=1, max_length=50, description="The blocks of gel, in the order in which they are used."
+    )
+    insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
+    hole_spacing_mm: PositiveMm = Field(description="Lateral distance from one hole to the next [mm].")
+    specimen_width_mm: float = Field(gt=0, le=2000, description="Width of a block across the insertion [mm].")
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: Insertion = Field(description="How the needle goes in and comes out.")
+    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+
+    @property
+    def lateral_reach_mm(self) -> float:
+        """How far an arc of the design radius strays sideways over the insertion [mm]."""
+        radius_mm = self.needle.design_radius_mm
+        return radius_mm * (1 - cos(min(self.insertion.length_mm / radius_mm, pi)))
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield names that stand twice, and sizes that do not go together."""
+        yield from self._repeated_names()
+        yield from self._holes_beyond_the_block()
+        yield from _sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle)
+        if self.hole_spacing_mm <= self.needle.diameter_mm:
+            yield _must_exceed(
+                "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm
+            )
+        if self.analysis.least_length_mm > self.insertion.length_mm:
+            yield self._window_too_long()
+
+    def _repeated_names(self) -> Iterator[Conflict]:
+        first: dict[str, int] = {}
+        for index, specimen in enumerate(self.specimens):
+            if first.setdefault(specimen.name, index) != index:
+                message = (
+                    f'name "{specimen.name}" is taken by specimens.{first[specimen.name]}, must be unique'
+                )
+                yield Conflict(
+                    f"specimens.{index}.name", message, "write on each block what tells it from the others"
+                )
+
+    def _holes_beyond_the_block(self) -> Iterator[Conflict]:
+        gaps = self.insertions_per_specimen - 1
+        room_mm = self.specimen_width_mm - self.lateral_reach_mm
+        if gaps * self.hole_spacing_mm <= room_mm:
+            return
+        if gaps == 0 or room_mm <= 0:
+            yield self._block_too_narrow()
+            return
+        message = (
+            f"hole_spacing_mm is {self.hole_spacing_mm:g}, must be at most {room_mm / gaps:.4g}: "
+            f"{self.insertions_per_specimen} holes and an arc that strays {self.lateral_reach_mm:.3g} mm "
+            f"sideways have to fit into specimen_width_mm, {self.specimen_width_mm:g}"
+        )
+        most = int(room_mm / self.hole_spacing_mm) + 1
+        yield Conflict("hole_spacing_mm", message, f"or insertions_per_specimen: {most}, or a wider block")
+
+    def _block_too_narrow(self) -> Conflict:
+        message = (
+            f"specimen_width_mm is {self.specimen_width_mm:g}, must be above {self.lateral_reach_mm:.3g}: "
+            f"an arc of radius {self.needle.design_radius_mm:g} mm and length {self.insertion.length_mm:g} "
+            "mm strays that far sideways"
+        )
+        return Conflict("specimen_width_mm", message, "take a wider block or a shorter insertion")
+
+    def _window_too_long(self) -> Conflict:
+        window, length_mm = self.analysis, self.insertion.length_mm
+        message = (
+            f"min_window_mm is {window.min_window_mm:g}; with window_start_mm {window.window_start_mm:g} and "
+            f"window_end_mm {window.window_end_mm:g} that asks for {window.least_length_mm:g} mm of needle, "
+            f"must be at most insertion.length_mm, {length_mm:g}"
+        )
+        return Conflict("analysis.min_window_mm", message, "insert further, or fit a shorter window")
+
+
+class Board(Model):
+    """The chessboard that the operator holds."""
+
+    columns: int = Field(ge=3, le=100, description="Inner corners in a row of the board.")
+    rows: int = Field(ge=3, le=100, description="Inner corners in a column of the board.")
+    square_mm: float = Field(gt=0, le=500, description="Side of a square [mm].")
+
+
+class GraphPaper(Model):
+    """The graph paper that lies in the steering plane, and the frame that it fixes."""
+
+    pitch_mm: float = Field(
+        gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
+    )
+    origin_px: PixelUv = Field(description="Pixel (u, v) that becomes the origin of the steering plane [px].")
+    insertion: Direction = Field(description="Where the insertion points in the picture.")
+
+
+class CameraCalibrationProtocol(Protocol):
+    """Intrinsics from a board held by the operator, then the steering plane from graph paper."""
+
+    experiment: Literal["camera-calibration"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Camera calibration", description="Heading of the report.")
+    board: Board = Field(description="The chessboard that the operator holds.")
+    views: int = Field(ge=3, le=200, description="Pictures of the board, each in another pose.")
+    plane: GraphPaper = Field(
+        description="The graph paper in the steering plane, and the frame that it fixes."
+    )
+
+
+class ImportedNeedle(Model):
+    """The needle of pictures that were taken elsewhere."""
+
+    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
+    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    design_radius_mm: PositiveMm | None = Field(
+        None, description="Radius of curvature that the needle was designed for [mm]; null if not known."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius that the needle's own thickness rules out."""
+        yield from _radius_too_small(self)
+
+
+class Scale(Model):
+    """Millimetres by one number, for pictures whose camera is not at hand any more."""
+
+    px_per_mm: float = Field(
+        gt=0, le=10_000, description="Pixels in a millimetre of the steering plane [px/mm]."
+    )
+    origin_px: PixelUv = Field(description="Pixel (u, v) that becomes the origin of the steering plane [px].")
+    insertion: Direction = Field(description="Where the insertion points in the picture.")
+
+
+class ImportProtocol(Protocol):
+    """Loose recorded pictures made into a run; `labrig import` writes it."""
+
+    experiment: Literal["import"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Imported pictures", description="Heading of the report.")
+    needle: ImportedNeedle = Field(description="The needle in the pictures.")
+    sheath_diameter_mm: float | None = Field(
+        None, gt=0, le=20, description="Outer diameter of the sheath [mm]; null if the pictures show none."
+    )
+    scale: Scale | None = Field(
+        None, description="Millimetres by one number; null if a calibration maps the pictures."
+    )
+    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a sheath that the needle does not fit through."""
+        if self.sheath_diameter_mm is not None:
+            yield from _sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
+
+
+def _must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:
+    return Conflict(key, f"{key} is {value:g}, must be above {other}, {limit:g}", "are both in mm?")
+
+
+def _radius_too_small(needle: Needle | ImportedNeedle) -> Iterator[Conflict]:
+    radius_mm = needle.design_radius_mm
+    if radius_mm is not None and radius_mm <= needle.diameter_mm:
+        yield _must_exceed("design_radius_mm", radius_mm, "diameter_mm", needle.diameter_mm)
+
+
+def _sheath_too_thin(key: str, sheath_mm: float, needle: Needle | ImportedNeedle) -> Iterator[Conflict]:
+    if sheath_mm <= needle.diameter_mm:
+        message = f"{key} is {sheath_mm:g}, must be above needle.diameter_mm, {needle.diameter_mm:g}"
+        yield Conflict(key, message, "the needle runs inside the sheath")

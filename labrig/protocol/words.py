@@ -1,0 +1,113 @@
+"""Values, limits and hints in the words of an error message."""
+
+import difflib
+import json
+import re
+from collections.abc import Iterable
+from math import inf, isfinite, pi
+
+MAX_SHOWN = 60
+
+# Units that people have in mind instead of labrig's: suffix of the key -> (unit, factor to the suffix's).
+UNITS: dict[str, tuple[tuple[str, float], ...]] = {
+    "_mm_s": (("mm/min", 1 / 60), ("cm/s", 10.0), ("m/s", 1000.0), ("mm/s", 1.0)),
+    "_mm": (("m", 1000.0), ("cm", 10.0), ("um", 1e-3), ("µm", 1e-3), ("μm", 1e-3), ("in", 25.4), ("mm", 1.0)),
+    "_rad_s": (("deg/s", pi / 180), ("rpm", pi / 30), ("rad/s", 1.0)),
+    "_rad": (("deg", pi / 180), ("°", pi / 180), ("rad", 1.0)),
+    "_percent": (("parts of one", 100.0), ("fraction", 100.0), ("%", 1.0), ("percent", 1.0)),
+    "_s": (("ms", 1e-3), ("min", 60.0), ("s", 1.0)),
+}
+_QUANTITY = re.compile(r"([-+]?(?:[0-9]+[.]?[0-9]*|[.][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(\S*)")
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
+
+
+def show(value: object) -> str:
+    """Return a scalar as a YAML reader would write it, cut to a length, controls escaped."""
+    if value is None:
+        return "empty (null)"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return show_number(value) + ".0" * value.is_integer()
+    if not isinstance(value, str):
+        return str(value)
+    shown = value if value.isprintable() and '"' not in value else json.dumps(value)[1:-1]
+    if len(shown) > MAX_SHOWN:
+        return f'"{shown[:MAX_SHOWN]}…" ({len(value)} characters)'
+    return f'"{shown}"'
+
+
+def show_number(value: float) -> str:
+    """Return a number briefly: whole ones in full, others with six digits."""
+    if not isfinite(value):
+        return f"{value}".replace("inf", ".inf").replace("nan", ".nan")
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:.6g}"
+
+
+def show_key(key: str | int) -> str:
+    """Return a part of a key path, quoted where it is no plain word."""
+    text = str(key)
+    return text if re.fullmatch(r"[\w.<>-]{1,60}", text) else show(text)
+
+
+def closest(word: str, choices: Iterable[str]) -> str | None:
+    """Return the choice that `word` was probably meant to be, or None."""
+    by_folded = {choice.casefold().replace("-", "_"): choice for choice in choices}
+    folded = word.strip().casefold().replace("-", "_").replace(" ", "_")
+    found = difflib.get_close_matches(folded, by_folded, n=1, cutoff=0.6)
+    return by_folded[found[0]] if found else None
+
+
+def choice_hint(word: str, choices: Iterable[str]) -> str:
+    """Return `did you mean x?` for a word close to a choice, else the choices."""
+    names = tuple(choices)
+    meant = closest(word, names)
+    return f"did you mean {show_key(meant)}?" if meant else "known here: " + ", ".join(map(show_key, names))
+
+
+def range_words(
+    noun: str, *, above: float = -inf, least: float = -inf, below: float = inf, most: float = inf
+) -> str:
+    """Return `noun` with its limits in words, such as `a number above 0 and at most 10`."""
+    if isfinite(least) and isfinite(most):
+        return f"{noun} from {show_number(least)} to {show_number(most)}"
+    bounds = (("above", above), ("at least", least), ("below", below), ("at most", most))
+    said = " and ".join(f"{word} {show_number(limit)}" for word, limit in bounds if isfinite(limit))
+    return f"{noun} {said}".rstrip()
+
+
+def unit_of(key: str) -> str:
+    """Return the suffix of `key` that names its unit, or an empty text."""
+    return max((suffix for suffix in UNITS if key.endswith(suffix)), key=len, default="")
+
+
+def rescaled_hint(key: str, value: float, lowest: float, highest: float) -> str:
+    """Return what an out-of-range number would be, had it been meant in another unit of the same kind."""
+    for unit, factor in UNITS.get(unit_of(key), ()):
+        if factor != 1.0 and value and lowest <= value * factor <= highest:
+            return f"if {show_number(value)} is meant in {unit}, write {key}: {show_number(value * factor)}"
+    return ""
+
+
+def number_text_hint(key: str, text: str) -> str:
+    """Return how to write the number that `text` seems to hold; empty where it holds none."""
+    if _DECIMAL_COMMA.fullmatch(text):
+        return f"write a decimal point: {text.replace(',', '.')}"
+    found = _QUANTITY.fullmatch(text.strip())
+    if found is None:
+        return ""
+    number, unit = found.groups()
+    factors = dict(UNITS.get(unit_of(key), ()))
+    if unit in factors:
+        return f"write the number alone, the key names the unit: {show_number(float(number) * factors[unit])}"
+    return f"write the number without quotes: {number}" if not unit else f"write the number alone: {number}"
+
+
+def other_unit_hint(written: str, known: str, value: object) -> str:
+    """Return `value` converted from the unit of `written` to that of `known`, where only these differ."""
+    suffix = unit_of(known)
+    stem = known.removesuffix(suffix)
+    for unit, factor in UNITS.get(suffix, ()):
+        if written == f"{stem}_{unit.replace('/', '_')}" and isinstance(value, int | float):
+            return f" {show_number(value)} {unit} is {known}: {show_number(value * factor)}"
+    return ""

@@ -1,0 +1,94 @@
+"""The JSON Schema that editors and error messages read."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import Field
+
+from labrig.protocol import Model, model_schema, protocol_schema, schema_text
+
+COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
+
+SUFFIX_UNITS = {"_mm_s": "[mm/s]", "px_per_mm": "[px/mm]", "_mm": "[mm]", "_rad": "[rad]", "_px": "[px]"}
+
+
+def every_property(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each field of each section with its dotted name, references followed."""
+    for name, section in schema["$defs"].items():
+        for key, field in section.get("properties", {}).items():
+            target = schema["$defs"].get(field.get("$ref", "").rsplit("/", 1)[-1], {})
+            yield f"{name}.{key}", {**target, **field}
+
+
+def every_reference(node: Any) -> Iterator[str]:
+    """Yield each $ref below a node."""
+    if isinstance(node, dict):
+        if "$ref" in node:
+            yield node["$ref"]
+        for child in node.values():
+            yield from every_reference(child)
+    elif isinstance(node, list):
+        for child in node:
+            yield from every_reference(child)
+
+
+def test_the_committed_schema_is_current():
+    """Editors check against what the code accepts."""
+    assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema()), (
+        "the committed schema is out of date; run: labrig schema > protocols/protocol.schema.json"
+    )
+
+
+def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
+    """Each branch fixes `experiment` to another word, so that a file matches at most one."""
+    schema = protocol_schema()
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
+    words = [branch["properties"]["experiment"]["const"] for branch in branches]
+    assert words == ["steerability", "camera-calibration", "import"]
+    assert all("experiment" in branch["required"] for branch in branches)
+
+
+def test_every_reference_resolves_and_every_section_is_closed():
+    """An editor can follow the schema and marks unknown keys."""
+    schema = protocol_schema()
+    assert {reference.rsplit("/", 1)[1] for reference in every_reference(schema)} == set(schema["$defs"])
+    assert all(section["additionalProperties"] is False for section in schema["$defs"].values())
+
+
+def test_every_field_is_described_with_the_unit_that_its_name_ends_with():
+    """What an editor shows beside a key says what it is and in which unit."""
+    for name, field in every_property(protocol_schema()):
+        assert re.match("[A-Z].*", field.get("description", "")), name
+        unit = next((unit for suffix, unit in SUFFIX_UNITS.items() if name.endswith(suffix)), "")
+        assert unit in field["description"], name
+
+
+def test_the_text_of_a_schema_is_the_same_each_time_and_ends_with_a_line_break():
+    """A schema can be committed and compared byte for byte."""
+    text = schema_text(protocol_schema())
+    assert text == schema_text(protocol_schema())
+    assert text.endswith("}\n")
+    assert json.loads(text) == protocol_schema()
+
+
+def test_any_model_has_a_schema_under_the_title_given():
+    """The rig file's schema is made by the same function."""
+
+    class Rig(Model):
+        gain_db: float = Field(description="Gain [dB].")
+
+    schema = model_schema(Rig, "labrig rig")
+    assert list(schema)[:2] == ["$schema", "title"]
+    assert schema["title"] == "labrig rig"
+    assert schema["properties"]["gain_db"] == {"description": "Gain [dB].", "type": "number"}
+
+
+@pytest.mark.parametrize("word", ["http://", "registry"])
+def test_the_schema_needs_no_network(word: str):
+    """All references stay inside the file."""
+    assert word not in COMMITTED.read_text(encoding="utf-8")

@@ -1,0 +1,120 @@
+"""The protocols in the checkout, and the laws of their models."""
+
+from contextlib import nullcontext
+from math import pi
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from labrig.errors import FileFormatError
+from labrig.protocol import (
+    CameraCalibrationProtocol,
+    ImportProtocol,
+    SteerabilityProtocol,
+    load_protocol,
+    parse_protocol,
+)
+
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
+STEERABILITY = load_protocol(PROTOCOLS / "steerability.yaml")
+
+IMPORT = """
+experiment: import
+seed: 0
+needle: {needle_id: N1, diameter_mm: 1.2}
+analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}
+"""
+
+
+def test_the_steerability_protocol_is_section_v_b_of_the_paper():
+    """Eighteen insertions of 40 mm at 1 mm/s into gelatin of 10, 13, 16 and 19 %, bevel not turned."""
+    assert isinstance(STEERABILITY, SteerabilityProtocol)
+    assert [each.gelatin_percent for each in STEERABILITY.specimens] == [10, 13, 16, 19]
+    assert STEERABILITY.insertions_per_specimen == 18
+    assert (STEERABILITY.insertion.length_mm, STEERABILITY.insertion.speed_mm_s) == (40, 1)
+    assert STEERABILITY.insertion.bevel_roll_rad == 0
+    assert (STEERABILITY.hole_spacing_mm, STEERABILITY.specimen_width_mm) == (10, 240)
+
+
+def test_the_calibration_protocol_names_its_board():
+    """Nine by six inner corners of 4 mm, sixteen views."""
+    protocol = load_protocol(PROTOCOLS / "calibration.yaml")
+    assert isinstance(protocol, CameraCalibrationProtocol)
+    assert (protocol.board.columns, protocol.board.rows, protocol.board.square_mm) == (9, 6, 4)
+    assert protocol.views == 16
+    assert protocol.plane.origin_px == (320, 200)
+
+
+@pytest.mark.parametrize("name", ["steerability.yaml", "calibration.yaml"])
+def test_the_files_name_their_schema_on_the_first_line(name: str):
+    """Editors complete and check a protocol through this line."""
+    first = (PROTOCOLS / name).read_text(encoding="utf-8").splitlines()[0]
+    assert first == "# yaml-language-server: $schema=protocol.schema.json"
+
+
+def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
+    """Pictures from elsewhere come with what is known about them; the rest is null, not invented."""
+    protocol = parse_protocol(IMPORT, "import.yaml")
+    assert isinstance(protocol, ImportProtocol)
+    assert (protocol.needle.design_radius_mm, protocol.sheath_diameter_mm, protocol.scale) == (
+        None,
+        None,
+        None,
+    )
+    assert protocol.title == "Imported pictures"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("seed: 0", "seed: 0\nsheath_diameter_mm: 1.2", "sheath_diameter_mm"),
+        ("diameter_mm: 1.2", "diameter_mm: 1.2, design_radius_mm: 1.2", "needle.design_radius_mm"),
+    ],
+)
+def test_an_import_is_held_to_the_same_rules(old: str, new: str, key: str):
+    """A needle thicker than its sheath or its radius is a slip of units in an import as well."""
+    with pytest.raises(FileFormatError) as caught:
+        parse_protocol(IMPORT.replace(old, new), "import.yaml")
+    assert [problem.where.partition(" ")[2] for problem in caught.value.problems] == [key]
+
+
+def test_a_protocol_is_frozen():
+    """Nothing that runs can change what was asked for."""
+    with pytest.raises(ValidationError, match="frozen"):
+        STEERABILITY.seed = 1
+
+
+def test_the_lateral_reach_is_that_of_the_arc():
+    """30 mm of radius and 40 mm of arc stray 30 (1 - cos(4/3)) mm sideways."""
+    assert STEERABILITY.lateral_reach_mm == pytest.approx(22.943, abs=1e-3)
+
+
+@given(st.floats(1.0, 300.0), st.floats(2.0, 1000.0))
+def test_the_lateral_reach_never_exceeds_the_length_or_the_diameter_of_the_circle(
+    length_mm: float, radius_mm: float
+):
+    """No needle strays further than it is long, nor beyond the far side of its circle."""
+    insertion = STEERABILITY.insertion.model_copy(update={"length_mm": length_mm})
+    needle = STEERABILITY.needle.model_copy(update={"design_radius_mm": radius_mm})
+    reach_mm = STEERABILITY.model_copy(update={"insertion": insertion, "needle": needle}).lateral_reach_mm
+    assert 0 <= reach_mm <= min(length_mm, 2 * radius_mm)
+    if length_mm >= pi * radius_mm:
+        assert reach_mm == 2 * radius_mm
+
+
+@given(st.integers(1, 40), st.floats(1.5, 40.0), st.floats(10.0, 400.0))
+def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(
+    count: int, spacing_mm: float, width_mm: float
+):
+    """The rule is the geometry, at every size."""
+    overrides = [
+        f"insertions_per_specimen={count}",
+        f"hole_spacing_mm={spacing_mm!r}",
+        f"specimen_width_mm={width_mm!r}",
+    ]
+    fits = (count - 1) * spacing_mm <= width_mm - STEERABILITY.lateral_reach_mm
+    with nullcontext() if fits else pytest.raises(FileFormatError, match="sideways"):
+        load_protocol(PROTOCOLS / "steerability.yaml", overrides)

@@ -1,0 +1,103 @@
+"""`--set dotted.key=value` puts single values over a file, with the same errors."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import FileFormatError, Problem
+from labrig.protocol import SteerabilityProtocol, load_protocol, load_yaml_model
+
+STEERABILITY = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
+
+
+def steerability(*overrides: str, seed: int | None = None) -> SteerabilityProtocol:
+    """Return the protocol of the checkout with overrides."""
+    protocol = load_protocol(STEERABILITY, overrides, seed)
+    assert isinstance(protocol, SteerabilityProtocol)
+    return protocol
+
+
+def problem_of(*overrides: str) -> Problem:
+    """Return the one problem that overrides make."""
+    with pytest.raises(FileFormatError) as caught:
+        load_protocol(STEERABILITY, overrides)
+    (problem,) = caught.value.problems
+    return problem
+
+
+def test_an_override_replaces_one_value_and_leaves_the_rest():
+    """A dotted key reaches into a section; the other values are the file's."""
+    protocol = steerability("insertion.length_mm=30")
+    assert protocol.insertion.length_mm == 30
+    assert protocol.insertion.speed_mm_s == 1
+
+
+def test_an_index_names_the_entry_of_a_list():
+    """Lists are entered by index, counted from zero."""
+    assert steerability("specimens.1.name=gel B").specimens[1].name == "gel B"
+
+
+def test_a_later_override_wins_and_the_seed_option_wins_over_all():
+    """Options are applied from left to right; --seed is put over --set seed."""
+    assert steerability("seed=1", "seed=2").seed == 2
+    assert steerability("seed=1", "seed=2", seed=3).seed == 3
+
+
+def test_text_is_taken_as_it_stands():
+    """A comment sign, a colon or an equals sign in an override is text, as the shell gave it."""
+    assert steerability("notes=gel: old # batch = 3").notes == "gel: old # batch = 3"
+
+
+def test_quotes_brackets_and_braces_are_yaml():
+    """A value can be a list of sections, and a number can be made text."""
+    protocol = steerability('needle.needle_id="12"', "specimens=[{name: A, gelatin_percent: 12}]")
+    assert protocol.needle.needle_id == "12"
+    assert [(each.name, each.gelatin_percent) for each in protocol.specimens] == [("A", 12.0)]
+
+
+@pytest.mark.parametrize(
+    ("override", "where", "message", "hint"),
+    [
+        (
+            "insertion.lenght_mm=3",
+            "--set insertion.lenght_mm",
+            "unknown key lenght_mm",
+            "did you mean length_mm?",
+        ),
+        ("nedle.diameter_mm=1", "--set nedle", "unknown key nedle", "did you mean needle?"),
+        ("insertion.length_mm=4 cm", "--set insertion.length_mm", 'is "4 cm"', "the key names the unit: 40"),
+        ("specimens.4.name=x", "--set specimens.4.name", "expected 0 to 3", ""),
+        ("specimens.last.name=x", "--set specimens.last.name", "names no entry", ""),
+        ("seed.x=1", "--set seed.x", "cannot be set inside 20260", ""),
+        ("seed", "--set", '"seed" is no override, expected dotted.key=value', "for example"),
+        ("=3", "--set", "is no override", "for example"),
+        ("a..b=3", "--set", "is no override", "for example"),
+        ("a." * 5000 + "b=1", "--set", "is no override", "for example"),
+        ("specimens=[{name: A", "--set specimens", "bracket is not closed", ""),
+        ("specimens=[!x {}]", "--set specimens", "the tag !x is not known", ""),
+        ("operator=\udcff", "--set operator", "no character", "UTF-8"),
+    ],
+)
+def test_a_wrong_override_is_told_like_a_wrong_file(override: str, where: str, message: str, hint: str):
+    """The place is the option and its key."""
+    problem = problem_of(override)
+    assert problem.where == where
+    assert message in problem.message
+    assert hint in problem.hint
+
+
+def test_a_seed_out_of_range_is_told_at_its_option():
+    """--seed is checked like the seed of the file."""
+    with pytest.raises(FileFormatError, match="--seed seed: seed is -1, expected a whole number from 0"):
+        load_protocol(STEERABILITY, seed=-1)
+
+
+def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path):
+    """Both are told at once."""
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        STEERABILITY.read_text(encoding="utf-8").replace("hole_spacing_mm: 10", "hole_spacing_mm: ten")
+    )
+    with pytest.raises(FileFormatError) as caught:
+        load_yaml_model(path, SteerabilityProtocol, ["seed=x"])
+    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [f"{path}:41:18", "--set"]

@@ -1,0 +1,376 @@
+"""What a person reads about a file that is wrong: place, value, what was expected, what to do."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field
+
+from labrig.errors import FileFormatError, Problem
+from labrig.protocol import (
+    Conflict,
+    Model,
+    Name,
+    Notes,
+    PixelUv,
+    load_protocol,
+    model_of_values,
+    parse_protocol,
+    parse_yaml_model,
+)
+
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
+STEERABILITY = (PROTOCOLS / "steerability.yaml").read_text(encoding="utf-8")
+CALIBRATION = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
+
+
+def problems_of(text: str) -> tuple[Problem, ...]:
+    """Return the problems of a protocol text."""
+    with pytest.raises(FileFormatError) as caught:
+        parse_protocol(text, "p.yaml")
+    return caught.value.problems
+
+
+def changed(old: str, new: str, text: str = STEERABILITY) -> str:
+    """Return a text with one part exchanged."""
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+def line_of(text: str, part: str) -> int:
+    """Return the number of the first line that holds a part."""
+    return next(number for number, line in enumerate(text.splitlines(), start=1) if part in line)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message", "hint"),
+    [
+        (
+            "diameter_mm: 1.2",
+            "diametr_mm: 1.2",
+            "needle.diametr_mm",
+            "unknown key",
+            "did you mean diameter_mm?",
+        ),
+        ("length_mm: 40", "length_cm: 4", "insertion.length_cm", "unknown key", "4 cm is length_mm: 40"),
+        ("speed_mm_s: 1\n", "speed_mm_min: 60\n", "insertion.speed_mm_min", "unknown key", "speed_mm_s: 1"),
+        (
+            "title:",
+            "pitch: 1\ntitle:",
+            "pitch",
+            "unknown key pitch",
+            "known here: schema_version, experiment",
+        ),
+        (
+            "title:",
+            "frame_every_mm: 1\ntitle:",
+            "frame_every_mm",
+            "unknown",
+            "stands at insertion.frame_every_mm",
+        ),
+        ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40"', "without quotes: 40"),
+        (
+            "length_mm: 40",
+            "length_mm: 4 cm",
+            "insertion.length_mm",
+            'is "4 cm"',
+            "the key names the unit: 40",
+        ),
+        ("length_mm: 40", "length_mm: 4 ft", "insertion.length_mm", 'is "4 ft"', "write the number alone: 4"),
+        ("diameter_mm: 1.2", "diameter_mm: 1,2", "needle.diameter_mm", 'is "1,2"', "decimal point: 1.2"),
+        (
+            "diameter_mm: 1.2",
+            "diameter_mm: 1200",
+            "needle.diameter_mm",
+            "at most 10",
+            "meant in um, write diameter_mm: 1.2",
+        ),
+        (
+            "_percent: 10",
+            "_percent: 0.1",
+            "specimens.0.gelatin_percent",
+            "from 1 to 50",
+            "gelatin_percent: 10",
+        ),
+        (
+            "_roll_rad: 0",
+            "_roll_rad: 90",
+            "insertion.bevel_roll_rad",
+            "from -6.28319",
+            "meant in deg, write bevel_roll_rad: 1.5708",
+        ),
+        (
+            "length_mm: 40",
+            "length_mm: -40",
+            "insertion.length_mm",
+            "is -40, expected a number above 0",
+            "[mm]",
+        ),
+        ("length_mm: 40", "length_mm: .nan", "insertion.length_mm", "is .nan", "[mm]"),
+        ("seed: 20260", "seed: .inf", "seed", "is .inf, expected a whole number from 0 to 4294967295", ""),
+        ("seed: 20260", "seed: true", "seed", "is true", ""),
+        ("seed: 20260", "seed: 3.0", "seed", "is 3.0", "write 3, without a point"),
+        ("needle_id: N1", "needle_id: 12", "needle.needle_id", "is 12, expected text", "in quotes"),
+        (
+            "needle_id: N1",
+            "needle_id: {a: b}",
+            "needle.needle_id",
+            "a section",
+            "a text with a colon needs quotes",
+        ),
+        ('operator: ""', "operator:", "operator", "is empty (null)", 'write "" for none'),
+        ("needle_id: N1", 'needle_id: "N1 "', "needle.needle_id", "neither starts nor ends", ""),
+        ("needle_id: N1", 'needle_id: "N\\u202e1"', "needle.needle_id", "U+202E at position 2", ""),
+        ('operator: ""', 'operator: "a\\nb"', "operator", "U+000A at position 2", ""),
+        ("schema_version: 1", "schema_version: 2", "schema_version", "is 2, expected 1", "newer labrig"),
+        (
+            ": steerability\n",
+            ": sterability\n",
+            "experiment",
+            "expected one of",
+            "did you mean steerability?",
+        ),
+        (
+            ": steerability\n",
+            ": 7\n",
+            "experiment",
+            "is 7, expected one of",
+            "known here: steerability, camera-",
+        ),
+    ],
+)
+def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
+    old: str, new: str, key: str, message: str, hint: str
+):
+    """One fault gives one problem at its line and column, in words that say what to write instead."""
+    text = changed(old, new)
+    (problem,) = problems_of(text)
+    place, _, path = problem.where.partition(" ")
+    assert path == key
+    assert re.fullmatch(rf"p\.yaml:{line_of(text, new.splitlines()[0])}:[0-9]+", place)
+    assert message in problem.message
+    assert hint in problem.hint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message"),
+    [
+        ("hole_spacing_mm: 10", "hole_spacing_mm: 14", "hole_spacing_mm", "is 14, must be at most 12.77"),
+        (
+            "hole_spacing_mm: 10",
+            "hole_spacing_mm: 1.2",
+            "hole_spacing_mm",
+            "must be above needle.diameter_mm, 1.2",
+        ),
+        ("width_mm: 240", "width_mm: 20", "specimen_width_mm", "is 20, must be above 22.9"),
+        (
+            "design_radius_mm: 30",
+            "design_radius_mm: 1",
+            "needle.design_radius_mm",
+            "must be above diameter_mm, 1.2",
+        ),
+        (
+            "diameter_mm: 2.0",
+            "diameter_mm: 1.1",
+            "sheath.diameter_mm",
+            "must be above needle.diameter_mm, 1.2",
+        ),
+        ("length_mm: 40", "length_mm: 20", "analysis.min_window_mm", "asks for 21 mm of needle"),
+        (
+            "frame_every_mm: 5",
+            "frame_every_mm: 41",
+            "insertion.frame_every_mm",
+            "is 41, must be at most length_mm, 40",
+        ),
+        ("gel 13 %", "gel 10 %", "specimens.1.name", 'name "gel 10 %" is taken by specimens.0'),
+    ],
+)
+def test_values_that_do_not_go_together_are_told_where_to_change(old: str, new: str, key: str, message: str):
+    """A rule across fields names both values and stands at the line of the first."""
+    text = changed(old, new)
+    (problem,) = problems_of(text)
+    assert problem.where.endswith(f" {key}")
+    assert message in problem.message
+    changes = "min_window_mm:" if "min_window" in key else old
+    assert f":{line_of(STEERABILITY, changes)}:" in problem.where
+
+
+def test_all_problems_of_a_file_are_told_in_its_order():
+    """A file is corrected in one go: nothing is told only after something else is right."""
+    text = changed("seed: 20260", "seed: x\nseed: 3")
+    text = changed("diameter_mm: 1.2", "diametr_mm: 1.2", text)
+    text = changed("  depth_mm: 15\n", "", text)
+    where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
+    assert where == ["seed", "seed", "needle.diametr_mm", "sheath.depth_mm"]
+
+
+def test_several_rules_broken_at_once_are_all_told():
+    """Rules across fields do not hide each other."""
+    text = changed("hole_spacing_mm: 10", "hole_spacing_mm: 1")
+    text = changed("diameter_mm: 2.0", "diameter_mm: 1.0", text)
+    where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
+    assert where == ["hole_spacing_mm", "sheath.diameter_mm"]
+
+
+def test_a_missing_section_is_told_with_what_it_holds():
+    """What is not there is told at what should hold it."""
+    (problem,) = problems_of(re.sub(r"sheath:\n(  .*\n)+", "", STEERABILITY))
+    assert problem.message == "sheath is missing, expected a section with depth_mm, speed_mm_s, diameter_mm"
+
+
+def test_a_missing_experiment_is_told_with_the_choices():
+    """Without `experiment:` no model can be chosen; the message lists what there is."""
+    (problem,) = problems_of(changed("experiment: steerability\n", ""))
+    assert (
+        problem.message == "experiment is missing, expected one of steerability, camera-calibration, import"
+    )
+    assert problem.hint == "add a line `experiment: steerability`"
+
+
+@pytest.mark.parametrize(
+    ("value", "key", "message", "hint"),
+    [
+        ("[320]", "plane.origin_px", "is [320], expected a list of 2 values, each a number", "[px]"),
+        ("[320, 200, 1]", "plane.origin_px", "is [320, 200, 1], expected a list of 2", "[px]"),
+        ("320", "plane.origin_px", "is 320, expected a list", "write a list"),
+        ("[320, left]", "plane.origin_px.1", 'origin_px.1 is "left", expected a number', ""),
+    ],
+)
+def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
+    value: str, key: str, message: str, hint: str
+):
+    """A list of another length is one fault of the list, a wrong entry one of the entry."""
+    (problem,) = problems_of(changed("[320, 200]", value, CALIBRATION))
+    assert problem.where.endswith(f" {key}")
+    assert message in problem.message
+    assert hint in problem.hint
+
+
+def test_a_choice_close_to_one_that_exists_is_suggested():
+    """A misspelt choice brings the right one to mind."""
+    (problem,) = problems_of(changed("insertion: right", "insertion: Rihgt", CALIBRATION))
+    assert problem.message == 'insertion is "Rihgt", expected one of right, left, up, down'
+    assert problem.hint == "did you mean right?"
+
+
+def test_a_file_with_hundreds_of_faults_tells_the_first_fifty():
+    """Nobody reads more; the count of the rest is told."""
+    wrong = "".join(f"key{i}: 1\n" for i in range(200))
+    problems = problems_of(STEERABILITY + wrong)
+    assert len(problems) == 51
+    assert problems[-1].message == "and 150 more problems like these"
+
+
+def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Where a file was loaded from is part of each place, and loading prints nothing."""
+    path = tmp_path / "my protocol.yaml"
+    path.write_text(changed("seed: 20260", "seed: -1"), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"my protocol\.yaml:18:7 seed: seed is -1"):
+        load_protocol(path)
+    assert capsys.readouterr() == ("", "")
+
+
+class Fast(Model):
+    """A camera of one kind."""
+
+    kind: Literal["fast"] = Field(description="Which camera.")
+    rate_hz: float = Field(gt=0, le=1000, description="Frames in a second [Hz].")
+
+
+class Slow(Model):
+    """A camera of another kind."""
+
+    kind: Literal["slow"] = Field(description="Which camera.")
+    exposure_s: float = Field(gt=0, le=10, description="Exposure [s].")
+
+
+class Bench(Model):
+    """A file as another room would describe it: kinds, maps, switches."""
+
+    camera: Annotated[Fast | Slow, Field(discriminator="kind")] = Field(description="The camera.")
+    nodes: dict[str, int] = Field(default={}, description="CAN node of each axis.")
+    light: bool = Field(default=True, description="Whether the light is on.")
+    gain: float | Literal["auto"] = Field(default="auto", description="Gain [dB], or auto.")
+    origin_px: PixelUv = Field(default=(0.0, 0.0), description="Origin [px].")
+    name: Name = Field(default="bench", description="Name.")
+    notes: Notes = Field(default="", description="Notes.")
+
+    def conflicts(self) -> list[Conflict]:
+        """Yield a node that stands twice."""
+        twice = len(set(self.nodes.values())) < len(self.nodes)
+        return [Conflict("nodes", "two axes have one node")] if twice else []
+
+
+def bench_problem(text: str) -> Problem:
+    """Return the one problem of a rig text."""
+    with pytest.raises(FileFormatError) as caught:
+        parse_yaml_model(text, "rig.yaml", Bench)
+    (problem,) = caught.value.problems
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "message", "hint"),
+    [
+        ("camera: {kind: fsat, rate_hz: 3}", "1:16 camera.kind", 'kind is "fsat"', "did you mean fast?"),
+        (
+            "camera: {rate_hz: 3}",
+            "1:1 camera.kind",
+            "kind is missing, expected one of fast, slow",
+            "kind: fast",
+        ),
+        ("camera: {kind: fast, rate: 3}", "1:22 camera.rate", "unknown key rate", "did you mean rate_hz?"),
+        (
+            "camera: {kind: slow, exposure_s: 20}",
+            "1:34 camera.exposure_s",
+            "is 20",
+            "in ms, write exposure_s: 0.02",
+        ),
+        (
+            "camera: {kind: slow, exposure_s: 1}\nlight: yes",
+            "2:8 light",
+            'is "yes", expected true or',
+            "write true",
+        ),
+        (
+            "camera: {kind: slow, exposure_s: 1}\ngain: high",
+            "2:7 gain",
+            "expected a number or auto",
+            "Gain [dB]",
+        ),
+        ("camera: {kind: slow, exposure_s: 1}\nnodes: {x: one}", "2:12 nodes.x", 'x is "one"', ""),
+        (
+            "camera: {kind: slow, exposure_s: 1}\nnodes: {x: 1, y: 1}",
+            "2:8 nodes",
+            "two axes have one node",
+            "",
+        ),
+        ("camera: 3", "1:9 camera", "camera is 3", ""),
+    ],
+)
+def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, message: str, hint: str):
+    """Sections of several kinds, maps, switches and unions are told in the same words."""
+    problem = bench_problem(text)
+    assert problem.where == f"rig.yaml:{where}"
+    assert message in problem.message
+    assert hint in problem.hint
+
+
+def test_values_that_stand_in_no_file_are_told_by_their_source():
+    """Options of a command make a model through the same checks."""
+    with pytest.raises(FileFormatError) as caught:
+        model_of_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", Bench)
+    assert caught.value.problems[0].where == "labrig import camera.rate_hz"
+    made = model_of_values(
+        {"camera": {"kind": "fast", "rate_hz": 1}, "origin_px": (1, 2)}, "labrig import", Bench
+    )
+    assert made.origin_px == (1.0, 2.0)
+
+
+def test_notes_may_have_lines_and_any_script_joins_its_letters():
+    """User-written text is kept as written; only what nobody can see is refused."""
+    made = model_of_values(
+        {"camera": {"kind": "fast", "rate_hz": 1}, "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"}, "test", Bench
+    )
+    assert (made.notes, made.name) == ("a\n\tb", "می‌خواهم 👩‍🔬 é")

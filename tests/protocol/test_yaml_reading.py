@@ -1,0 +1,199 @@
+"""YAML text -> values: the core schema of YAML 1.2, bounded; anything else is a FileFormatError."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.errors import FileFormatError, Problem
+from labrig.protocol import Model, load_yaml_model, parse_yaml_model
+from labrig.protocol.tree import plain
+from labrig.protocol.yaml_text import MAX_DEPTH, MAX_VALUES, read_tree
+
+
+class Anything(Model):
+    """A model that takes one text, number or list."""
+
+    a: str | float | bool | list[float] | None = None
+
+
+def value_of(text: str) -> object:
+    """Return what a text after a key is read as."""
+    return plain(read_tree(f"a: {text}\n", "x.yaml").root)["a"]
+
+
+def only_problem(text: str):
+    """Return the one problem of a text."""
+    with pytest.raises(FileFormatError) as caught:
+        read_tree(text, "x.yaml")
+    (problem,) = caught.value.problems
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("40", 40),
+        ("-0.5", -0.5),
+        ("1e3", 1000.0),
+        (".5", 0.5),
+        ("010", 10),
+        ("0o17", 15),
+        ("0x1F", 31),
+        ("123456789012345678901234567890", 123456789012345678901234567890.0),
+        ("true", True),
+        ("False", False),
+        ("", None),
+        ("~", None),
+        ("no", "no"),
+        ("12:30", "12:30"),
+        ("2026-11-20", "2026-11-20"),
+        ("1_000", "1_000"),
+        ("'40'", "40"),
+        ('"true"', "true"),
+        ("| \n  two\n  lines\n", "two\nlines\n"),
+        ("[1, {b: c}]", [1, {"b": "c"}]),
+    ],
+)
+def test_scalars_follow_the_core_schema_of_yaml_1_2(text: str, value: object):
+    """A scalar means what section 10.3.2 of the specification says, nothing that YAML 1.1 or PyYAML adds."""
+    found = value_of(text)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_infinities_and_nan_are_read_so_that_they_can_be_refused_by_name():
+    """.inf and .nan are numbers to the reader; it is the model that refuses them."""
+    assert value_of("-.inf") == -math.inf
+    assert math.isnan(value_of(".NaN"))
+
+
+def test_an_alias_is_the_value_that_its_anchor_names():
+    """An anchor can be used again below it."""
+    assert plain(read_tree("a: &x [1, 2]\nb: *x\n", "x.yaml").root) == {"a": [1, 2], "b": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "message"),
+    [
+        ("", "x.yaml", "empty"),
+        ("# nothing but a comment\n", "x.yaml", "empty"),
+        ("- 1\n- 2\n", "x.yaml:1:1", "[1, 2]"),
+        ("seed:7\n", "x.yaml:1:1", '"seed:7"'),
+        ("a: 1\n---\nb: 2\n", "x.yaml:2:1", "second document"),
+        ("a: 1\n\tb: 2\n", "x.yaml:2:1", "tab"),
+        ("a: 'open\nb: 2\n", "x.yaml:1:4", "quote is not closed"),
+        ("a: [1, 2\nb: 3\n", "x.yaml:1:4", "bracket is not closed"),
+        ("a: b: c\n", "x.yaml:1:5", "colon"),
+        ("a: @home\n", "x.yaml:1:4", "cannot start"),
+        ('a: "\\UFFFFFFFF"\n', "x.yaml", "escape"),
+        ("a: 1\nb: x\x07y\n", "x.yaml:2:5", "U+0007"),
+        ("a: *b\n", "x.yaml:1:4", "*b is not defined"),
+        ("a: &a [*a]\n", "x.yaml:1:8", "*a is not defined"),
+        (f"a: {'[' * 5000}", f"x.yaml:1:{4 + MAX_DEPTH}", f"deeper than {MAX_DEPTH}"),
+        ("? " * 5000, f"x.yaml:1:{1 + 2 * (MAX_DEPTH + 1)}", f"deeper than {MAX_DEPTH}"),
+    ],
+)
+def test_what_is_no_yaml_is_told_with_line_and_column(text: str, where: str, message: str):
+    """A text that cannot be read gives one problem at the line and column where it goes wrong."""
+    problem = only_problem(text)
+    assert problem.where == where
+    assert message in problem.message
+
+
+def test_an_anchor_bomb_is_refused_before_it_expands():
+    """Aliases of aliases are counted, not expanded, so that a short file cannot fill the memory."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    assert f"at most {MAX_VALUES}" in only_problem("\n".join(lines)).message
+
+
+def test_aliases_cannot_nest_deeper_than_text_can():
+    """A chain of aliases, one level each, meets the same limit as brackets do."""
+    lines = ["a0: &a0 [x]", *(f"a{i}: &a{i} [*a{i - 1}]" for i in range(1, 2000))]
+    assert f"deeper than {MAX_DEPTH}" in only_problem("\n".join(lines)).message
+
+
+def test_duplicate_keys_tags_merge_keys_and_directives_are_gathered():
+    """Faults that do not stop the reading are told together, in the order of the file."""
+    text = "%YAML 1.1\n---\na: 1\na: !!python/object:os.system 2\n<<: {b: 3}\n? [c]\n: 4\n"
+    with pytest.raises(FileFormatError) as caught:
+        parse_yaml_model(text, "x.yaml", Anything)
+    told = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
+    assert told == [
+        ("x.yaml:2:1", "the file declares YAML 1.1"),
+        ("x.yaml:4:1 a", "the key stands twice"),
+        ("x.yaml:4:4 a", "the tag !!python/object:os.system is not known here"),
+        ("x.yaml:5:1", "merge keys (<<) are not part of YAML 1.2"),
+        ("x.yaml:6:3", "a key must be a plain word"),
+    ]
+
+
+@given(st.text(alphabet="ab:-?[]{}&*!|>'\"%@#,\\ \n\t0.~<\x00\x85\ud800é", max_size=60))
+def test_any_text_is_read_or_refused(text: str):
+    """Whatever stands in a file gives a model or a FileFormatError with a place and a sentence."""
+    told: tuple[Problem, ...] = ()
+    try:
+        parse_yaml_model(text, "x.yaml", Anything)
+    except FileFormatError as error:
+        told = error.problems
+    assert all(problem.where.startswith("x.yaml") and problem.message for problem in told)
+
+
+def problem_of_file(path: Path):
+    """Return the one problem of a file."""
+    with pytest.raises(FileFormatError) as caught:
+        load_yaml_model(path, Anything)
+    (problem,) = caught.value.problems
+    return problem
+
+
+def test_a_missing_file_is_told_with_the_one_that_was_meant(tmp_path: Path):
+    """A wrong file name brings the right one to mind."""
+    (tmp_path / "steerability.yaml").write_text("a: 1\n")
+    problem = problem_of_file(tmp_path / "sterability.yaml")
+    assert problem.message == "there is no such file"
+    assert problem.hint == f"did you mean {tmp_path / 'steerability.yaml'}?"
+
+
+def test_a_missing_folder_is_named(tmp_path: Path):
+    """Where the folder itself is missing, the hint says so."""
+    assert f"the folder {tmp_path / 'no'} does not exist" in problem_of_file(tmp_path / "no" / "x.yaml").hint
+
+
+def test_a_folder_is_no_file_and_its_yaml_files_are_listed(tmp_path: Path):
+    """A folder in place of a file is refused, and what could have been meant is listed."""
+    (tmp_path / "a.yaml").write_text("a: 1\n")
+    problem = problem_of_file(tmp_path)
+    assert "folder" in problem.message
+    assert "a.yaml" in problem.hint
+
+
+def test_bytes_that_are_no_utf_8_are_told_with_their_place(tmp_path: Path):
+    """The column counts characters, not bytes, also behind a byte order mark."""
+    path = tmp_path / "x.yaml"
+    path.write_bytes(b"\xef\xbb\xbfa: 1\n# \xc3\xa9 \xff\n")
+    problem = problem_of_file(path)
+    assert problem.where == f"{path}:2:5"
+    assert "0xff" in problem.message
+
+
+def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path: Path):
+    """Files saved by editors that write a byte order mark load."""
+    path = tmp_path / "x.yaml"
+    path.write_bytes(b"\xef\xbb\xbfa: 1\n")
+    assert load_yaml_model(path, Anything).a == 1
+
+
+def test_a_file_too_large_to_be_written_by_hand_is_refused(tmp_path: Path):
+    """A picture or a recording given by mistake is refused before it is parsed."""
+    path = tmp_path / "x.yaml"
+    path.write_bytes(b"a: 1\n" * 100_000)
+    assert "256 kB" in problem_of_file(path).message
+
+
+def test_a_name_that_no_file_can_have_is_refused():
+    """A NUL in a file name is an input error, not a traceback."""
+    assert "cannot be read" in problem_of_file(Path("a\0b")).message

@@ -1,0 +1,51 @@
+"""record: a run on disk: crash-safe writer, tolerant reader, catalogue.
+
+`Recorder` writes a run while it happens, `open_run` reads one, `list_runs` lists a folder of them:
+
+.. code-block:: text
+
+    RUN/
+      manifest.json      what, when, by whom, provenance; `exit_status` is `incomplete` until it has ended
+      protocol.yaml      as resolved; rig.yaml likewise, absent where no rig took part
+      calibration/       copies of the files that map pixels to mm
+      frames/NNNNNN.png  pictures, lossless, numbered from 000000
+      frames.jsonl       one line a picture: number, file, SHA-256, rig time, where the axes stood
+      states.jsonl       one line a reading of the axes
+      events.jsonl       one line an event: what was asked, sent and answered; it makes the trials
+      truth.jsonl        what a simulated world drew; only the final comparison reads it
+      SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
+      analysis/NNN/      results, made from the above and never overwritten
+
+Decided here:
+
+- Files of lines and single pictures instead of one container: after SIGKILL each of them opens, and people
+  can look at them without labrig. HDF5 and rerun files lost whole streams in the same trial.
+- Each line ends with a CRC-32 of its content, so a flipped bit is refused with file and line. The one thing
+  that is forgiven is a last line without its newline, which is how a cut record ends: it is dropped and
+  reported in `Run.problems`. The manifest carries the same checksum over its content.
+- A line is handed to the kernel in one write before the call returns, a picture is complete under its name
+  before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
+  lines of the last `fsync_period_s` of rig time; see `Recorder`.
+- Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
+- The raw files are never rewritten. Only the manifest is, atomically, when the run is closed.
+"""
+
+from labrig.record.catalogue import RunSummary, list_runs
+from labrig.record.durable import require_free_bytes, write_atomically
+from labrig.record.json_lines import encode_document
+from labrig.record.provenance import collect_provenance
+from labrig.record.reader import Frames, Run, open_run
+from labrig.record.writer import Recorder
+
+__all__ = [
+    "Frames",
+    "Recorder",
+    "Run",
+    "RunSummary",
+    "collect_provenance",
+    "encode_document",
+    "list_runs",
+    "open_run",
+    "require_free_bytes",
+    "write_atomically",
+]

@@ -1,0 +1,126 @@
+"""Writing that survives: atomic files, directories made durable, and disk errors with a name and a hint."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from labrig.errors import DiskError
+
+_HINTS = {
+    errno.ENOSPC: "make room on that disk, or keep the runs on another one",
+    errno.EDQUOT: "the disk quota is used up: make room, or keep the runs elsewhere",
+    errno.EFBIG: "the file would be larger than this account or disk allows",
+    errno.EACCES: "give this account the right to write there, or choose another folder",
+    errno.EPERM: "give this account the right to write there, or choose another folder",
+    errno.EROFS: "the disk is mounted read-only: choose another folder",
+    errno.ENOTDIR: "a file stands where a folder is needed: choose another folder",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that after a power cut its old or its new content stands there, never a part.
+
+    Parameters
+    ----------
+    path : Path
+        A file in an existing folder; replaced when it exists.
+    content : bytes
+        All of it.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written; what stood there before is untouched.
+    """
+    write_and_rename(path, content)
+    with disk_errors(path):
+        sync_directory(path.parent)
+
+
+def write_and_rename(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name, fsync it, and rename it into place.
+
+    The content is durable when this returns. The name is durable after the next `sync_directory` of its
+    folder.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    with disk_errors(path):
+        try:
+            _write_new(temporary, content)
+            temporary.replace(path)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    # A leftover of a killed writer is overwritten; a link that stands there is not followed.
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
+    try:
+        write_fully(descriptor, content)
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_fully(descriptor: int, content: bytes) -> None:
+    """Write all bytes; the kernel may take a part of them, as it does when the disk is about to be full."""
+    view = memoryview(content)
+    while view:
+        view = view[os.write(descriptor, view) :]
+
+
+def sync_directory(path: Path) -> None:
+    """Make the names in a folder durable."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Turn an `OSError` of the block into a `DiskError` with the path, the free space and what to do."""
+    try:
+        yield
+    except OSError as error:
+        free = f"{free_bytes(path) / 1e6:.1f} MB free on that disk"
+        raise DiskError(
+            f"cannot write {path}: {error.strerror} ({free})", _HINTS.get(error.errno or 0, "check the disk")
+        ) from error
+
+
+def require_free_bytes(path: Path, need_bytes: int) -> None:
+    """Refuse to begin what will not fit.
+
+    Parameters
+    ----------
+    path : Path
+        Where it will be written; need not exist yet.
+    need_bytes : int
+        What it will take.
+
+    Raises
+    ------
+    DiskError
+        When the disk of `path` has less free space than that.
+    """
+    free = free_bytes(path)
+    if free < need_bytes:
+        raise DiskError(
+            f"{path} needs {need_bytes / 1e6:.1f} MB, and that disk has {free / 1e6:.1f} MB free",
+            _HINTS[errno.ENOSPC],
+        )
+
+
+def free_bytes(path: Path) -> int:
+    """Return the free space of the disk on which `path` is, or will be."""
+    for folder in (path.absolute(), *path.absolute().parents):
+        with suppress(OSError):
+            return shutil.disk_usage(folder).free
+    raise DiskError(f"cannot find the disk of {path}")

@@ -1,0 +1,181 @@
+"""JSON that can be trusted: lines that carry a CRC-32 of their content, and documents without NaN.
+
+A line is one compact JSON object in UTF-8, its last member `"crc32":"xxxxxxxx"` being the CRC-32 (the one of
+zlib and PNG, ISO 3309) of the bytes of the object without that member. CRC-32 finds every single flipped bit
+and every burst of up to 32 bits.
+"""
+
+import json
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from labrig.errors import InputError, Problem, RecordError
+
+_Read = TypeVar("_Read")
+
+_CRC_KEY = "crc32"
+_TAIL_LENGTH = len(',"crc32":"00000000"}')
+
+
+def encode_line(fields: Mapping[str, object]) -> bytes:
+    """Encode one line, its newline included.
+
+    Parameters
+    ----------
+    fields : Mapping
+        What the line says, in this order: numbers, text, booleans, None, dates, and lists and mappings of
+        these; numpy scalars and arrays become plain ones. Infinite and undefined numbers become null.
+
+    Raises
+    ------
+    InputError
+        When it is empty, names a field `crc32`, or holds what JSON cannot say.
+    """
+    body = _compact(_plain(_checked(fields), "line"))
+    return b'%s,"crc32":"%08x"}\n' % (body[:-1], zlib.crc32(body))
+
+
+def decode_line(line: bytes) -> dict[str, object]:
+    """Decode one line, given without its newline.
+
+    Raises
+    ------
+    ValueError
+        When the checksum does not hold or the content is no JSON object; the message says which.
+    """
+    body = _checked_body(line)
+    fields = json.loads(body)
+    if not isinstance(fields, dict):
+        raise ValueError("it is no JSON object")
+    return fields
+
+
+def check_lines(path: Path) -> tuple[Problem, ...]:
+    """Check the CRC-32 of every line of a file.
+
+    Returns
+    -------
+    tuple of Problem
+        The torn last line, where there is one.
+
+    Raises
+    ------
+    RecordError
+        When a line is damaged; names file and line.
+    """
+    lines, problems = _whole_lines(path)
+    for number, line in enumerate(lines, start=1):
+        _located(path, number, line, _checked_body)
+    return problems
+
+
+def read_lines(path: Path) -> list[dict[str, object]]:
+    """Read the lines of a file; a torn last line is left out (`check_lines` reports it).
+
+    Raises
+    ------
+    RecordError
+        When a line is damaged; names file and line.
+    """
+    lines, _ = _whole_lines(path)
+    return [_located(path, number, line, decode_line) for number, line in enumerate(lines, start=1)]
+
+
+def encode_document(fields: Mapping[str, object]) -> bytes:
+    """Encode a JSON file for people and programs: indented, in UTF-8, infinite and undefined numbers as null.
+
+    Raises
+    ------
+    InputError
+        When it holds what JSON cannot say.
+    """
+    text = json.dumps(_plain(fields, "document"), indent=2, ensure_ascii=False, allow_nan=False)
+    return _utf8(text) + b"\n"
+
+
+def checksum(fields: Mapping[str, object]) -> str:
+    """Return the CRC-32 of a document's content as 8 hexadecimal digits, whatever its layout."""
+    return f"{zlib.crc32(_compact(_plain(fields, 'document'))):08x}"
+
+
+def _checked(fields: Mapping[str, object]) -> Mapping[str, object]:
+    if not fields or _CRC_KEY in fields:
+        raise InputError(f"a line needs at least one field, and none named {_CRC_KEY!r}; got {list(fields)}")
+    return fields
+
+
+def _checked_body(line: bytes) -> bytes:
+    """Return the object without its checksum, which has been found to hold."""
+    body = line[:-_TAIL_LENGTH] + b"}"
+    if line[-_TAIL_LENGTH:] != b',"crc32":"%08x"}' % zlib.crc32(body):
+        raise ValueError("its CRC-32 does not fit its content")
+    return body
+
+
+def _whole_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
+    """Split a file into lines. What follows the last newline is kept if its checksum holds, else torn."""
+    try:
+        *lines, rest = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", "the record is not whole") from error
+    if not rest:
+        return lines, ()
+    try:
+        _checked_body(rest)
+    except ValueError:
+        where = f"{path.name}:{len(lines) + 1}"
+        hint = "the writer was stopped while it wrote this line; everything before it is whole"
+        return lines, (Problem(where, f"the last line is torn; its {len(rest)} bytes are left out", hint),)
+    return [*lines, rest], ()
+
+
+def _located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _Read]) -> _Read:
+    """Read a line; a fault is named with its file and line."""
+    try:
+        return reading(line)
+    except ValueError as error:
+        raise RecordError(
+            f"{path}:{number}: the line is damaged: {error}",
+            "take this file from a copy of the run; labrig never rewrites it",
+        ) from error
+
+
+def _compact(value: object) -> bytes:
+    return _utf8(json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
+
+
+def _utf8(text: str) -> bytes:
+    # A lone surrogate stands for a byte of a file name that is no UTF-8. Its backslash escape is valid JSON.
+    return text.encode("utf-8", "backslashreplace")
+
+
+def _plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a kind of value
+    """Return the value as JSON knows it."""
+    match value:
+        case None | bool() | str():
+            return value
+        case np.generic() | np.ndarray():
+            return _plain(value.tolist(), where)
+        case float():
+            return value if math.isfinite(value) else None
+        case int():
+            return value
+        case Mapping():
+            return {_key(key, where): _plain(item, f"{where}.{key}") for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item, where) for item in value]
+        case datetime(tzinfo=zone) if zone is not None:
+            return value.astimezone(UTC).isoformat(timespec="seconds")
+    raise InputError(f"{where} cannot be written as JSON: {value!r} is a {type(value).__name__}")
+
+
+def _key(key: object, where: str) -> str:
+    if isinstance(key, str):
+        return key
+    raise InputError(f"{where} cannot be written as JSON: its key {key!r} is a {type(key).__name__}")

@@ -1,0 +1,72 @@
+"""The names of a run on disk, and what a name may be; writer and reader share them."""
+
+import unicodedata
+from pathlib import Path
+
+from labrig.errors import InputError, RecordError
+
+SCHEMA_VERSION = 1
+
+MANIFEST = "manifest.json"
+PROTOCOL = "protocol.yaml"
+RIG = "rig.yaml"
+CALIBRATION = "calibration"
+FRAMES = "frames"
+SHA256SUMS = "SHA256SUMS"
+ANALYSIS = "analysis"
+
+FRAME_LINES = "frames.jsonl"
+STATE_LINES = "states.jsonl"
+EVENT_LINES = "events.jsonl"
+TRUTH_LINES = "truth.jsonl"
+
+# ext4, XFS and most others allow 255 bytes; the rest is room for the suffix of a temporary name.
+_MAX_NAME_BYTES = 200
+
+
+def picture_file(frame: int) -> str:
+    """Return where the picture with this number stands, relative to the run."""
+    return f"{FRAMES}/{frame:06d}.png"
+
+
+def checked_name(name: str, what: str) -> str:
+    """Return `name` if it can be one file or folder name; blanks inside and non-ASCII letters are welcome.
+
+    Raises
+    ------
+    InputError
+        When it is empty, too long, begins with a dot, begins or ends with a blank, or holds a path separator
+        or a control character.
+    """
+    fault = _fault_of(name)
+    if fault:
+        raise InputError(f"{what} {name!r} {fault}", "choose a name of letters, digits, '-' and '_'")
+    return name
+
+
+def _fault_of(name: str) -> str:
+    if not name or name != name.strip() or name.startswith("."):
+        return "is empty, or begins with a dot or a blank, or ends with a blank"
+    if any(char in "/\\" or unicodedata.category(char) in {"Cc", "Cs", "Zl", "Zp"} for char in name):
+        return "holds a path separator or a control character"
+    if len(name.encode()) > _MAX_NAME_BYTES:
+        return f"has {len(name.encode())} bytes; {_MAX_NAME_BYTES} are allowed"
+    return ""
+
+
+def inside(run: Path, relative: str) -> Path:
+    """Return the path of a file of a run.
+
+    Raises
+    ------
+    RecordError
+        When it, or a folder on the way to it, is a symbolic link.
+    """
+    path = run
+    for part in relative.split("/"):
+        path = path / part
+        if path.is_symlink():
+            raise RecordError(
+                f"{path} is a symbolic link", "a record holds its files itself; no link in it is followed"
+            )
+    return path

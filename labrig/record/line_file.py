@@ -1,0 +1,61 @@
+"""An append-only file of CRC lines that is whole after every call, whatever stops the process."""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+from labrig.record.durable import write_fully
+from labrig.record.json_lines import encode_line
+
+
+class LineFile:
+    """One of the `*.jsonl` files of a run, open for appending.
+
+    Lines go to the kernel with `os.write`, unbuffered, so that SIGKILL loses none that `append` has returned
+    from.
+    """
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self.path = path
+        self._descriptor = descriptor
+        self._length = 0
+        self._sha256 = hashlib.sha256()
+        self._unsynced = True
+
+    @classmethod
+    def create(cls, path: Path) -> Self:
+        """Make the file; one that exists is an `OSError`."""
+        return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666))
+
+    @property
+    def sha256(self) -> str:
+        """The SHA-256 of all lines so far, in hexadecimal digits."""
+        return self._sha256.hexdigest()
+
+    def append(self, fields: Mapping[str, object]) -> None:
+        """Append one line.
+
+        A disk that fills up takes the beginning of a line and refuses the rest. That beginning is cut off
+        again, so that later lines, which say how the run ended, do not continue it.
+        """
+        line = encode_line(fields)
+        self._unsynced = True
+        try:
+            write_fully(self._descriptor, line)
+        except OSError:
+            os.ftruncate(self._descriptor, self._length)
+            raise
+        self._length += len(line)
+        self._sha256.update(line)
+
+    def sync(self) -> None:
+        """Make the lines so far durable against a power cut."""
+        if self._unsynced:
+            os.fsync(self._descriptor)
+            self._unsynced = False
+
+    def close(self) -> None:
+        """Let the file go."""
+        os.close(self._descriptor)

@@ -1,0 +1,76 @@
+"""What code ran, with which packages, on which computer."""
+
+import os
+import platform
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+from labrig import __version__
+
+_SOURCE_TREE = Path(__file__).parents[2]
+_GIT_TIMEOUT_S = 10.0
+
+
+def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
+    """Return what is needed to run the same code again; no time of day and no folder of this computer.
+
+    Parameters
+    ----------
+    command_line : sequence of str
+        As in `sys.argv`; of the program only the name is kept.
+
+    Returns
+    -------
+    dict
+        `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None where it runs from no
+        checkout), `command_line`, `python`, `platform`, `host`, `packages` {name: version} of all that labrig
+        depends on itself.
+    """
+    program = [Path(word).name for word in command_line[:1]]
+    return {
+        "labrig": __version__,
+        **_git_state(_SOURCE_TREE),
+        "command_line": [*program, *command_line[1:]],
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "host": platform.node(),
+        "packages": _package_versions(),
+    }
+
+
+def _git_state(tree: Path) -> dict[str, object]:
+    commit = _git(tree, "rev-parse", "HEAD")
+    changes = _git(tree, "status", "--porcelain", "--", "labrig")
+    return {"git_commit": commit or None, "git_dirty": None if changes is None else bool(changes)}
+
+
+def _git(tree: Path, *arguments: str) -> str | None:
+    """Return what git prints; None without git, without a checkout, or when git refuses."""
+    program = shutil.which("git")
+    if program is None or not (tree / ".git").exists():
+        return None
+    # A git hook that starts labrig would point it at another repository.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    try:
+        done = subprocess.run(  # noqa: S603 - the program that PATH names, with fixed words
+            [program, "--no-optional-locks", "-C", str(tree), *arguments],
+            capture_output=True, check=True, encoding="utf-8", errors="replace", env=environment,
+            timeout=_GIT_TIMEOUT_S,
+        )  # fmt: skip
+    except (subprocess.SubprocessError, OSError):
+        return None
+    return done.stdout.strip()
+
+
+def _package_versions() -> dict[str, str]:
+    requirements = metadata.requires("labrig") or ()
+    names = (_distribution_name(text) for text in requirements if "extra ==" not in text)
+    return {name: metadata.version(name) for name in sorted(names)}
+
+
+def _distribution_name(requirement: str) -> str:
+    return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]

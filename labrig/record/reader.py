@@ -1,0 +1,322 @@
+"""Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import overload
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from labrig.errors import Problem, RecordError
+from labrig.protocol import AnyProtocol, load_protocol
+from labrig.record.json_lines import check_lines, read_lines
+from labrig.record.layout import (
+    CALIBRATION,
+    EVENT_LINES,
+    FRAME_LINES,
+    PROTOCOL,
+    SHA256SUMS,
+    STATE_LINES,
+    TRUTH_LINES,
+    checked_name,
+    inside,
+    picture_file,
+)
+from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
+from labrig.record.results import latest_result, new_result_dir
+
+_COPY_HINT = "take the file from a copy of the run"
+_CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
+
+# A column that no line of an empty run has is there all the same.
+_COLUMNS = {
+    STATE_LINES: ("t_s",),
+    EVENT_LINES: ("kind", "t_s"),
+    FRAME_LINES: ("frame", "file", "sha256", "t_s", "trial", "role"),
+    TRUTH_LINES: ("trial",),
+}
+_TRIAL_COLUMNS = ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame")
+# Whole numbers that may be missing; pandas would make them floats.
+_WHOLE_NUMBERS = ("trial", "frame", "final_frame")
+
+
+def open_run(path: Path | str) -> "Run":
+    """Open a run: closed, interrupted or cut short.
+
+    Parameters
+    ----------
+    path : Path or str
+        Its folder.
+
+    Returns
+    -------
+    Run
+        With `problems`, where something of it is missing or was changed.
+
+    Raises
+    ------
+    RecordError
+        When it is no run, is of a newer schema, or has a damaged line; names file and line.
+    """
+    folder = Path(path)
+    manifest = read_manifest(folder)
+    lines = _line_files(folder)
+    torn = tuple(problem for file in lines.values() for problem in check_lines(file))
+    cut = () if manifest.get("exit_status") == "incomplete" else _changed_since_closing(folder, lines)
+    problems = (*manifest_problems(manifest), *_changed_since_start(folder, manifest), *torn, *cut)
+    return Run(folder, manifest, problems)
+
+
+class Run:
+    """A run on disk; made by `open_run`. Nothing of it is kept in memory but what has been asked for.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder.
+    manifest : dict
+        What manifest.json says.
+    problems : tuple of Problem
+        What is missing or was changed; empty for a run that is as it was written.
+    """
+
+    def __init__(self, path: Path, manifest: dict[str, object], problems: tuple[Problem, ...]) -> None:
+        self.path = path
+        self.manifest = manifest
+        self.problems = problems
+
+    @cached_property
+    def protocol(self) -> AnyProtocol:
+        """The protocol as it was resolved for this run.
+
+        Raises
+        ------
+        RecordError
+            When protocol.yaml is missing or was changed.
+        FileFormatError
+            When this labrig no longer knows what it says.
+        """
+        return load_protocol(self._unchanged(PROTOCOL))
+
+    @cached_property
+    def states(self) -> pd.DataFrame:
+        """What the axes read, one row a reading, with `t_s` [s] of rig time."""
+        return self._table(STATE_LINES)
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time."""
+        return self._table(EVENT_LINES)
+
+    @cached_property
+    def truth(self) -> pd.DataFrame:
+        """What a simulated world drew; empty on a real rig."""
+        return self._table(TRUTH_LINES)
+
+    @cached_property
+    def frame_table(self) -> pd.DataFrame:
+        """What is known of each picture; the row number is the number of the picture.
+
+        Raises
+        ------
+        RecordError
+            When a number is missing or there twice, or a picture is said to stand elsewhere than in frames/.
+        """
+        table = self._table(FRAME_LINES)
+        for number, (frame, file) in enumerate(zip(table["frame"], table["file"], strict=True)):
+            if frame is pd.NA or frame != number or file != picture_file(number):
+                raise RecordError(
+                    f"{self.path / FRAME_LINES}:{number + 1}: frame {frame} in {file!r}; "
+                    f"expected {number} in {picture_file(number)!r}",
+                    _COPY_HINT,
+                )
+        return table
+
+    @cached_property
+    def trials(self) -> pd.DataFrame:
+        """One row a trial: the fields of its `trial_start` and of its `trial_stop`.
+
+        Columns `trial`, `start_t_s`, `stop_t_s` [s], `exit_status` (`incomplete` while there is no stop),
+        `final_frame` and the further fields of the two events. Of a trial that was begun again, the last
+        beginning counts.
+        """
+        rows = _joined_trials(read_lines(self._lines[EVENT_LINES]))
+        return _as_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
+
+    @cached_property
+    def frames(self) -> "Frames":
+        """The pictures in order, each read when it is asked for."""
+        return Frames(self.path, tuple(self.frame_table["sha256"]))
+
+    def read_frame(self, frame: int) -> NDArray[np.uint8]:
+        """Return the picture with this number, an array (H, W) or (H, W, 3) of uint8.
+
+        Raises
+        ------
+        RecordError
+            When it is not in the record, is missing on disk, or was changed.
+        """
+        if not 0 <= frame < len(self.frames):
+            raise RecordError(
+                f"{self.path} holds no frame {frame}; it holds {len(self.frames)}",
+                "it was interrupted before",
+            )
+        return self.frames[frame]
+
+    def calibration_path(self, name: str) -> Path:
+        """Return where a calibration file of this run stands, or would stand if it has none of this name.
+
+        Raises
+        ------
+        RecordError
+            When the run began with it and it is missing or was changed.
+        """
+        relative = f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}"
+        began_with_it = relative in recorded_sha256(self.manifest)
+        return self._unchanged(relative) if began_with_it else inside(self.path, relative)
+
+    def new_result_dir(self) -> Path:
+        """Make and return the next of analysis/001, 002 ...; none is ever written twice.
+
+        Raises
+        ------
+        DiskError
+            When it cannot be made.
+        """
+        return new_result_dir(self.path)
+
+    def latest_result(self) -> dict[str, object] | None:
+        """Return the result.json of the newest analysis that has one; None when the run was never analysed.
+
+        Raises
+        ------
+        RecordError
+            When it is damaged.
+        """
+        return latest_result(self.path)
+
+    @cached_property
+    def _lines(self) -> dict[str, Path]:
+        return _line_files(self.path)
+
+    def _table(self, name: str) -> pd.DataFrame:
+        path = self._lines.get(name)
+        return _as_table([] if path is None else read_lines(path), _COLUMNS[name], self.path / name)
+
+    def _unchanged(self, relative: str) -> Path:
+        path = inside(self.path, relative)
+        if _sha256(_read_bytes(path)) != recorded_sha256(self.manifest).get(relative):
+            raise RecordError(f"{path} {_CHANGED}", _COPY_HINT)
+        return path
+
+
+class Frames(Sequence[NDArray[np.uint8]]):
+    """The pictures of a run, each read and checked against its SHA-256 when asked for; so are slices.
+
+    Parameters
+    ----------
+    run : Path
+        The folder of the run.
+    sha256 : tuple of str
+        What frames.jsonl says of each picture.
+    numbers : range
+        The numbers of the pictures in this sequence; all by default.
+    """
+
+    def __init__(self, run: Path, sha256: tuple[str, ...], numbers: range | None = None) -> None:
+        self._run = run
+        self._sha256 = sha256
+        self._numbers = range(len(sha256)) if numbers is None else numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> NDArray[np.uint8]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Frames": ...
+
+    def __getitem__(self, index: int | slice) -> "NDArray[np.uint8] | Frames":
+        if isinstance(index, slice):
+            return Frames(self._run, self._sha256, self._numbers[index])
+        number = self._numbers[index]
+        return _read_picture(inside(self._run, picture_file(number)), self._sha256[number])
+
+
+def _line_files(run: Path) -> dict[str, Path]:
+    """Return the line files of a run by name; without a simulated world there is no truth."""
+    files = {name: inside(run, name) for name in _COLUMNS}
+    return {name: path for name, path in files.items() if name != TRUTH_LINES or path.exists()}
+
+
+def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:
+    """Compare protocol, rig and calibration with what the manifest says of them."""
+    return tuple(
+        Problem(name, _CHANGED, _COPY_HINT)
+        for name, sha256 in recorded_sha256(manifest).items()
+        if not (path := inside(run, name)).is_file() or _sha256(_read_bytes(path)) != sha256
+    )
+
+
+def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Problem, ...]:
+    """Compare the line files of a closed run with SHA256SUMS; this finds whole lines that were cut off."""
+    sums_file = inside(run, SHA256SUMS)
+    if not sums_file.is_file():
+        return (Problem(SHA256SUMS, "it is missing, though the run was closed", _COPY_HINT),)
+    text = sums_file.read_text(errors="replace")
+    sums = {name: sha256 for sha256, _, name in (line.partition("  ") for line in text.splitlines())}
+    present = {name: _sha256(_read_bytes(path)) for name, path in lines.items()}
+    return tuple(
+        Problem(name, f"it is not as it was when the run was closed ({SHA256SUMS})", _COPY_HINT)
+        for name in _COLUMNS
+        if sums.get(name) != present.get(name)
+    )
+
+
+def _read_picture(path: Path, sha256: str) -> NDArray[np.uint8]:
+    content = _read_bytes(path)
+    if _sha256(content) != sha256:
+        raise RecordError(f"{path} is damaged: its SHA-256 does not fit frames.jsonl", _COPY_HINT)
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise RecordError(f"{path} is no picture", _COPY_HINT)
+    return picture.astype(np.uint8, copy=False)
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _as_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
+    """Make a table with at least these columns, in the order in which lines brought them."""
+    names = dict.fromkeys((*columns, *(name for row in rows for name in row)))
+    table = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
+    whole = {name: "Int64" for name in _WHOLE_NUMBERS if name in names}
+    try:
+        return table.astype(whole)
+    except (TypeError, ValueError) as error:
+        raise RecordError(f"{path}: {' or '.join(whole)} is no whole number: {error}", _COPY_HINT) from error
+
+
+def _joined_trials(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:
+    trials: dict[object, dict[str, object]] = {}
+    for event in events:
+        fields = {key: value for key, value in event.items() if key not in {"kind", "t_s"}}
+        trial = event.get("trial")
+        if event.get("kind") == "trial_start":
+            trials[trial] = {"start_t_s": event.get("t_s"), "exit_status": "incomplete", **fields}
+        elif event.get("kind") == "trial_stop" and trial in trials:
+            trials[trial] |= {"stop_t_s": event.get("t_s"), **fields}
+    return list(trials.values())

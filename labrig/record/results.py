@@ -1,0 +1,53 @@
+"""The numbered results of a run: made from the record, kept beside it, never overwritten."""
+
+import json
+from itertools import count
+from pathlib import Path
+
+from labrig.errors import RecordError
+from labrig.record.durable import disk_errors
+from labrig.record.layout import ANALYSIS, inside
+
+_RESULT = "result.json"
+
+
+def new_result_dir(run: Path) -> Path:
+    """Make and return the folder of the next result; of two callers at once each gets its own."""
+    parent = inside(run, ANALYSIS)
+    with disk_errors(parent):
+        parent.mkdir(exist_ok=True)
+        for number in count(max(_numbers(parent), default=0) + 1):
+            folder = parent / f"{number:03d}"
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                continue
+            return folder
+    raise AssertionError("count() has no end")
+
+
+def latest_result(run: Path) -> dict[str, object] | None:
+    """Return the newest result.json; an analysis that was stopped has none, as it is written last."""
+    parent = inside(run, ANALYSIS)
+    for number in sorted(_numbers(parent), reverse=True):
+        path = inside(run, f"{ANALYSIS}/{number:03d}/{_RESULT}")
+        if path.exists():
+            return _read_result(path)
+    return None
+
+
+def _numbers(parent: Path) -> list[int]:
+    folders = parent.iterdir() if parent.is_dir() else ()
+    return [int(folder.name) for folder in folders if folder.name.isdecimal()]
+
+
+def _read_result(path: Path) -> dict[str, object]:
+    try:
+        result = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
+    if not isinstance(result, dict):
+        raise RecordError(
+            f"{path} is damaged: it holds no JSON object", "make a new one with labrig reanalyze"
+        )
+    return result

@@ -1,0 +1,56 @@
+"""What code ran, with which packages, on which computer."""
+
+import json
+import platform
+import shutil
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import labrig
+from labrig.record import collect_provenance
+from labrig.record.provenance import _git_state
+
+
+def test_provenance_names_code_packages_and_computer() -> None:
+    """It is JSON, names the versions of what labrig depends on itself, and of the program only the name."""
+    found = collect_provenance(["/somewhere/bin/labrig", "run", "a b.yaml"])
+    assert json.loads(json.dumps(found)) == found
+    assert found["labrig"] == labrig.__version__
+    assert found["command_line"] == ["labrig", "run", "a b.yaml"]
+    assert found["python"] == platform.python_version()
+    packages = found["packages"]
+    assert isinstance(packages, dict)
+    assert packages["numpy"] == metadata.version("numpy")
+    assert {"opencv-python-headless", "scipy", "canopen"} <= packages.keys()
+    assert not {"pytest", "ruff"} & packages.keys()
+
+
+def test_the_same_state_gives_the_same_provenance() -> None:
+    """Nothing in it depends on the moment or on where it is called."""
+    assert collect_provenance(["labrig"]) == collect_provenance(["labrig"])
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+def test_a_changed_checkout_is_dirty(tmp_path: Path) -> None:
+    """The commit is named, and a change of the code, but not of data beside it, makes it dirty."""
+    (tmp_path / "labrig").mkdir()
+    code = tmp_path / "labrig" / "code.py"
+    code.write_text("1\n")
+    identity = ["-c", "user.name=n", "-c", "user.email=e"]
+    for words in (["init", "-q"], ["add", "."], [*identity, "commit", "-q", "-m", "first"]):
+        subprocess.run(["git", "-C", tmp_path, *words], check=True)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "run").write_text("")
+    state = _git_state(tmp_path)
+    assert len(str(state["git_commit"])) == 40
+    assert state["git_dirty"] is False
+    code.write_text("2\n")
+    assert _git_state(tmp_path) == {**state, "git_dirty": True}
+
+
+def test_code_that_is_no_checkout_says_so(tmp_path: Path) -> None:
+    """Installed code has no commit, which is null and not clean."""
+    assert _git_state(tmp_path) == {"git_commit": None, "git_dirty": None}

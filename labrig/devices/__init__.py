@@ -1,0 +1,77 @@
+"""devices: axis, camera, clock and operator, and the rig that holds them.
+
+What is decided here
+--------------------
+- Real or simulated is what the rig file says, and only `plant.make_plant` asks. The seam is at the wire: a
+  simulated EPOS2 is a CANopen node on a bus inside the process, and the driver that talks to it is the one
+  for real drives.
+- Positions are mm or rad outside and quadcounts inside; speeds are rounded to integer rpm of the motor, and
+  the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
+- A move is done when the drive says so and the position that it reads stands within the window.
+- An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
+  the state file remembers that across crashes. Nothing resets a fault, and nothing but opening a rig switches
+  power on.
+- Whatever goes wrong, every axis is stopped, and standing still is read back. A closed rig has its power
+  stages off.
+- Each setting of the camera is read back, and one that was not taken closes the rig.
+- This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
+"""
+
+from labrig.devices.axis import Axis, AxisReadback, Setpoint
+from labrig.devices.camera import Camera, CameraSettings, Frame, PictureSource
+from labrig.devices.check import CheckResult, CheckStatus, check_rig
+from labrig.devices.cia402 import DriveState
+from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.operator import (
+    Answer,
+    ClearBench,
+    ConfirmAxesAtZero,
+    ConfirmNeedleOut,
+    HoldBoard,
+    LayGraphPaper,
+    MountNeedle,
+    Operator,
+    OperatorRequest,
+    PlaceSpecimen,
+    ShiftToHole,
+)
+from labrig.devices.rig import Rig, open_rig
+from labrig.devices.rig_file import AxisDescription, RigDescription, check_axis_move, load_rig, rig_schema
+from labrig.devices.state import RigState
+from labrig.devices.stop import stop_rig
+
+__all__ = [
+    "Answer",
+    "Axis",
+    "AxisDescription",
+    "AxisReadback",
+    "Camera",
+    "CameraSettings",
+    "CheckResult",
+    "CheckStatus",
+    "ClearBench",
+    "ConfirmAxesAtZero",
+    "ConfirmNeedleOut",
+    "DriveState",
+    "Frame",
+    "HoldBoard",
+    "LayGraphPaper",
+    "MountNeedle",
+    "Operator",
+    "OperatorRequest",
+    "PictureSource",
+    "PlaceSpecimen",
+    "Rig",
+    "RigDescription",
+    "RigState",
+    "Setpoint",
+    "ShiftToHole",
+    "SimulatedClock",
+    "SystemClock",
+    "check_axis_move",
+    "check_rig",
+    "load_rig",
+    "open_rig",
+    "rig_schema",
+    "stop_rig",
+]

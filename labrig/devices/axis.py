@@ -1,0 +1,264 @@
+"""One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
+
+from dataclasses import dataclass
+
+from labrig.clock import Clock
+from labrig.devices import epos2_objects as od
+from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
+from labrig.devices.epos2 import Epos2, Identity
+from labrig.devices.rig_file import AxisDescription, check_move
+from labrig.errors import DriveError, SafetyStopError
+
+MAX_RPM = 25_000
+_STOP_MARGIN_S = 0.5
+_MOVE_MARGIN_S = 2.0
+_MOVE_MARGIN_FRACTION = 0.2
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """A move as it was asked and as it was sent.
+
+    Parameters
+    ----------
+    asked_position, asked_speed : float
+        What was asked [mm or rad, per s].
+    sent_quadcounts, sent_rpm : int
+        What went over the wire.
+    position, speed : float
+        What that is [mm or rad, per s]; off by rounding.
+    """
+
+    asked_position: float
+    asked_speed: float
+    sent_quadcounts: int
+    sent_rpm: int
+    position: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class AxisReadback:
+    """What an axis read: position [mm or rad], statusword, its state, and whether the last move is done."""
+
+    position: float
+    statusword: int
+    state: DriveState
+    target_reached: bool
+
+
+class Axis:
+    """One axis; made by `open_rig`.
+
+    Parameters
+    ----------
+    name : str
+        insertion, rotation or linear.
+    description : AxisDescription
+        Its section of the rig file; complete.
+    drive : Epos2
+        Its drive.
+    clock : Clock
+        Whose time bounds moves.
+    """
+
+    def __init__(self, name: str, description: AxisDescription, drive: Epos2, clock: Clock) -> None:
+        self.name = name
+        self.unit = description.unit
+        self.limits = description.limits
+        self.max_speed = description.max_speed
+        self.referenced = False
+        self._description = description
+        self._scale = description.scale()
+        self._window_quadcounts = self._scale.to_distance_quadcounts(description.position_window)
+        self._drive = drive
+        self._clock = clock
+        self._target: int | None = None
+        self._due_s: float | None = None
+
+    # Moving
+
+    def check_move(self, position: float, speed: float) -> None:
+        """Refuse a move beyond the limits of this axis, or one whose speed integer rpm would change too much.
+
+        Raises
+        ------
+        LimitError
+        """
+        check_move(self.name, self._description, position, speed)
+
+    def start_move(self, position: float, speed: float) -> Setpoint:
+        """Start a move and return at once; `read` and `Rig.read_states` say when it is done.
+
+        Parameters
+        ----------
+        position : float
+            Where to, absolute [mm or rad].
+        speed : float
+            How fast [mm/s or rad/s].
+
+        Raises
+        ------
+        LimitError
+            Before anything is sent.
+        SafetyStopError
+            When the axis is not referenced, so that no position means anything.
+        DriveError, BusError
+        """
+        self.check_move(position, speed)
+        if not self.referenced:
+            raise SafetyStopError(
+                f"axis {self.name} is not referenced: nobody knows where it stands",
+                "reference the axes first",
+            )
+        target, rpm = self._scale.to_quadcounts(position), self._scale.to_rpm(speed)
+        achieved = self._scale.to_speed(rpm)
+        self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
+        self._target = target
+        self._drive.start_move(target, rpm)
+        return Setpoint(position, speed, target, rpm, self._scale.to_position(target), achieved)
+
+    def _longest_s(self, target: int, speed: float) -> float:
+        """Return after how long a move must be done: its own time, window time and a margin."""
+        distance = abs(self._scale.to_position(target - self._drive.position()))
+        ramps_s = 2 * speed / self._description.acceleration
+        window_s = self._description.position_window_time_ms / 1000
+        return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
+
+    def read(self) -> AxisReadback:
+        """Read statusword and position.
+
+        `target_reached` means that the last move is done: the drive says so, and the position that was read
+        stands within the window around the target.
+
+        Raises
+        ------
+        DriveError
+            On a fault, a restart, silence, lost power, or a move that is not done long after it should be.
+        BusError
+        """
+        statusword = self._drive.statusword()
+        self._drive.refuse_unless_enabled(statusword)
+        quadcounts = self._drive.position()
+        reached = self._target is None or (
+            bool(statusword & TARGET_REACHED) and abs(quadcounts - self._target) <= self._window_quadcounts
+        )
+        if reached:
+            self._due_s = None
+        elif self._due_s is not None and self._clock.now_s() > self._due_s:
+            raise DriveError(
+                f"axis {self.name} stands at {self._scale.to_position(quadcounts):.4g} {self.unit} "
+                "and has not arrived in good time",
+                "look for what blocks it; see position_window in the rig file",
+            )
+        return AxisReadback(
+            self._scale.to_position(quadcounts), statusword, decode_state(statusword), reached
+        )
+
+    def check(self) -> None:
+        """Raise the `DriveError` of a fault or restart that the drive has reported by itself; ask nothing."""
+        self._drive.raise_if_reported()
+
+    # Stopping
+
+    def halt(self) -> None:
+        """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
+        self._drive.halt()
+        self._due_s = None
+
+    def wait_until_still(self) -> None:
+        """Return once the axis stands still, as its position reads; quick-stop it when halting does not do.
+
+        Raises
+        ------
+        DriveError
+            When it still moves, or does not answer.
+        BusError
+        """
+        try:
+            self._drive.wait_until_still(self._stop_time_s(self._description.acceleration))
+        except DriveError:
+            self._drive.quick_stop()
+            self._drive.wait_until_still(self._stop_time_s(self._description.quick_stop_deceleration))
+
+    def _stop_time_s(self, deceleration: float) -> float:
+        return self.max_speed / deceleration + _STOP_MARGIN_S
+
+    def stop(self) -> None:
+        """Stop this axis and see that it stands still. Raises `DriveError`, `BusError`."""
+        self.halt()
+        self.wait_until_still()
+
+    # Connecting
+
+    def connect(self) -> Identity:
+        """Verify and configure the drive, and switch its power stage on, held; nothing moves.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        identity = self._drive.identify()
+        self._drive.configure(self._scale.encoder_pulses_per_turn, self._settings())
+        return identity
+
+    def enable(self) -> None:
+        """Switch the power stage on; the axis holds where it is. Raises `DriveError`, `BusError`."""
+        self._drive.enable()
+
+    def release(self) -> None:
+        """Switch the power stage off. Raises `DriveError`, `BusError`."""
+        self._drive.go_to(Goal.POWER_OFF)
+
+    def is_referenced_in_drive(self) -> bool:
+        """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
+        return self._drive.is_referenced()
+
+    def reference_here(self) -> None:
+        """Make the position here zero, and give the drive the limits, which mean something from now on.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self.referenced = False
+        self._free_limits()
+        self._drive.home_here()
+        self.referenced = True
+        self._target = None
+        self._set_limits()
+
+    def _settings(self) -> dict[od.Entry, int]:
+        scale, description = self._scale, self._description
+        acceleration = scale.to_rpm_per_s(description.acceleration)
+        return {
+            od.MAX_FOLLOWING_ERROR: scale.to_distance_quadcounts(description.max_following_error),
+            od.POSITION_WINDOW: self._window_quadcounts,
+            od.POSITION_WINDOW_TIME: description.position_window_time_ms,
+            od.MAX_PROFILE_VELOCITY: min(MAX_RPM, scale.to_rpm(description.max_speed)),
+            od.PROFILE_ACCELERATION: acceleration,
+            od.PROFILE_DECELERATION: acceleration,
+            od.QUICK_STOP_DECELERATION: scale.to_rpm_per_s(description.quick_stop_deceleration),
+            od.PROFILE_TYPE: 0,
+        }
+
+    def _free_limits(self) -> None:
+        """Take limits of an earlier reference off the drive: they would refer to another zero."""
+        self._drive.ensure(od.LOWER_LIMIT, od.LOWER_LIMIT.default)
+        self._drive.ensure(od.UPPER_LIMIT, od.UPPER_LIMIT.default)
+
+    def _set_limits(self) -> None:
+        """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""
+        low, high = sorted(map(self._scale.to_quadcounts, self.limits))
+        self._drive.ensure(od.LOWER_LIMIT, low - self._window_quadcounts)
+        self._drive.ensure(od.UPPER_LIMIT, high + self._window_quadcounts)
+
+    def describe(self) -> dict[str, object]:
+        """Return how the axis converts, for the record."""
+        return {
+            "unit": self.unit,
+            "node_id": self._drive.node_id,
+            "quadcounts_per_unit": self._scale.quadcounts_per_unit,
+            "rpm_per_speed": self._scale.rpm_per_speed,
+            "position_window_quadcounts": self._window_quadcounts,
+        }

@@ -1,0 +1,137 @@
+"""The camera: settings that are negotiated one by one, and pictures that are what the rig file promised."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from labrig.clock import Clock
+from labrig.devices.rig_file import CameraDescription
+from labrig.errors import CameraError
+
+Picture = npt.NDArray[np.uint8]
+Setting = str | float
+
+_RATE_TOLERANCE = 0.01
+"""Cameras tell their rate as a fraction of integers; 29.97 is what some mean by 30 Hz."""
+
+
+class PictureSource(Protocol):
+    """What draws pictures: a camera's driver, or the simulated one."""
+
+    def set(self, name: str, value: Setting) -> None:
+        """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
+        ...
+
+    def get(self, name: str) -> Setting | None:
+        """Return the value that the source uses now; None where it cannot tell."""
+        ...
+
+    def read(self) -> Picture | None:
+        """Return a picture exposed after this call, or None when there is none."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        ...
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number."""
+
+    image: Picture
+    t_s: float
+    sequence: int
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """What was asked of the camera, and what it says it does."""
+
+    asked: Mapping[str, Setting]
+    readback: Mapping[str, Setting]
+
+
+class Camera:
+    """A camera whose settings have all been taken.
+
+    Parameters
+    ----------
+    source : PictureSource
+        What draws pictures.
+    description : CameraDescription
+        Its section of the rig file.
+    clock : Clock
+        Stamps the frames.
+
+    Raises
+    ------
+    CameraError
+        When a setting is not taken; names it, what was asked and what is used instead.
+    """
+
+    def __init__(self, source: PictureSource, description: CameraDescription, clock: Clock) -> None:
+        self._source = source
+        self._clock = clock
+        self._shape = (description.height_px, description.width_px)
+        self._sequence = 0
+        self.settings = _negotiate(source, description.settings())
+
+    def capture(self) -> Frame:
+        """Take a picture.
+
+        Raises
+        ------
+        CameraError
+            When none comes, or one of another size or depth.
+        """
+        t_s = self._clock.now_s()
+        image = self._source.read()
+        if image is None:
+            raise CameraError(
+                "the camera gave no picture", "check its cable and whether another program uses it"
+            )
+        if image.dtype != np.uint8 or image.shape[:2] != self._shape or image.ndim not in {2, 3}:
+            height, width = self._shape
+            raise CameraError(
+                f"the camera gave a picture of shape {image.shape} and type {image.dtype}, "
+                f"expected {width}x{height} uint8",
+                "check width_px, height_px and pixel_format in the rig file",
+            )
+        frame = Frame(image, t_s, self._sequence)
+        self._sequence += 1
+        return frame
+
+    def close(self) -> None:
+        """Let go of the camera."""
+        self._source.close()
+
+
+def _negotiate(source: PictureSource, asked: Mapping[str, Setting]) -> CameraSettings:
+    """Make every setting, then read all of them back: a later one may have changed an earlier one."""
+    for name, value in asked.items():
+        source.set(name, value)
+    readback = {name: _taken(source, name, value) for name, value in asked.items()}
+    return CameraSettings(asked, readback)
+
+
+def _taken(source: PictureSource, name: str, asked: Setting) -> Setting:
+    got = source.get(name)
+    if got is None:
+        raise CameraError(
+            f"the camera does not tell its {name}; {asked} was asked for",
+            f"write {name}: null where the camera has none",
+        )
+    if name == "rate_hz" and not isinstance(got, str) and not isinstance(asked, str):
+        same = abs(got - asked) <= _RATE_TOLERANCE * asked
+    else:
+        same = got == asked
+    if not same:
+        raise CameraError(
+            f"the camera ignored {name}: {asked} was asked for, it uses {got}",
+            f"enter a value that the camera has in the rig file, or write camera.{name}: {got}",
+        )
+    return got

@@ -1,0 +1,143 @@
+"""The state machine of a drive (CiA 402, as the EPOS2 has it) as one pure function.
+
+`plan_controlword` never resets a fault: its controlwords leave bit 7 alone, and from a fault it raises. It
+leads to an enabled power stage only when enabling is the goal, and then with the Halt bit set, so that a
+stale target moves nothing.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from labrig.errors import DriveError
+
+
+class DriveState(Enum):
+    """State that a statusword tells; `UNKNOWN` stands for a pattern that no document lists."""
+
+    START = auto()
+    NOT_READY = auto()
+    SWITCH_ON_DISABLED = auto()
+    READY_TO_SWITCH_ON = auto()
+    SWITCHED_ON = auto()
+    REFRESH = auto()
+    MEASURE_INIT = auto()
+    OPERATION_ENABLED = auto()
+    QUICK_STOP_ACTIVE = auto()
+    FAULT_REACTION = auto()
+    FAULT = auto()
+    UNKNOWN = auto()
+
+
+class Goal(Enum):
+    """Where a drive is to be brought."""
+
+    ENABLED = auto()
+    QUICK_STOPPED = auto()
+    POWER_OFF = auto()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The next step towards a goal: a controlword to send, None to wait, or `attained`."""
+
+    controlword: int | None = None
+    attained: bool = False
+
+
+# The bits of the controlword, object 0x6040.
+SHUTDOWN = 0x0006
+SWITCH_ON = 0x0007
+ENABLE = 0x000F
+DISABLE_VOLTAGE = 0x0000
+QUICK_STOP = 0x0002
+NEW_SETPOINT = 0x0010
+CHANGE_IMMEDIATELY = 0x0020
+RELATIVE = 0x0040
+FAULT_RESET = 0x0080
+HALT = 0x0100
+
+# The bits of the statusword, object 0x6041.
+REMOTE = 0x0200
+TARGET_REACHED = 0x0400
+SETPOINT_ACKNOWLEDGED = 0x1000
+HOMING_ATTAINED = 0x1000
+HOMING_ERROR = 0x2000
+REFERENCED = 0x8000
+
+STATE_BITS = 0x417F
+"""The bits that name a state: 0 to 6, 8 and 14."""
+
+STATUSWORDS = {
+    0x0000: DriveState.START,
+    0x0100: DriveState.NOT_READY,
+    0x0140: DriveState.SWITCH_ON_DISABLED,
+    0x0121: DriveState.READY_TO_SWITCH_ON,
+    0x0123: DriveState.SWITCHED_ON,
+    0x4123: DriveState.REFRESH,
+    0x0133: DriveState.MEASURE_INIT,
+    0x4133: DriveState.MEASURE_INIT,
+    0x0137: DriveState.OPERATION_ENABLED,
+    0x0117: DriveState.QUICK_STOP_ACTIVE,
+    0x010F: DriveState.FAULT_REACTION,
+    0x011F: DriveState.FAULT_REACTION,
+    0x0108: DriveState.FAULT,
+}
+
+FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
+
+_WAIT = Plan()
+_ATTAINED = Plan(attained=True)
+_PLANS: dict[Goal, dict[DriveState, Plan]] = {
+    Goal.ENABLED: {
+        DriveState.SWITCH_ON_DISABLED: Plan(SHUTDOWN | HALT),
+        DriveState.READY_TO_SWITCH_ON: Plan(SWITCH_ON | HALT),
+        DriveState.SWITCHED_ON: Plan(ENABLE | HALT),
+        DriveState.QUICK_STOP_ACTIVE: Plan(DISABLE_VOLTAGE | HALT),
+        DriveState.OPERATION_ENABLED: _ATTAINED,
+    },
+    Goal.QUICK_STOPPED: {
+        DriveState.OPERATION_ENABLED: Plan(QUICK_STOP),
+        DriveState.QUICK_STOP_ACTIVE: _ATTAINED,
+        DriveState.SWITCH_ON_DISABLED: _ATTAINED,
+        DriveState.READY_TO_SWITCH_ON: _ATTAINED,
+        DriveState.SWITCHED_ON: Plan(SHUTDOWN),
+        DriveState.MEASURE_INIT: Plan(DISABLE_VOLTAGE),
+        DriveState.REFRESH: Plan(DISABLE_VOLTAGE),
+        DriveState.FAULT: _ATTAINED,
+    },
+    Goal.POWER_OFF: {
+        DriveState.OPERATION_ENABLED: Plan(DISABLE_VOLTAGE),
+        DriveState.QUICK_STOP_ACTIVE: Plan(DISABLE_VOLTAGE),
+        DriveState.SWITCHED_ON: Plan(DISABLE_VOLTAGE),
+        DriveState.REFRESH: Plan(DISABLE_VOLTAGE),
+        DriveState.MEASURE_INIT: Plan(DISABLE_VOLTAGE),
+        DriveState.READY_TO_SWITCH_ON: _ATTAINED,
+        DriveState.SWITCH_ON_DISABLED: _ATTAINED,
+        DriveState.FAULT: _ATTAINED,
+    },
+}
+
+
+def decode_state(statusword: int) -> DriveState:
+    """Return the state that a statusword tells."""
+    return STATUSWORDS.get(statusword & STATE_BITS, DriveState.UNKNOWN)
+
+
+def plan_controlword(statusword: int, goal: Goal) -> Plan:
+    """Return the next step from `statusword` towards `goal`.
+
+    States that a drive passes by itself (start, refresh, measure init, fault reaction) and patterns that are
+    in no document are waited through; who waits must bound it.
+
+    Raises
+    ------
+    DriveError
+        When the drive is to be enabled and reports a fault: a fault is reset by a person, never from here.
+    """
+    state = decode_state(statusword)
+    if goal is Goal.ENABLED and state in FAULTED:
+        raise DriveError(
+            f"the drive reports a fault (statusword 0x{statusword:04X}) and cannot be enabled",
+            "find the cause, then power the drive off and on; labrig resets no fault by itself",
+        )
+    return _PLANS[goal].get(state, _WAIT)

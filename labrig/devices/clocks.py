@@ -1,0 +1,64 @@
+"""The two clocks of a rig: the computer's, and one that passes as fast as the processor allows.
+
+No other file of labrig reads the time or sleeps.
+"""
+
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+MAX_STEP_S = 0.1
+"""Longest simulated time that passes at once; the simulated world integrates over such steps."""
+
+_MAX_STEP_US = round(MAX_STEP_S * 1e6)
+
+
+class SystemClock:
+    """Rig time is the computer's monotonic time since the clock was made."""
+
+    def __init__(self) -> None:
+        self._zero_s = time.monotonic()
+
+    def now_s(self) -> float:
+        """Return the rig time [s]."""
+        return time.monotonic() - self._zero_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Sleep for `duration_s` seconds."""
+        time.sleep(max(0.0, duration_s))
+
+    def utc(self) -> datetime:
+        """Return the calendar time in UTC."""
+        return datetime.now(UTC)
+
+
+class SimulatedClock:
+    """Rig time passes when somebody sleeps, and only then.
+
+    It is counted in microseconds, so that no rounding of many steps builds up. Calendar time is not
+    simulated: provenance says when the run was really made.
+    """
+
+    def __init__(self) -> None:
+        self._now_us = 0
+        self._listeners: list[Callable[[], None]] = []
+
+    def now_s(self) -> float:
+        """Return the simulated time [s]."""
+        return self._now_us / 1e6
+
+    def on_advance(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after each step of time, in the order in which listeners were added."""
+        self._listeners.append(listener)
+
+    def sleep(self, duration_s: float) -> None:
+        """Let `duration_s`, in whole microseconds, pass in steps of at most `MAX_STEP_S`."""
+        end_us = self._now_us + round(duration_s * 1e6)
+        while self._now_us < end_us:
+            self._now_us = min(self._now_us + _MAX_STEP_US, end_us)
+            for listener in self._listeners:
+                listener()
+
+    def utc(self) -> datetime:
+        """Return the calendar time in UTC."""
+        return datetime.now(UTC)

@@ -1,0 +1,91 @@
+"""What a rig is made of, real or simulated, as one `Plant`; here, and only here, the rig file chooses."""
+
+from typing import Protocol
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink, open_can
+from labrig.devices.camera import PictureSource
+from labrig.devices.clocks import SystemClock
+from labrig.devices.operator import Operator
+from labrig.devices.rig_file import RigDescription
+from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.uvc import UvcSource
+
+
+class Plant(Protocol):
+    """Where bus, camera and clock of a rig come from."""
+
+    @property
+    def clock(self) -> Clock:
+        """The clock in which everything of this rig happens."""
+        ...
+
+    @property
+    def operator(self) -> Operator | None:
+        """Whoever answers by itself; None where a person has to."""
+        ...
+
+    def open_link(self) -> CanLink:
+        """Connect to the bus. Raises `BusError`."""
+        ...
+
+    def open_source(self) -> PictureSource:
+        """Open the camera. Raises `CameraError`."""
+        ...
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return what is true of the present insertion, as far as anybody knows."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what neither link nor source holds."""
+        ...
+
+
+class BenchPlant:
+    """A real bus, camera and clock.
+
+    Parameters
+    ----------
+    rig : RigDescription
+        Says which.
+    """
+
+    operator: Operator | None = None
+
+    def __init__(self, rig: RigDescription) -> None:
+        self.clock = SystemClock()
+        self._rig = rig
+
+    def open_link(self) -> CanLink:
+        """Connect to the CAN interface. Raises `BusError`."""
+        return open_can(self._rig.can)
+
+    def open_source(self) -> PictureSource:
+        """Open the camera's device file. Raises `CameraError`."""
+        return UvcSource(self._rig.camera.device)
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return nothing: nobody knows."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held beside link and source."""
+
+
+def make_plant(rig: RigDescription, seed: int) -> Plant:
+    """Return what the rig file describes; nothing is opened yet.
+
+    Parameters
+    ----------
+    rig : RigDescription
+        The rig file.
+    seed : int
+        For every draw of a simulated world.
+
+    Raises
+    ------
+    InputError
+        When entries are unknown that a simulated rig needs.
+    """
+    return BenchPlant(rig) if rig.world is None else SimulatedPlant(rig, rig.world, seed)

@@ -1,0 +1,311 @@
+"""The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+
+from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.bus import CanLink
+from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.epos2 import Epos2, Identity
+from labrig.devices.operator import Operator
+from labrig.devices.plant import Plant, make_plant
+from labrig.devices.rig_file import RigDescription, require_complete
+from labrig.devices.state import RigState, StateStore
+from labrig.errors import InterruptedRunError, MachineError, SafetyStopError
+
+Interrupted = Callable[[], str | None]
+"""Returns the name of a signal that has arrived, or None."""
+
+
+class Rig:
+    """An opened rig; made by `open_rig`.
+
+    Parameters
+    ----------
+    description : RigDescription
+        Its rig file.
+    plant : Plant
+        Clock, operator and what is true.
+    link : CanLink
+        The bus on which the drives stand.
+    source : PictureSource
+        What draws the camera's pictures.
+    person : Operator
+        Answers where the plant does not answer by itself.
+    interrupted : callable
+        Asked between two bus transactions whether a signal has arrived.
+    """
+
+    def __init__(
+        self,
+        description: RigDescription,
+        *,
+        plant: Plant,
+        link: CanLink,
+        source: PictureSource,
+        person: Operator,
+        interrupted: Interrupted,
+    ) -> None:
+        self.description = description
+        self.clock = plant.clock
+        self.operator = plant.operator or person
+        self.needs_person = plant.operator is None
+        self.state_period_s = 1 / description.recording.state_rate_hz
+        self._plant = plant
+        self._interrupted = interrupted
+        self._store = StateStore(description.state_path)
+        self._identities: dict[str, Identity] = {}
+        self._axes = {
+            name: Axis(name, axis, Epos2(link, axis.node_id, name, self.clock), self.clock)
+            for name, axis in description.axes.items()
+        }
+        self.insertion = self._axes["insertion"]
+        self.rotation = self._axes["rotation"]
+        self.linear = self._axes["linear"]
+        self.camera = Camera(source, description.camera, self.clock)
+
+    # What is known
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The three axes."""
+        return tuple(self._axes.values())
+
+    @property
+    def state(self) -> RigState:
+        """What the rig knows of itself across runs."""
+        return self._store.state
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return what is true of the present insertion, one dict; nothing on a bench, where nobody knows."""
+        return self._plant.truth()
+
+    def describe(self) -> dict[str, object]:
+        """Return what the rig is and how it was found, ready for JSON."""
+        return {
+            "rig": self.description.name,
+            "kind": self.description.kind,
+            "bus": self.description.can.model_dump(),
+            "axes": {
+                axis.name: {**axis.describe(), "drive": asdict(self._identities[axis.name])}
+                for axis in self.axes
+            },
+            "camera": {
+                "driver": self.description.camera.driver,
+                "device": self.description.camera.device,
+                "asked": dict(self.camera.settings.asked),
+                "readback": dict(self.camera.settings.readback),
+            },
+            "state": asdict(self.state),
+        }
+
+    # Moving
+
+    def read_states(self) -> dict[str, AxisReadback]:
+        """Read every axis.
+
+        Raises
+        ------
+        DriveError, BusError
+            When one of them cannot go on; all of them have been stopped then, as far as they answer.
+        """
+        try:
+            return {name: axis.read() for name, axis in self._axes.items()}
+        except MachineError as error:
+            self._stop_because_of(error)
+            raise
+
+    def wait(self, duration_s: float) -> None:
+        """Let rig time pass while axes move, watching for signals and for what drives report.
+
+        Raises
+        ------
+        InterruptedRunError
+            When a signal has arrived; the axes have been stopped.
+        DriveError
+            When a drive has reported a fault or has restarted; the axes have been stopped.
+        """
+        steps = max(1, math.ceil(duration_s / MAX_STEP_S))
+        try:
+            self._check()
+            for _ in range(steps):
+                self.clock.sleep(duration_s / steps)
+                self._check()
+        except (InterruptedRunError, MachineError) as error:
+            self._stop_because_of(error)
+            raise
+
+    def _check(self) -> None:
+        signal_name = self._interrupted()
+        if signal_name is not None:
+            raise InterruptedRunError(f"interrupted by {signal_name}")
+        for axis in self.axes:
+            axis.check()
+
+    def stop(self) -> None:
+        """Stop every axis and see that each stands still; every axis is tried, whatever the others do.
+
+        Within max_speed / acceleration + 0.5 s, and once more that long by quick stop.
+
+        Raises
+        ------
+        SafetyStopError
+            When an axis is not known to stand still; names each and why.
+        """
+        failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
+        if failures:
+            raise SafetyStopError(
+                "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
+                "press the emergency stop, then see labrig devices check",
+            )
+
+    def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
+        """Stop everything; what cannot be stopped is told together with the error that is on its way."""
+        try:
+            self.stop()
+        except SafetyStopError as failure:
+            raise type(error)(f"{error.message}; {failure.message}", failure.hint) from error
+
+    # The needle
+
+    def reference_axes(self) -> None:
+        """Make the positions of all axes zero where they stand (homing method 35).
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is in tissue or may be: its depth and roll would be lost.
+        DriveError, BusError
+        """
+        if self.state.needle_in_tissue is not False:
+            raise SafetyStopError(
+                f"the axes are not referenced: {self.state.doubt}",
+                "withdraw the needle; labrig asks to confirm that it is out when the next run starts",
+            )
+        self._store.update(referenced=())
+        for axis in self.axes:
+            axis.reference_here()
+        self._store.update(referenced=tuple(self._axes))
+
+    def mark_needle_in_tissue(self, run: str) -> None:
+        """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""
+        self._store.update(needle_in_tissue=True, since_run=run, note="")
+
+    def mark_needle_out(self) -> None:
+        """Remember that no needle is in tissue. Raises `DiskError`."""
+        self._store.update(needle_in_tissue=False, since_run=None, note="")
+
+    # Opening and closing
+
+    def connect(self) -> None:
+        """Verify, configure and enable every drive, held where it stands; nothing moves.
+
+        Raises
+        ------
+        DriveError
+            With the failures of all drives, not only of the first.
+        BusError
+        """
+        failures: list[MachineError] = []
+        for axis in self.axes:
+            try:
+                self._identities[axis.name] = axis.connect()
+            except MachineError as error:
+                failures.append(error)
+        if failures:
+            message = "; ".join(failure.message for failure in failures)
+            raise type(failures[0])(message, failures[0].hint)
+        self._recall_references()
+        for axis in self.axes:
+            axis.enable()
+
+    def _recall_references(self) -> None:
+        """Believe an axis to be referenced when both the state file and its drive say so."""
+        for axis in self.axes:
+            axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
+        referenced = tuple(axis.name for axis in self.axes if axis.referenced)
+        if referenced != self.state.referenced:
+            self._store.update(referenced=referenced)
+
+    def close(self) -> None:
+        """Stop every axis and switch its power stage off: nobody watches the drives from now on.
+
+        Raises
+        ------
+        SafetyStopError
+            When an axis is not known to stand still without power.
+        """
+        try:
+            self.stop()
+        finally:
+            failures = _tried(self.axes, Axis.release)
+        if failures:
+            raise SafetyStopError(
+                "power not known to be off: " + "; ".join(failures), "switch the drives off by hand"
+            )
+
+
+def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
+    """Do something to every axis; return what went wrong."""
+    failures = []
+    for axis in axes:
+        try:
+            action(axis)
+        except MachineError as error:
+            failures.append(error.message)
+    return failures
+
+
+@contextmanager
+def open_rig(
+    description: RigDescription, *, seed: int, person: Operator, interrupted: Interrupted
+) -> Iterator[Rig]:
+    """Open a rig, and stop and release it however the block is left.
+
+    Parameters
+    ----------
+    description : RigDescription
+        The rig file.
+    seed : int
+        For every draw of a simulated world.
+    person : Operator
+        Answers on a bench; a simulated rig answers by itself.
+    interrupted : callable
+        Returns the name of a signal that has arrived, or None.
+
+    Raises
+    ------
+    InputError
+        When the rig file has unknown entries.
+    BusError, DriveError, CameraError
+        When the rig cannot be opened; nothing has moved.
+    """
+    require_complete(description)
+    with ExitStack() as stack:
+        plant = make_plant(description, seed)
+        stack.callback(plant.close)
+        link = plant.open_link()
+        stack.callback(link.close)
+        source = plant.open_source()
+        stack.callback(source.close)
+        rig = Rig(description, plant=plant, link=link, source=source, person=person, interrupted=interrupted)
+        stack.push(_closing(rig))
+        rig.connect()
+        yield rig
+
+
+def _closing(rig: Rig) -> Callable[[object, BaseException | None, object], None]:
+    """Return an exit callback that closes a rig; an error that is on its way is the one that is told."""
+
+    def close(_kind: object, error: BaseException | None, _traceback: object) -> None:
+        try:
+            rig.close()
+        except SafetyStopError as failure:
+            if error is None:
+                raise
+            error.add_note(failure.message)
+
+    return close

@@ -1,0 +1,382 @@
+"""The rig file, how the rig stands: which bus and nodes, gears and limits, camera and calibration.
+
+What is not known of a bench is written as `null`; such a file loads, so that it can be checked, but does not
+open.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, PrivateAttr
+
+from labrig.devices.units import TURN_RAD, AxisScale
+from labrig.errors import InputError, LimitError
+from labrig.protocol import Conflict, JsonSchema, Model, Name, load_yaml_model, model_schema
+from labrig.simulation import WorldDescription
+
+Positive = Annotated[float, Field(gt=0)]
+NodeId = Annotated[int, Field(ge=1, le=127)]
+FileName = Annotated[str, Field(min_length=1, max_length=200)]
+
+ONLY_SIMULATED = "simulated"
+"""Name of the in-process CAN interface and of the simulated camera driver."""
+
+_WHERE_TO_FIND = {
+    "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
+    "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
+    "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
+}
+_INT32 = 2**31
+
+
+class CanDescription(Model):
+    """The CAN bus on which the drives stand."""
+
+    interface: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        description="Interface of python-can (socketcan, pcan, kvaser, ixxat, slcan, ...); "
+        "simulated stands for a bus inside the process."
+    )
+    channel: Annotated[str, Field(max_length=200)] = Field(
+        "", description="Channel of the interface, such as can0."
+    )
+    bitrate: Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] = Field(
+        1_000_000, description="Bit rate; the drives must be set to the same [bit/s]."
+    )
+
+
+class AxisDescription(Model):
+    """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad."""
+
+    node_id: NodeId = Field(description="CANopen node id of the drive, as its DIP switches are set.")
+    unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
+    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] | None = Field(
+        description="Lines of the encoder a turn of the motor; a quadcount is a quarter. null: unknown [-]."
+    )
+    gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        description="Turns of the motor a turn of the screw or shaft. null: unknown [-]."
+    )
+    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        description="Travel a turn of the screw; null: unknown, or an axis that turns [mm]."
+    )
+    reversed: bool = Field(
+        default=False, description="Whether the axis goes backwards when the motor's counter goes up."
+    )
+    limits: tuple[float, float] = Field(
+        description="Lowest and highest position that a move may have [mm or rad]."
+    )
+    max_speed: Positive = Field(description="Highest speed that a move may have [mm/s or rad/s].")
+    acceleration: Positive = Field(description="Acceleration and deceleration of moves [mm/s^2 or rad/s^2].")
+    quick_stop_deceleration: Positive = Field(
+        description="Deceleration of a quick stop and after a fault [mm/s^2 or rad/s^2]."
+    )
+    speed_tolerance_fraction: Annotated[float, Field(gt=0, le=0.5)] = Field(
+        0.01,
+        description="The drive takes integer rpm; a move whose speed this changes by more is refused [-].",
+    )
+    position_window: Positive = Field(
+        description="A move is done when the axis stands within this [mm or rad]."
+    )
+    position_window_time_ms: Annotated[int, Field(ge=0, le=10_000)] = Field(
+        20, description="... for this long [ms]."
+    )
+    max_following_error: Positive = Field(
+        description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
+    )
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the entries that are unknown."""
+        needed = ("encoder_pulses_per_turn", "gear_ratio", *(("lead_mm",) if self.unit == "mm" else ()))
+        return tuple(name for name in needed if getattr(self, name) is None)
+
+    def scale(self) -> AxisScale:
+        """Return the conversion to quadcounts and rpm.
+
+        Raises
+        ------
+        InputError
+            When an entry that it needs is unknown.
+        """
+        travel = self.lead_mm if self.unit == "mm" else TURN_RAD
+        if self.encoder_pulses_per_turn is None or self.gear_ratio is None or travel is None:
+            raise InputError(f"unknown: {', '.join(self.unknown)}", "enter them in the rig file")
+        return AxisScale(self.encoder_pulses_per_turn, self.gear_ratio, travel, self.reversed)
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield limits in the wrong order, a lead where there is none, and what a drive cannot hold."""
+        low, high = self.limits
+        if low >= high:
+            yield Conflict("limits", f"limits are [{low:g}, {high:g}], expected the lower one first")
+        if self.unit == "rad" and self.lead_mm is not None:
+            yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
+        if not self.unknown:
+            yield from self._scale_conflicts(self.scale())
+
+    def _scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
+        farthest = max(map(abs, self.limits)) * scale.quadcounts_per_unit
+        if farthest >= _INT32:
+            yield Conflict(
+                "limits", f"limits reach {farthest:.3g} quadcounts, the drive's counter holds {_INT32}"
+            )
+        if self.max_speed * scale.rpm_per_speed < 0.5:
+            slowest = scale.to_speed(1)
+            yield Conflict(
+                "max_speed", f"max_speed is {self.max_speed:g}, below 1 rpm of the motor, {slowest:.3g}"
+            )
+        if self.max_speed * scale.rpm_per_speed > 25_000:
+            rpm = self.max_speed * scale.rpm_per_speed
+            yield Conflict(
+                "max_speed", f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is 25000 rpm"
+            )
+
+
+class AxesDescription(Model):
+    """The three axes of the instrument."""
+
+    insertion: AxisDescription = Field(description="Screw that pushes the needle out of the sheath.")
+    rotation: AxisDescription = Field(description="Turns the needle about its axis.")
+    linear: AxisDescription = Field(description="Linear module that carries the instrument with the sheath.")
+
+    def items(self) -> tuple[tuple[str, AxisDescription], ...]:
+        """Return the axes with their names, in the order in which they are connected."""
+        return (("insertion", self.insertion), ("rotation", self.rotation), ("linear", self.linear))
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield node ids that two axes share, and units that do not fit the axis."""
+        owners: dict[int, str] = {}
+        for name, axis in self.items():
+            other = owners.setdefault(axis.node_id, name)
+            if other != name:
+                yield Conflict(f"{name}.node_id", f"node_id {axis.node_id} is also that of axis {other}")
+            expected = "rad" if name == "rotation" else "mm"
+            if axis.unit != expected:
+                yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
+
+
+class CameraDescription(Model):
+    """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
+
+    driver: Literal["simulated", "uvc"] = Field(description="uvc for a USB camera, or simulated.")
+    device: Annotated[str, Field(max_length=200)] = Field("", description="Device file, such as /dev/video0.")
+    pixel_format: Annotated[str, Field(min_length=4, max_length=4)] = Field(
+        description="Four characters: MJPG, YUYV, GREY; simulated cameras have GREY."
+    )
+    width_px: Annotated[int, Field(ge=16, le=10_000)] = Field(description="Width of a picture [px].")
+    height_px: Annotated[int, Field(ge=16, le=10_000)] = Field(description="Height of a picture [px].")
+    rate_hz: Annotated[float, Field(gt=0, le=1000)] = Field(description="Pictures a second [Hz].")
+    exposure_us: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
+        description="Exposure, automatic off; UVC cameras take multiples of 100 [us]."
+    )
+    gain: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
+        description="Gain in the camera's own steps, automatic off. null: the camera has none [-]."
+    )
+    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = Field(
+        description="White balance, automatic off. null: the camera has none [K]."
+    )
+    focus: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
+        description="Focus in the camera's own steps, automatic off. null: the lens is turned by hand [-]."
+    )
+    mains_hz: Literal[0, 50, 60] = Field(
+        description="Mains frequency whose flicker is filtered, 0 for none [Hz]."
+    )
+
+    def settings(self) -> dict[str, str | float]:
+        """Return the settings to be made, in the order in which a camera takes them."""
+        named = ("pixel_format", "width_px", "height_px", "rate_hz", "mains_hz", "exposure_us", "gain")
+        values = {name: getattr(self, name) for name in (*named, "white_balance_k", "focus")}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+class CalibrationDescription(Model):
+    """Which calibration belongs to this rig."""
+
+    intrinsics: FileName | None = Field(
+        description="File of the lens, beside the rig file. null: not yet calibrated."
+    )
+    plane: FileName | None = Field(
+        description="File of the steering plane, beside the rig file. null: not yet."
+    )
+
+
+class RecordingDescription(Model):
+    """How a run is recorded."""
+
+    state_rate_hz: Annotated[float, Field(gt=0, le=100)] = Field(
+        10.0, description="States recorded a second while axes move [Hz]."
+    )
+    fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
+        1.0, description="The record is forced to disk this often; a power cut loses no more [s]."
+    )
+
+
+class RigDescription(Model):
+    """A rig file of labrig."""
+
+    schema_version: Literal[1] = Field(1, description="Version of this format.")
+    name: Name = Field(description="What the rig is called in records and reports.")
+    kind: Literal["simulated", "bench"] = Field(
+        description="simulated, or bench for real drives and a real camera."
+    )
+    state_file: FileName | None = Field(
+        None,
+        description="Where the rig keeps across runs whether a needle is in tissue, relative to this file. "
+        "null: it is forgotten when labrig ends, as befits a simulated rig, which is new in every run.",
+    )
+    can: CanDescription = Field(description="The CAN bus.")
+    axes: AxesDescription = Field(description="The three axes.")
+    camera: CameraDescription = Field(description="The camera.")
+    calibration: CalibrationDescription = Field(description="Calibration files.")
+    recording: RecordingDescription = Field(default_factory=RecordingDescription, description="The record.")
+    world: WorldDescription | None = Field(
+        None, description="What a simulated rig lives in; none on a bench."
+    )
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield parts that do not belong together: a rig is simulated as a whole or not at all."""
+        simulated = self.kind == ONLY_SIMULATED
+        if (self.world is not None) != simulated:
+            needs = "needs a section world" if simulated else "has no section world"
+            yield Conflict("world" if self.world else "kind", f"a rig of kind {self.kind} {needs}")
+        for key, chosen in (("can.interface", self.can.interface), ("camera.driver", self.camera.driver)):
+            if (chosen == ONLY_SIMULATED) != simulated:
+                yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
+        if not simulated and self.state_file is None:
+            yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
+        if self.world is not None:
+            yield from self._lens_conflicts(self.world)
+
+    def _lens_conflicts(self, world: WorldDescription) -> Iterator[Conflict]:
+        size, lens = (
+            (self.camera.width_px, self.camera.height_px),
+            (world.lens.width_px, world.lens.height_px),
+        )
+        if size != lens:
+            message = (
+                f"the camera is set to {size[0]}x{size[1]} px, the world's lens draws {lens[0]}x{lens[1]} px"
+            )
+            yield Conflict("camera.width_px", message)
+
+    def placed_in(self, folder: Path) -> Self:
+        """Return this description as of a file in `folder`, to which its file names are relative."""
+        placed = self.model_copy()
+        placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
+        return placed
+
+    @property
+    def state_path(self) -> Path | None:
+        """Where the rig keeps its state across runs, or None."""
+        return None if self.state_file is None else self._folder / self.state_file
+
+    def calibration_paths(self) -> dict[str, Path]:
+        """Return the calibration files that the rig file names, by the name that they have in a record."""
+        named = {"intrinsics.json": self.calibration.intrinsics, "plane.json": self.calibration.plane}
+        return {name: self._folder / file for name, file in named.items() if file is not None}
+
+    def calibration_files(self) -> dict[str, Path]:
+        """Return those of `calibration_paths` that exist: a rig that is being calibrated has none yet."""
+        return {name: path for name, path in self.calibration_paths().items() if path.is_file()}
+
+
+def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
+    """Read a rig file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file.
+    overrides : sequence of str
+        `dotted.key=value`, put in before validation.
+
+    Raises
+    ------
+    FileFormatError
+        With every fault of the file, each with its line and column.
+    """
+    return load_yaml_model(path, RigDescription, overrides).placed_in(Path(path).parent)
+
+
+def rig_schema() -> JsonSchema:
+    """Return the JSON Schema of rig files."""
+    return model_schema(RigDescription, "labrig rig file")
+
+
+def unknown_entries(rig: RigDescription) -> dict[str, str]:
+    """Return each entry that is null because nobody has entered it yet -> where to find it."""
+    return {
+        f"axes.{name}.{entry}": _WHERE_TO_FIND[entry]
+        for name, axis in rig.axes.items()
+        for entry in axis.unknown
+    }
+
+
+def require_complete(rig: RigDescription) -> None:
+    """Refuse a rig file with unknown entries, naming each.
+
+    Raises
+    ------
+    InputError
+    """
+    unknown = unknown_entries(rig)
+    if unknown:
+        lines = "; ".join(f"{key} is {where}" for key, where in unknown.items())
+        raise InputError(
+            f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}", f"enter them: {lines}"
+        )
+
+
+def check_axis_move(rig: RigDescription, axis_name: str, position: float, speed: float) -> None:
+    """Refuse a move that an axis of this rig may not make; nothing is opened.
+
+    Parameters
+    ----------
+    axis_name : str
+        insertion, rotation or linear.
+    position : float
+        Where to [mm or rad].
+    speed : float
+        How fast [mm/s or rad/s].
+
+    Raises
+    ------
+    LimitError
+        Names axis, value and limit. A speed is also refused when integer rpm of the motor miss it by more
+        than the tolerance; that part is left out while gear, lead or encoder are unknown.
+    """
+    axis = dict(rig.axes.items())[axis_name]
+    check_move(axis_name, axis, position, speed)
+
+
+def check_move(name: str, axis: AxisDescription, position: float, speed: float) -> None:
+    """Refuse a move that an axis may not make, as `check_axis_move` does."""
+    low, high = axis.limits
+    if not low <= position <= high:
+        raise LimitError(
+            f"axis {name}: {position:g} {axis.unit} is beyond its limits [{low:g}, {high:g}] {axis.unit}",
+            "ask for less, or widen axes limits in the rig file where the mechanics allow it",
+        )
+    if not 0 < speed <= axis.max_speed:
+        raise LimitError(
+            f"axis {name}: speed {speed:g} {axis.unit}/s is not within 0 to {axis.max_speed:g} {axis.unit}/s",
+            "ask for a slower move, or raise max_speed in the rig file where the mechanics allow it",
+        )
+    if not axis.unknown:
+        _check_rounding(name, axis, speed)
+
+
+def _check_rounding(name: str, axis: AxisDescription, speed: float) -> None:
+    scale = axis.scale()
+    rpm = scale.to_rpm(speed)
+    error = abs(scale.to_speed(rpm) - speed) / speed
+    if error > axis.speed_tolerance_fraction:
+        below = max(1, math.floor(speed * scale.rpm_per_speed))
+        raise LimitError(
+            f"axis {name}: {speed:g} {axis.unit}/s is {speed * scale.rpm_per_speed:.2f} rpm of the motor; "
+            f"the drive takes {rpm}, off by {100 * error:.1f} %, and the tolerance is "
+            f"{100 * axis.speed_tolerance_fraction:g} %",
+            f"ask for {scale.to_speed(below):.4g} or {scale.to_speed(below + 1):.4g} {axis.unit}/s, "
+            "or raise speed_tolerance_fraction",
+        )

@@ -1,0 +1,51 @@
+"""The simulated operator: does to the world what a person would do to the bench, and always says yes."""
+
+from labrig.devices.operator import (
+    Answer,
+    ClearBench,
+    HoldBoard,
+    LayGraphPaper,
+    MountNeedle,
+    OperatorRequest,
+    PlaceSpecimen,
+    ShiftToHole,
+)
+from labrig.simulation import World
+
+
+class SimulatedOperator:
+    """Moves the world.
+
+    Parameters
+    ----------
+    world : World
+        What it moves.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Do what is asked.
+
+        Raises
+        ------
+        InputError
+            When the world cannot be moved so, such as a gel shifted with a needle in it.
+        """
+        match request:
+            case MountNeedle(needle_id):
+                self._world.mount_needle(needle_id)
+            case PlaceSpecimen(name, gelatin_percent):
+                self._world.place_specimen(name, gelatin_percent)
+            case ShiftToHole(specimen, hole, position_mm):
+                self._world.shift_to_hole(specimen, hole, position_mm)
+            case HoldBoard(view, _, columns, rows, square_mm):
+                self._world.hold_board(view, columns, rows, square_mm)
+            case LayGraphPaper(pitch_mm):
+                self._world.lay_graph_paper(pitch_mm)
+            case ClearBench():
+                self._world.clear_bench()
+            case _:
+                pass  # what a person only confirms is so here: the world is new, and the axes stand at zero
+        return Answer(confirmed=True, note="simulated operator")

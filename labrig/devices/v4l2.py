@@ -1,0 +1,133 @@
+"""Camera controls of Linux (Video4Linux2) through ioctl; the one file of this room that needs POSIX.
+
+OpenCV sets some of these controls as well, but rescales them, switches automatic modes back on between the
+calls and reports what it asked for instead of what the camera does. Numbers are those of linux/videodev2.h
+and v4l2-controls.h.
+"""
+
+import os
+import struct
+import sys
+from dataclasses import dataclass
+
+from labrig.errors import CameraError
+
+if sys.platform != "win32":
+    import fcntl
+
+_CONTROL = struct.Struct("=Ii")
+
+
+def _read_write(number: int) -> int:
+    """Return the request code _IOWR('V', number, struct v4l2_control)."""
+    return 3 << 30 | _CONTROL.size << 16 | ord("V") << 8 | number
+
+
+GET_CONTROL = _read_write(27)
+SET_CONTROL = _read_write(28)
+
+_CAPABILITY_BYTES = 104
+QUERY_CAPABILITY = 2 << 30 | _CAPABILITY_BYTES << 16 | ord("V") << 8
+
+_USER = 0x00980900
+_CAMERA = 0x009A0900
+
+
+@dataclass(frozen=True)
+class Control:
+    """One control: its id, our units a step of it, and the automatic mode that must be off first."""
+
+    identifier: int
+    units_per_step: int = 1
+    automatic: int | None = None
+    manual: int = 0
+
+
+CONTROLS = {
+    "exposure_us": Control(_CAMERA + 2, units_per_step=100, automatic=_CAMERA + 1, manual=1),
+    "gain": Control(_USER + 19, automatic=_USER + 18),
+    "white_balance_k": Control(_USER + 26, automatic=_USER + 12),
+    "focus": Control(_CAMERA + 10, automatic=_CAMERA + 12),
+    "mains_hz": Control(_USER + 24),
+}
+"""Setting of the rig file -> control."""
+
+_MAINS_MENU = {0: 0, 50: 1, 60: 2}
+
+
+class V4l2Controls:
+    """The controls of one device file.
+
+    Parameters
+    ----------
+    device : str
+        Such as /dev/video0.
+
+    Raises
+    ------
+    CameraError
+        When it cannot be opened, or is no camera.
+    """
+
+    def __init__(self, device: str) -> None:
+        self._device = device
+        if sys.platform == "win32":
+            raise CameraError(
+                f"camera {device} cannot be set: its controls need Linux", "use a simulated rig here"
+            )
+        try:
+            self._handle = os.open(device, os.O_RDWR | os.O_NONBLOCK)
+        except OSError as error:
+            raise CameraError(
+                f"camera {device} cannot be opened: {error.strerror}",
+                "plug it in; ls /dev/video* shows which there are; membership of group video is needed",
+            ) from error
+        try:
+            fcntl.ioctl(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
+        except OSError as error:
+            os.close(self._handle)
+            raise CameraError(
+                f"{device} is no camera: {error.strerror}", "ls /dev/video* shows which there are"
+            ) from error
+
+    def set(self, name: str, value: float) -> None:
+        """Switch the automatic mode of a setting off, and make the setting.
+
+        A control that refuses keeps its value, which the camera's readback then shows.
+
+        Raises
+        ------
+        CameraError
+            When the device is no camera or has no such control.
+        """
+        control = CONTROLS[name]
+        if control.automatic is not None and self._ask(GET_CONTROL, control.automatic, 0) is not None:
+            self._ask(SET_CONTROL, control.automatic, control.manual)
+        step = _MAINS_MENU[int(value)] if name == "mains_hz" else int(value) // control.units_per_step
+        if self._ask(SET_CONTROL, control.identifier, step) is None:
+            raise CameraError(
+                f"camera {self._device} takes no {name} = {value:g}",
+                f"write camera.{name}: null where it has none; v4l2-ctl --list-ctrls shows what it has",
+            )
+
+    def get(self, name: str) -> float | None:
+        """Return the value of a setting as the camera tells it; None where it tells none."""
+        control = CONTROLS[name]
+        step = self._ask(GET_CONTROL, control.identifier, 0)
+        if step is None:
+            return None
+        if name == "mains_hz":
+            return {menu: hertz for hertz, menu in _MAINS_MENU.items()}.get(step)
+        return step * control.units_per_step
+
+    def close(self) -> None:
+        """Close the device file."""
+        os.close(self._handle)
+
+    def _ask(self, request: int, identifier: int, value: int) -> int | None:
+        """Return the value that the control has after the request; None when the device refuses it."""
+        try:
+            answer = fcntl.ioctl(self._handle, request, _CONTROL.pack(identifier, value))
+        except OSError:
+            return None
+        return int(_CONTROL.unpack(answer)[1])

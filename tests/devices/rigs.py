@@ -1,0 +1,108 @@
+"""Rigs, drives and people that the tests of this room start from; the drives are simulated nodes on a bus."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from labrig.devices import Answer, OperatorRequest, RigDescription, SimulatedClock, load_rig
+from labrig.devices.epos2 import Epos2
+from labrig.devices.plant import Plant
+from labrig.devices.rig import Rig
+from labrig.devices.simulated.bus import InProcessWire, attach
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.plant import SimulatedPlant
+
+CALIBRATION = Path(__file__).parents[2] / "calibration"
+SIMULATED = CALIBRATION / "rig-simulated.yaml"
+BENCH = CALIBRATION / "rig-bench.yaml"
+
+FAST_WORLD = ("world.bubbles_per_specimen=0", "world.noise_sd=0")
+
+
+def simulated_rig(*overrides: str) -> RigDescription:
+    """Return the simulated rig, with a world that is quick to draw."""
+    return load_rig(SIMULATED, (*FAST_WORLD, *overrides))
+
+
+def rig_text(replacements: Mapping[str, str]) -> str:
+    """Return the text of the simulated rig's file with stretches replaced, each where it stands first."""
+    text = SIMULATED.read_text(encoding="utf-8")
+    for old, new in replacements.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
+
+
+@dataclass
+class Person:
+    """Somebody at the bench who always answers the same, and remembers what was asked."""
+
+    yes: bool = True
+    asked: list[OperatorRequest] = field(default_factory=list)
+
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Answer."""
+        self.asked.append(request)
+        return Answer(self.yes)
+
+
+class Signal:
+    """A signal that arrives when a test says so."""
+
+    def __init__(self) -> None:
+        self.name: str | None = None
+
+    def __call__(self) -> str | None:
+        """Return the signal that has arrived."""
+        return self.name
+
+
+@dataclass
+class OneDrive:
+    """A driver and the simulated drive that it talks to."""
+
+    clock: SimulatedClock
+    wire: InProcessWire
+    drive: SimulatedDrive
+    driver: Epos2
+
+
+@contextmanager
+def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
+    """Set up a drive on a bus, with a driver."""
+    clock, wire = SimulatedClock(), InProcessWire()
+    link = attach(wire)
+    drive = SimulatedDrive(wire, 1, clock, **drive_settings)
+    clock.on_advance(drive.tick)
+    driver = Epos2(link, 1, "insertion", clock)
+    yield OneDrive(clock, wire, drive, driver)
+    link.close()
+    drive.unplug()
+
+
+@dataclass
+class OpenedRig:
+    """A rig whose simulated plant a test can reach behind its back."""
+
+    rig: Rig
+    plant: SimulatedPlant
+    signal: Signal
+    person: Person
+
+
+@contextmanager
+def opened_rig(
+    description: RigDescription | None = None, person: Person | None = None
+) -> Iterator[OpenedRig]:
+    """Open a simulated rig over a plant of which the test keeps hold; it is not closed by this."""
+    description = description or simulated_rig()
+    assert description.world is not None
+    plant = SimulatedPlant(description, description.world, seed=1)
+    kept: Plant = plant
+    link, source = kept.open_link(), kept.open_source()
+    signal, person = Signal(), person or Person()
+    rig = Rig(description, plant=plant, link=link, source=source, person=person, interrupted=signal)
+    yield OpenedRig(rig, plant, signal, person)
+    link.close()
+    plant.close()

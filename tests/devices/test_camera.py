@@ -1,0 +1,174 @@
+"""The camera: every setting taken or refused, every picture what was promised."""
+
+import fcntl
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labrig.devices import Camera, SimulatedClock
+from labrig.devices.camera import Picture, Setting
+from labrig.devices.rig_file import CameraDescription
+from labrig.devices.simulated.camera import SimulatedSource
+from labrig.devices.uvc import UvcSource
+from labrig.devices.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
+from labrig.errors import CameraError
+from labrig.simulation import World
+from tests.devices.rigs import simulated_rig
+
+CAMERA = simulated_rig().camera
+
+
+def _world(*ignores: str) -> World:
+    world = simulated_rig().world
+    assert world is not None
+    return World(world.model_copy(update={"ignores": ignores}), seed=1)
+
+
+class Lens:
+    """A source that takes every setting and gives the pictures that it was given."""
+
+    def __init__(self, *pictures: Picture | None, rate_hz: float = 30.0) -> None:
+        self._pictures = list(pictures)
+        self._settings: dict[str, Setting] = {}
+        self._rate_hz = rate_hz
+        self.closed = False
+
+    def set(self, name: str, value: Setting) -> None:
+        """Take it; the rate is what it is."""
+        self._settings[name] = self._rate_hz if name == "rate_hz" else value
+
+    def get(self, name: str) -> Setting | None:
+        """Tell it."""
+        return self._settings[name]
+
+    def read(self) -> Picture | None:
+        """Give the next."""
+        return self._pictures.pop(0)
+
+    def close(self) -> None:
+        """Remember."""
+        self.closed = True
+
+
+def test_every_setting_is_asked_and_read_back() -> None:
+    """Settings that the camera has none of are left alone."""
+    camera = Camera(SimulatedSource(_world()), CAMERA, SimulatedClock())
+    assert camera.settings.asked == camera.settings.readback == CAMERA.settings()
+    assert set(CAMERA.settings()) == set(CameraDescription.model_fields) - {
+        "driver",
+        "device",
+        "focus",
+        "white_balance_k",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [
+        ("pixel_format", "MJPG"),
+        ("width_px", 800),
+        ("height_px", 600),
+        ("rate_hz", 25.0),
+        ("mains_hz", 50),
+        ("exposure_us", 100),
+        ("gain", 7),
+        ("white_balance_k", 3000),
+        ("focus", 5),
+    ],
+)
+def test_a_camera_that_ignores_a_setting_is_refused(name: str, asked: Setting) -> None:
+    """Whichever it is: the error names it, what was asked, and what is used instead."""
+    description = CAMERA.model_copy(update={name: asked})
+    with pytest.raises(CameraError, match=f"ignored {name}: {asked} was asked for, it uses"):
+        Camera(SimulatedSource(_world(name)), description, SimulatedClock())
+
+
+def test_a_camera_that_does_not_tell_is_refused() -> None:
+    """A setting that cannot be read back cannot be recorded."""
+    lens = Lens()
+    description = CAMERA.model_copy(update={"focus": 3})
+    lens.get = lambda name: None if name == "focus" else description.settings()[name]  # type: ignore[method-assign]
+    with pytest.raises(CameraError, match="does not tell its focus"):
+        Camera(lens, description, SimulatedClock())
+
+
+@pytest.mark.parametrize(("rate_hz", "taken"), [(30.0003, True), (29.97, True), (25.0, False)])
+def test_a_rate_is_a_fraction_of_integers(rate_hz: float, taken: bool) -> None:
+    """29.97 Hz is what some cameras mean by 30; 25 Hz is not."""
+    if taken:
+        assert Camera(Lens(rate_hz=rate_hz), CAMERA, SimulatedClock()).settings.readback["rate_hz"] == rate_hz
+    else:
+        with pytest.raises(CameraError, match="rate_hz"):
+            Camera(Lens(rate_hz=rate_hz), CAMERA, SimulatedClock())
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (None, "no picture"),
+        (np.zeros((480, 640), np.uint8), "expected 1280x720"),
+        (np.zeros((720, 1280), np.uint16), "uint16"),
+        (np.zeros((720, 1280, 3, 1), np.uint8), "shape"),
+    ],
+)
+def test_a_picture_that_is_not_what_was_promised_is_refused(picture: Picture | None, words: str) -> None:
+    """A dead camera, another size, another depth."""
+    with pytest.raises(CameraError, match=words):
+        Camera(Lens(picture), CAMERA, SimulatedClock()).capture()
+
+
+def test_frames_are_numbered_and_stamped_in_rig_time() -> None:
+    """The time is that before the exposure; colour pictures pass as they are."""
+    clock = SimulatedClock()
+    camera = Camera(Lens(np.zeros((720, 1280), np.uint8), np.zeros((720, 1280, 3), np.uint8)), CAMERA, clock)
+    first = camera.capture()
+    clock.sleep(0.25)
+    second = camera.capture()
+    assert [(frame.sequence, frame.t_s) for frame in (first, second)] == [(0, 0.0), (1, 0.25)]
+
+
+def test_exposure_and_gain_make_the_picture_brighter() -> None:
+    """The simulated sensor gathers light in proportion to the exposure, and doubles it every 64 steps of gain."""
+    source = SimulatedSource(_world())
+
+    def brightness(exposure_us: int, gain: int) -> float:
+        source.set("exposure_us", exposure_us)
+        source.set("gain", gain)
+        picture = source.read()
+        assert picture is not None
+        return float(picture.mean())
+
+    dark = brightness(2000, 0)
+    assert brightness(4000, 0) == pytest.approx(2 * dark, rel=0.02)
+    assert brightness(2000, 64) == pytest.approx(2 * dark, rel=0.02)
+
+
+def test_a_missing_camera_is_named_with_a_hint() -> None:
+    """No device file: which one, and how to find the right one."""
+    with pytest.raises(CameraError, match="/dev/video-missing cannot be opened: No such file") as missing:
+        UvcSource("/dev/video-missing")
+    assert "/dev/video*" in missing.value.hint
+
+
+def test_a_file_that_is_no_camera_is_refused(tmp_path: Path) -> None:
+    """Something that opens and is no camera is found out before OpenCV sees it."""
+    path = tmp_path / "video0"
+    path.touch()
+    with pytest.raises(CameraError, match="is no camera"):
+        UvcSource(str(path))
+
+
+def test_request_codes_are_those_of_the_kernel() -> None:
+    """VIDIOC_G_CTRL, VIDIOC_S_CTRL and VIDIOC_QUERYCAP, and ids of linux/v4l2-controls.h."""
+    assert (GET_CONTROL, SET_CONTROL, QUERY_CAPABILITY) == (0xC008561B, 0xC008561C, 0x80685600)
+    assert {name: control.identifier for name, control in CONTROLS.items()} == {
+        "exposure_us": 0x009A0902,
+        "gain": 0x00980913,
+        "white_balance_k": 0x0098091A,
+        "focus": 0x009A090A,
+        "mains_hz": 0x00980918,
+    }
+    assert struct.calcsize("=Ii") == 8
+    assert hasattr(fcntl, "ioctl")

@@ -1,0 +1,207 @@
+"""`labrig devices check` and `stop`, below the command line."""
+
+from pathlib import Path
+
+import can
+import pytest
+
+from labrig.devices import CheckResult, CheckStatus, check_rig, load_rig, open_rig, stop_rig
+from labrig.devices.bus import open_can
+from labrig.devices.check import check_axis
+from labrig.devices.cia402 import DriveState, decode_state
+from labrig.devices.rig_file import CanDescription
+from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.stop import stop_drives
+from labrig.errors import BusError, SafetyStopError
+from labrig.vision import Intrinsics, save_intrinsics
+from tests.devices.rigs import BENCH, Person, Signal, opened_rig, simulated_rig
+
+
+def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
+    return {result.check: result for result in results}
+
+
+def test_the_simulated_rig_is_in_order() -> None:
+    """Bus, drives, encoders, limits, camera and state pass; references are set by the run itself."""
+    results = _by_name(check_rig(simulated_rig()))
+    for name in (
+        "bus",
+        "drive insertion",
+        "encoder linear",
+        "limits rotation",
+        "camera picture",
+        "rig state",
+    ):
+        assert results[name].status is CheckStatus.PASS, results[name]
+    assert results["reference insertion"].status is CheckStatus.WARN
+
+
+def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
+    """Nothing is raised: every missing thing is a FAIL with what to do about it."""
+    results = check_rig(load_rig(BENCH))
+    failed = _by_name([result for result in results if result.status is CheckStatus.FAIL])
+    for name in ("axes.insertion.lead_mm", "bus", "drive rotation", "calibration plane"):
+        assert failed[name].solution
+    assert "type can bitrate 1000000" in failed["bus"].solution
+    assert all(result.solution for result in results if result.status is not CheckStatus.PASS)
+
+
+def test_a_camera_that_ignores_a_setting_fails_the_check() -> None:
+    """The row names the setting."""
+    results = _by_name(check_rig(simulated_rig("world.ignores=[exposure_us]")))
+    assert results["camera"].status is CheckStatus.FAIL
+    assert "exposure_us" in results["camera"].value
+
+
+def test_a_simulated_rig_with_unknown_entries_fails_the_check() -> None:
+    """It cannot be simulated, and which entry is missing is told."""
+    results = _by_name(check_rig(simulated_rig("axes.linear.lead_mm=null")))
+    assert results["axes.linear.lead_mm"].status is CheckStatus.FAIL
+    assert results["rig"].status is CheckStatus.FAIL
+
+
+def test_a_wrong_encoder_fails_the_check() -> None:
+    """The drive says one thing, the rig file another; one that is unknown can be taken from the drive."""
+    with opened_rig() as opened:
+        for pulses, status in ((512, CheckStatus.FAIL), (None, CheckStatus.WARN), (500, CheckStatus.PASS)):
+            axis = simulated_rig().axes.linear.model_copy(update={"encoder_pulses_per_turn": pulses})
+            results = _by_name(list(check_axis("linear", axis, opened.plant, opened.plant.open_link())))
+            assert results["encoder linear"].status is status
+            assert "500 pulses" in results["encoder linear"].value
+
+
+def test_a_faulted_drive_fails_the_check() -> None:
+    """The fault is named, and the check resets nothing."""
+    with opened_rig() as opened:
+        opened.plant.drives["linear"].fail(0x4210)
+        axis = simulated_rig().axes.linear
+        results = list(check_axis("linear", axis, opened.plant, opened.plant.open_link()))
+        failed = [result for result in results if result.status is CheckStatus.FAIL]
+        assert "over-temperature" in failed[0].value
+        assert decode_state(opened.plant.drives["linear"]._statusword()) is DriveState.FAULT
+
+
+def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
+    """The state of the rig is part of the check, and what to do is said."""
+    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    assert _by_name(check_rig(description))["rig state"].status is CheckStatus.WARN
+    with open_rig(description, seed=1, person=Person(), interrupted=Signal()) as rig:
+        rig.mark_needle_in_tissue("run-3")
+    result = _by_name(check_rig(description))["rig state"]
+    assert (result.status, result.value) == (CheckStatus.FAIL, "run run-3 ended with the needle in tissue")
+
+
+def _lens(width: int, *, accepted: bool = True) -> Intrinsics:
+    """Return the calibration of a lens; only what a check looks at is meant."""
+    sigma = {"fx": 1.0, "fy": 1.0, "cx": 1.0, "cy": 1.0}
+    size, why = (width, 720), () if accepted else ("too few views",)
+    return Intrinsics(size, 1800.0, 1800.0, 640.0, 360.0, (0.0,) * 5, sigma, 0.1, 0.1, (), accepted, why)
+
+
+@pytest.mark.parametrize(
+    ("lens", "status", "words"),
+    [
+        (_lens(1280), CheckStatus.PASS, "1280x720 px, rms 0.100 px"),
+        (_lens(640), CheckStatus.FAIL, "made for 640x720 px, the camera gives 1280x720 px"),
+        (_lens(1280, accepted=False), CheckStatus.FAIL, "too few views"),
+    ],
+)
+def test_a_calibration_is_checked_against_the_camera(
+    tmp_path: Path, lens: Intrinsics, status: CheckStatus, words: str
+) -> None:
+    """One for another size of picture, or one that was refused, fails; a missing plane says how to make it."""
+    save_intrinsics(tmp_path / "simulated-intrinsics.json", lens, {})
+    results = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))
+    assert results["calibration intrinsics"].status is status
+    assert words in results["calibration intrinsics"].value
+    assert "protocols/calibration.yaml" in results["calibration plane"].solution
+
+
+def test_a_calibration_that_is_no_calibration_fails_the_check(tmp_path: Path) -> None:
+    """A damaged file is a row with what is wrong, not an exception."""
+    (tmp_path / "simulated-intrinsics.json").write_text("{}", encoding="utf-8")
+    result = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))["calibration intrinsics"]
+    assert result.status is CheckStatus.FAIL
+    assert result.solution
+
+
+def test_stopping_from_outside_stops_every_drive() -> None:
+    """All drives are quick-stopped, read back as standing still, and put into NMT STOPPED."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        opened.rig.insertion.start_move(100.0, 1.0)
+        opened.rig.linear.start_move(100.0, 5.0)
+        opened.rig.wait(1.0)
+        done = stop_drives(simulated_rig(), opened.plant.open_link(), opened.plant.clock)
+        assert sum("stands still" in line for line in done) == 3
+        assert done[-1] == "sent NMT stop to all nodes"
+        positions = [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
+        opened.plant.clock.sleep(1.0)
+        assert [drive.shaft_quadcounts for drive in opened.plant.drives.values()] == positions
+
+
+def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
+    """The others are stopped all the same."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        opened.rig.linear.start_move(100.0, 5.0)
+        opened.rig.wait(1.0)
+        opened.plant.drives["insertion"].unplug()
+        with pytest.raises(SafetyStopError, match=r"axis insertion \(node 1\) did not answer.*sent NMT stop"):
+            stop_drives(simulated_rig(), opened.plant.open_link(), opened.plant.clock)
+        statusword = opened.plant.drives["linear"]._statusword()
+        assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
+
+
+def test_stopping_a_simulated_rig_says_where_its_drives_are() -> None:
+    """There is no bus to open; the drives end with the labrig that runs them."""
+    assert "interrupt that one" in stop_rig(simulated_rig())[0]
+
+
+def test_stopping_a_bench_without_a_bus_is_an_error() -> None:
+    """It must not look as if the drives had been told."""
+    with pytest.raises(BusError, match="socketcan can0 cannot be opened"):
+        stop_rig(load_rig(BENCH))
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel"),
+    [
+        ("socketcan", "can0"),
+        ("nonsense", "x"),
+        ("slcan", "/dev/no-such-adapter"),
+        ("kvaser", "0"),
+        ("pcan", "PCAN_X"),
+    ],
+)
+def test_an_interface_that_cannot_be_opened_is_a_bus_error(interface: str, channel: str) -> None:
+    """Unknown, without driver or without adapter: one error with a hint, no traceback of the library."""
+    with pytest.raises(BusError, match=f"CAN interface {interface} {channel} cannot be opened") as refusal:
+        open_can(CanDescription(interface=interface, channel=channel, bitrate=1_000_000))
+    assert refusal.value.hint
+
+
+def test_a_real_python_can_bus_serves_as_well() -> None:
+    """The link over python-can's own virtual interface opens, sends and closes."""
+    link = open_can(CanDescription(interface="virtual", channel="labrig-test", bitrate=1_000_000))
+    other = can.Bus(interface="virtual", channel="labrig-test")
+    link.send(0x000, b"\x02\x00")
+    message = other.recv(1.0)
+    assert message is not None
+    assert bytes(message.data) == b"\x02\x00"
+    other.shutdown()
+    link.close()
+
+
+def test_a_frame_reaches_everybody_but_its_sender() -> None:
+    """On the bus inside the process, delivery is over when send returns."""
+    with opened_rig() as opened:
+        heard: list[int] = []
+        first = InProcessBus(opened.plant.wire, lambda m: heard.append(m.arbitration_id))
+        second = InProcessBus(opened.plant.wire, lambda m: heard.append(-m.arbitration_id))
+        first.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
+        assert heard == [-0x7FF]
+        first.shutdown()
+        second.shutdown()

@@ -1,0 +1,48 @@
+"""Rig time, real and simulated."""
+
+from datetime import timedelta
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.devices import SimulatedClock, SystemClock
+from labrig.devices.clocks import MAX_STEP_S
+
+
+@given(st.lists(st.floats(0, 3), max_size=20))
+def test_simulated_time_is_the_sum_of_all_sleeps(durations: list[float]) -> None:
+    """To the microsecond a sleep, and without a drift."""
+    clock = SimulatedClock()
+    for duration in durations:
+        clock.sleep(duration)
+    assert round(clock.now_s() * 1e6) == sum(round(duration * 1e6) for duration in durations)
+
+
+@given(st.floats(0, 5))
+def test_listeners_hear_every_tenth_of_a_second_at_least(duration: float) -> None:
+    """Time goes in steps of at most 0.1 s, the last of which ends where the sleep does."""
+    clock, heard = SimulatedClock(), [0.0]
+    clock.on_advance(lambda: heard.append(clock.now_s()))
+    clock.sleep(duration)
+    assert all(0 < later - before <= MAX_STEP_S + 1e-9 for before, later in pairwise(heard))
+    assert heard[-1] == clock.now_s()
+
+
+def test_listeners_are_called_in_their_order() -> None:
+    """Drives first, then the world that follows them."""
+    clock, order = SimulatedClock(), []
+    clock.on_advance(lambda: order.append("drive"))
+    clock.on_advance(lambda: order.append("world"))
+    clock.sleep(0.1)
+    assert order == ["drive", "world"]
+
+
+def test_the_system_clock_never_goes_back_and_starts_near_zero() -> None:
+    """It is monotonic, and its calendar time is aware and in UTC."""
+    clock = SystemClock()
+    before = clock.now_s()
+    clock.sleep(-1.0)
+    clock.sleep(0.0)
+    assert 0.0 <= before <= clock.now_s()
+    assert clock.utc().utcoffset() == SimulatedClock().utc().utcoffset() == timedelta(0)

@@ -1,0 +1,274 @@
+"""The driver against the simulated drive, over the bus."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from labrig.devices import DriveState
+from labrig.devices import epos2_objects as od
+from labrig.devices.cia402 import (
+    ENABLE,
+    FAULT_RESET,
+    HALT,
+    NEW_SETPOINT,
+    SETPOINT_ACKNOWLEDGED,
+    TARGET_REACHED,
+    Goal,
+    decode_state,
+)
+from labrig.errors import DriveError
+from tests.devices.rigs import OneDrive, one_drive
+
+SETTINGS = {
+    od.POSITION_WINDOW: 20,
+    od.POSITION_WINDOW_TIME: 20,
+    od.PROFILE_ACCELERATION: 6000,
+    od.PROFILE_DECELERATION: 6000,
+    od.QUICK_STOP_DECELERATION: 24_000,
+}
+COUNTS_PER_S_AT_120_RPM = 4000
+
+
+@pytest.fixture(name="one")
+def _one() -> Iterator[OneDrive]:
+    with one_drive() as one:
+        yield one
+
+
+@pytest.fixture(name="ready")
+def _ready(one: OneDrive) -> OneDrive:
+    one.driver.configure(500, SETTINGS)
+    one.driver.enable()
+    return one
+
+
+def _run_until_done(one: OneDrive) -> float:
+    start_s = one.clock.now_s()
+    while not one.driver.statusword() & TARGET_REACHED:
+        one.clock.sleep(0.01)
+    return one.clock.now_s() - start_s
+
+
+# Connecting
+
+
+def test_identity_is_read(one: OneDrive) -> None:
+    """Model, versions and serial number are what the drive says."""
+    identity = one.driver.identify()
+    assert (identity.model, identity.hardware_version, identity.serial_number) == ("EPOS2 24/5", 0x6220, 1001)
+
+
+@pytest.mark.parametrize(("version", "name"), [(0x6210, "EPOS 24/5"), (0x6552, "unknown to labrig")])
+def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
+    """An EPOS of the first generation, or one that nobody knows, is no EPOS2."""
+    with one_drive(hardware_version=version) as one, pytest.raises(DriveError, match=name):
+        one.driver.identify()
+
+
+def test_a_wrong_encoder_is_refused_and_never_written(one: OneDrive) -> None:
+    """The drive's encoder resolution is compared with the rig file, and left alone."""
+    with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
+        one.driver.configure(512, SETTINGS)
+    assert one.driver.read(od.ENCODER_PULSES) == 500
+
+
+def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
+    """After configuring, each object holds its setting."""
+    assert {entry: ready.driver.read(entry) for entry in SETTINGS} == SETTINGS
+
+
+def test_enabling_moves_nothing(one: OneDrive) -> None:
+    """A target left over from another program is not driven at: the actual position is the target, Halt is set."""
+    one.driver.configure(500, SETTINGS)
+    one.driver.write(od.TARGET_POSITION, 1_000_000)
+    one.driver.enable()
+    assert one.driver.read(od.TARGET_POSITION) == 0
+    assert one.driver.read(od.CONTROLWORD) & HALT
+    one.clock.sleep(1.0)
+    assert one.drive.shaft_quadcounts == 0
+
+
+def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
+    """A drive that a crashed program left moving is halted and stands still before it is configured."""
+    ready.driver.start_move(100_000, 120)
+    ready.clock.sleep(2.0)
+    ready.driver.configure(500, SETTINGS)
+    stopped_at = ready.drive.shaft_quadcounts
+    ready.clock.sleep(1.0)
+    assert ready.drive.shaft_quadcounts == stopped_at < 20_000
+    assert decode_state(ready.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+
+
+# Moving
+
+
+def test_a_move_ends_at_its_target_in_its_time(ready: OneDrive) -> None:
+    """40 000 quadcounts at 120 rpm: ten seconds, ramps and window time."""
+    ready.driver.start_move(40_000, 120)
+    ramps_s = COUNTS_PER_S_AT_120_RPM / 200_000
+    assert _run_until_done(ready) == pytest.approx(10.0 + ramps_s + 0.02, abs=0.011)
+    assert ready.driver.position() == ready.drive.shaft_quadcounts == 40_000
+
+
+def test_a_move_can_be_changed_on_its_way(ready: OneDrive) -> None:
+    """A second set-point replaces the first at once, also backwards."""
+    ready.driver.start_move(40_000, 120)
+    ready.clock.sleep(2.0)
+    ready.driver.start_move(-1000, 240)
+    _run_until_done(ready)
+    assert ready.driver.position() == -1000
+
+
+def test_both_edges_of_the_handshake_are_seen(ready: OneDrive) -> None:
+    """After a move has been started, the acknowledge is gone again and the next set-point can be taken."""
+    ready.driver.start_move(40_000, 120)
+    assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
+
+
+def test_a_stale_acknowledge_is_no_success(ready: OneDrive) -> None:
+    """A set-point bit left high by somebody else would swallow the next move; the driver notices."""
+    ready.driver.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
+    with pytest.raises(DriveError, match="get ready for a set-point"):
+        ready.driver.start_move(1000, 120)
+
+
+def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
+    """Halting takes v / a, covers v^2 / 2a, and leaves the axis powered."""
+    ready.driver.start_move(40_000, 120)
+    ready.clock.sleep(5.0)
+    before = ready.drive.shaft_quadcounts
+    ready.driver.halt()
+    ready.driver.wait_until_still(0.5)
+    distance = COUNTS_PER_S_AT_120_RPM**2 / (2 * 200_000)
+    assert ready.drive.shaft_quadcounts - before == pytest.approx(distance, rel=1e-6)
+    assert decode_state(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
+
+
+def test_halting_a_drive_without_power_does_not_switch_it_on(one: OneDrive) -> None:
+    """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
+    one.driver.configure(500, SETTINGS)
+    one.driver.go_to(Goal.POWER_OFF)
+    one.driver.halt()
+    assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+
+
+def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
+    """A quick stop uses its own deceleration and leaves operation enabled."""
+    ready.driver.start_move(40_000, 120)
+    ready.clock.sleep(5.0)
+    before = ready.drive.shaft_quadcounts
+    ready.driver.quick_stop()
+    ready.driver.wait_until_still(0.5)
+    assert ready.drive.shaft_quadcounts - before == pytest.approx(COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000))
+    assert decode_state(ready.driver.statusword()) is DriveState.QUICK_STOP_ACTIVE
+
+
+def test_an_axis_that_does_not_stop_is_told(ready: OneDrive) -> None:
+    """Standing still is read from the position, so that a drive that ignores a halt is found out."""
+    ready.driver.start_move(400_000, 120)
+    with pytest.raises(DriveError, match="still moves"):
+        ready.driver.wait_until_still(0.5)
+
+
+def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
+    """Method 35 moves nothing; the counter becomes zero and the drive knows itself referenced."""
+    ready.driver.start_move(4000, 120)
+    _run_until_done(ready)
+    assert not ready.driver.is_referenced()
+    ready.driver.home_here()
+    assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 4000)
+    assert ready.driver.is_referenced()
+    ready.driver.start_move(1000, 120)
+    _run_until_done(ready)
+    assert ready.drive.shaft_quadcounts == 5000
+
+
+# Faults
+
+
+def test_a_refusal_names_object_value_and_reason(one: OneDrive) -> None:
+    """An SDO abort becomes a sentence with maxon's code."""
+    with pytest.raises(
+        DriveError, match=r"profile velocity \(0x6081:00\) = 0: the value is too low .*0x06090032"
+    ):
+        one.driver.write(od.PROFILE_VELOCITY, 0)
+
+
+def test_a_silent_drive_is_named(one: OneDrive) -> None:
+    """A node that has gone answers nothing; on this bus that is known at once."""
+    one.drive.unplug()
+    with pytest.raises(DriveError, match=r"drive of axis insertion \(node 1\) did not answer") as silence:
+        one.driver.statusword()
+    assert "node id" in silence.value.hint
+
+
+def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
+    """Beyond 0x607D the drive brakes with the quick stop deceleration, switches off and says 0xFF09."""
+    ready.driver.write(od.UPPER_LIMIT, 8000)
+    ready.driver.start_move(40_000, 120)
+    ready.clock.sleep(3.0)
+    braking = COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000)
+    assert ready.drive.shaft_quadcounts == pytest.approx(8000 + braking, abs=1e-3)
+    assert decode_state(ready.driver.statusword()) is DriveState.FAULT
+    with pytest.raises(DriveError, match="0xFF09, software position limit exceeded"):
+        ready.driver.raise_if_reported()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0x3220, "under-voltage"),
+        (0x7320, "position sensor"),
+        (0x8611, "following error"),
+        (0xFF06, "negative limit switch"),
+        (0x1234, "unknown to labrig"),
+    ],
+)
+def test_a_fault_while_moving_stops_the_axis_and_is_named(ready: OneDrive, code: int, words: str) -> None:
+    """The drive brakes by itself; the driver tells code and meaning, from the EMCY and from the error history."""
+    ready.driver.start_move(40_000, 120)
+    ready.clock.sleep(2.0)
+    ready.drive.fail(code)
+    assert decode_state(ready.driver.statusword()) is DriveState.FAULT_REACTION
+    with pytest.raises(DriveError, match=words):
+        ready.driver.raise_if_reported()
+    ready.clock.sleep(1.0)
+    stopped_at = ready.drive.shaft_quadcounts
+    ready.clock.sleep(1.0)
+    assert ready.drive.shaft_quadcounts == stopped_at
+    with pytest.raises(DriveError, match=f"0x{code:04X}"):
+        ready.driver.raise_if_faulted()
+
+
+def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:
+    """Enabling, moving and configuring are all refused; the fault stays until a person resets it."""
+    ready.drive.fail(0x2310)
+    ready.clock.sleep(1.0)
+    for action in (
+        ready.driver.enable,
+        lambda: ready.driver.start_move(10, 120),
+        ready.driver.raise_if_faulted,
+    ):
+        with pytest.raises(DriveError, match="0x2310"):
+            action()
+    assert decode_state(ready.driver.statusword()) is DriveState.FAULT
+    ready.driver.go_to(Goal.POWER_OFF)
+    ready.driver.write(od.CONTROLWORD, 0)
+    ready.driver.write(od.CONTROLWORD, FAULT_RESET)
+    assert decode_state(ready.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+
+
+def test_a_restart_is_noticed(ready: OneDrive) -> None:
+    """A boot-up frame after connecting means that power, settings and reference are lost."""
+    ready.driver.home_here()
+    ready.drive.restart()
+    with pytest.raises(DriveError, match="has restarted"):
+        ready.driver.raise_if_reported()
+    assert not ready.driver.is_referenced()
+
+
+def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:
+    """A node in NMT STOPPED answers nothing, and every command says so instead of hanging."""
+    ready.driver.send_nmt(0x02)
+    with pytest.raises(DriveError, match="did not answer"):
+        ready.driver.go_to(Goal.POWER_OFF)

@@ -1,0 +1,341 @@
+"""The opened rig: what holds across axes, camera, operator and state."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import (
+    DriveState,
+    MountNeedle,
+    PlaceSpecimen,
+    RigDescription,
+    ShiftToHole,
+    load_rig,
+    open_rig,
+)
+from labrig.devices.cia402 import decode_state
+from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
+from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
+
+
+def _go(opened: OpenedRig, axis: str, position: float, speed: float) -> None:
+    getattr(opened.rig, axis).start_move(position, speed)
+    while not opened.rig.read_states()[axis].target_reached:
+        opened.rig.wait(0.1)
+
+
+def _ready(opened: OpenedRig) -> OpenedRig:
+    opened.rig.connect()
+    opened.rig.reference_axes()
+    return opened
+
+
+def _still(opened: OpenedRig) -> bool:
+    before = [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
+    opened.plant.clock.sleep(1.0)
+    return before == [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
+
+
+# Moving
+
+
+def test_moves_arrive_in_millimetres_and_radians() -> None:
+    """Each axis reads the position that it was sent to, and the world stands there too."""
+    with opened_rig() as opened:
+        _ready(opened)
+        _go(opened, "linear", 15.0, 5.0)
+        _go(opened, "rotation", math.pi, 1.0)
+        _go(opened, "insertion", 40.0, 5.0)
+        states = opened.rig.read_states()
+        assert states["linear"].position == 15.0
+        assert states["rotation"].position == pytest.approx(math.pi, abs=1e-4)
+        assert states["insertion"].position == 40.0
+        assert all(state.state is DriveState.OPERATION_ENABLED for state in states.values())
+
+
+def test_a_setpoint_tells_what_was_asked_sent_and_achieved() -> None:
+    """Position and speed are rounded on the wire, and the rounded ones are told."""
+    with opened_rig(simulated_rig("axes.rotation.speed_tolerance_fraction=0.05")) as opened:
+        setpoint = _ready(opened).rig.rotation.start_move(1.0, 1.0)
+        assert (setpoint.asked_position, setpoint.sent_quadcounts) == (1.0, 5093)
+        assert setpoint.position == pytest.approx(1.0, abs=1e-4)
+        assert setpoint.sent_rpm == 153
+        assert setpoint.speed == pytest.approx(153 * 2 * math.pi / 960)
+
+
+@pytest.mark.parametrize(
+    ("position", "speed", "words"),
+    [
+        (120.001, 1.0, r"axis insertion: 120.001 mm is beyond its limits \[-2, 120\] mm"),
+        (-2.001, 1.0, "beyond its limits"),
+        (math.nan, 1.0, "beyond its limits"),
+        (10.0, 20.001, "speed 20.001 mm/s is not within 0 to 20 mm/s"),
+        (10.0, 0.0, "not within"),
+        (10.0, 0.011, "1.32 rpm of the motor; the drive takes 1, off by 24.2 %"),
+    ],
+)
+def test_a_move_beyond_a_limit_sends_nothing(position: float, speed: float, words: str) -> None:
+    """Position, speed and rounding are checked before the first frame; the message names axis, value and limit."""
+    with opened_rig() as opened:
+        _ready(opened)
+        with pytest.raises(LimitError, match=words):
+            opened.rig.insertion.start_move(position, speed)
+        assert _still(opened)
+
+
+def test_the_whole_range_can_be_driven() -> None:
+    """The limits themselves are inside: the drive's own limits do not trip on rounding."""
+    with opened_rig() as opened:
+        _ready(opened)
+        for position in (120.0, -2.0):
+            _go(opened, "insertion", position, 20.0)
+            assert opened.rig.read_states()["insertion"].position == position
+
+
+def test_an_axis_without_reference_does_not_move() -> None:
+    """Until zero has been set, a position means nothing."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        with pytest.raises(SafetyStopError, match="not referenced"):
+            opened.rig.insertion.start_move(1.0, 1.0)
+
+
+def test_a_reversed_axis_turns_its_motor_the_other_way() -> None:
+    """The rig file's `reversed` changes the counter's sign, and limits stay in the axis' own direction."""
+    with opened_rig(simulated_rig("axes.insertion.reversed=true")) as opened:
+        _ready(opened)
+        _go(opened, "insertion", 10.0, 5.0)
+        assert opened.plant.drives["insertion"].shaft_quadcounts == -40_000
+        _go(opened, "insertion", 120.0, 20.0)
+        assert opened.rig.read_states()["insertion"].position == 120.0
+
+
+def test_a_move_that_takes_far_too_long_is_told() -> None:
+    """A drive that never reports its target reached does not keep the rig waiting for ever."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(1.0, 1.0)
+        opened.rig.insertion._drive.halt()
+        opened.rig.wait(2.0)
+        assert not opened.rig.read_states()["insertion"].target_reached
+        opened.rig.wait(3.0)
+        with pytest.raises(DriveError, match="has not arrived in good time"):
+            opened.rig.read_states()
+
+
+# Stopping
+
+
+def test_a_signal_stops_every_axis() -> None:
+    """Within one wait, all axes decelerate and stand still, and the signal is named."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(40.0, 1.0)
+        opened.rig.linear.start_move(40.0, 5.0)
+        opened.rig.wait(2.0)
+        opened.signal.name = "SIGTERM"
+        with pytest.raises(InterruptedRunError, match="SIGTERM"):
+            opened.rig.wait(5.0)
+        assert opened.plant.clock.now_s() < 4.0
+        assert _still(opened)
+
+
+def test_a_fault_of_one_axis_stops_the_others() -> None:
+    """An EMCY is noticed while waiting; the error names drive and cause, and nothing moves on."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(40.0, 1.0)
+        opened.rig.linear.start_move(40.0, 5.0)
+        opened.rig.wait(1.0)
+        opened.plant.drives["linear"].fail(0x8611)
+        with pytest.raises(
+            DriveError, match=r"axis linear \(node 3\) is in fault: error 0x8611, following error"
+        ):
+            opened.rig.wait(1.0)
+        assert _still(opened)
+
+
+def test_a_silent_axis_does_not_keep_the_others_from_stopping() -> None:
+    """Reading fails for the axis that has gone; the other two are stopped, and both facts are told."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(40.0, 1.0)
+        opened.rig.linear.start_move(40.0, 5.0)
+        opened.rig.wait(1.0)
+        opened.plant.drives["insertion"].unplug()
+        with pytest.raises(DriveError, match=r"did not answer.*not known to stand still"):
+            opened.rig.read_states()
+        before = opened.plant.drives["linear"].shaft_quadcounts
+        opened.plant.clock.sleep(1.0)
+        assert opened.plant.drives["linear"].shaft_quadcounts == before
+
+
+def test_stop_quick_stops_an_axis_that_goes_on() -> None:
+    """When an axis has been set moving again behind the halt, the quick stop catches it."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(100.0, 1.0)
+        opened.rig.wait(1.0)
+        opened.rig.insertion.wait_until_still()
+        assert _still(opened)
+        statusword = opened.rig.insertion._drive.statusword()
+        assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
+
+
+def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
+    """However the block is left, the axes stand still, the power stages are off, and the error is the one raised."""
+    plants = []
+
+    def fail_while_moving() -> None:
+        with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
+            plants.append(rig._plant)
+            rig.reference_axes()
+            rig.insertion.start_move(40.0, 1.0)
+            rig.wait(1.0)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail_while_moving()
+    (plant,) = plants
+    assert isinstance(plant, SimulatedPlant)
+    before = plant.drives["insertion"].shaft_quadcounts
+    plant.clock.sleep(1.0)
+    assert plant.drives["insertion"].shaft_quadcounts == before < 10_000
+    assert {drive._state for drive in plant.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
+
+
+def test_closing_switches_the_power_off() -> None:
+    """A closed rig is nobody's to watch: its drives are without power."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.close()
+        for axis in opened.rig.axes:
+            assert decode_state(axis._drive.statusword()) is DriveState.SWITCH_ON_DISABLED
+
+
+# Opening
+
+
+def test_every_drive_that_fails_is_told_at_once() -> None:
+    """Connecting tries all three, and the error names each that is missing."""
+    with opened_rig() as opened:
+        opened.plant.drives["insertion"].unplug()
+        opened.plant.drives["linear"].unplug()
+        with pytest.raises(DriveError, match=r"node 1.*node 3"):
+            opened.rig.connect()
+
+
+def test_a_bench_with_unknown_entries_does_not_open() -> None:
+    """Each unknown is named, with where to find it, before anything is opened."""
+    with (
+        pytest.raises(
+            InputError, match=r"axes.insertion.encoder_pulses_per_turn.*axes.linear.lead_mm"
+        ) as refusal,
+        open_rig(load_rig(BENCH), seed=1, person=Person(), interrupted=Signal()),
+    ):
+        pass
+    assert "data sheet" in refusal.value.hint
+
+
+def test_the_record_gets_every_device_in_json() -> None:
+    """What is described survives JSON, and holds drives, camera and bus."""
+    with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
+        described = json.loads(json.dumps(rig.describe()))
+    assert described["axes"]["linear"]["drive"]["model"] == "EPOS2 24/5"
+    assert described["camera"]["readback"]["exposure_us"] == 8000
+
+
+# The needle
+
+
+def _with_state(tmp_path: Path) -> RigDescription:
+    return simulated_rig("state_file=state.json").placed_in(tmp_path)
+
+
+def test_nothing_is_referenced_while_nobody_knows_of_a_needle(tmp_path: Path) -> None:
+    """A rig without a state file may have a needle in tissue; once it is confirmed to be out, zero can be set."""
+    with opened_rig(_with_state(tmp_path)) as opened:
+        opened.rig.connect()
+        with pytest.raises(SafetyStopError, match="no state file yet"):
+            opened.rig.reference_axes()
+        opened.rig.mark_needle_out()
+        opened.rig.reference_axes()
+
+
+def test_a_needle_left_in_tissue_is_honoured_by_the_next_run(tmp_path: Path) -> None:
+    """A run that died with the needle in tissue is named by the next one, which references nothing."""
+    description = _with_state(tmp_path)
+    with opened_rig(description) as opened:
+        opened.rig.mark_needle_in_tissue("run-7")
+    with opened_rig(description) as opened:
+        opened.rig.connect()
+        assert opened.rig.state.needle_in_tissue is True
+        with pytest.raises(SafetyStopError, match="run run-7 ended with the needle in tissue"):
+            opened.rig.reference_axes()
+
+
+def test_a_reference_that_the_drive_has_lost_is_not_believed(tmp_path: Path) -> None:
+    """The state file says referenced, the new drives do not: the axes have to be referenced again."""
+    description = _with_state(tmp_path)
+    with opened_rig(description) as opened:
+        opened.rig.mark_needle_out()
+        _ready(opened)
+        assert opened.rig.state.referenced == ("insertion", "rotation", "linear")
+    with opened_rig(description) as opened:
+        opened.rig.connect()
+        assert opened.rig.state.referenced == ()
+        assert not opened.rig.insertion.referenced
+
+
+# Camera, operator, truth
+
+
+def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
+    """Needle, specimen and hole are set by what is asked; the truth knows them; no person is asked."""
+    with opened_rig() as opened:
+        _ready(opened)
+        assert not opened.rig.needs_person
+        for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 2, 20.0)):
+            assert opened.rig.operator.ask(request).confirmed
+        _go(opened, "linear", 15.0, 5.0)
+        _go(opened, "insertion", 10.0, 5.0)
+        (truth,) = opened.rig.truth()
+        assert (truth["needle_id"], truth["specimen"], truth["hole"]) == ("N7", "A", 2)
+        assert truth["arc_length_mm"] == pytest.approx(10.0)
+        assert opened.person.asked == []
+
+
+def test_pictures_show_the_needle_where_the_axes_have_put_it() -> None:
+    """A picture after the insertion differs from the one before by more than the sheath's tip."""
+    with opened_rig() as opened:
+        _ready(opened)
+        for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 0, 0.0)):
+            opened.rig.operator.ask(request)
+        before = opened.rig.camera.capture()
+        _go(opened, "linear", 15.0, 5.0)
+        _go(opened, "insertion", 30.0, 5.0)
+        after = opened.rig.camera.capture()
+        assert (after.image != before.image).sum() > 5000
+        assert (before.sequence, after.sequence) == (0, 1)
+        assert after.t_s > before.t_s
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    """States, times and pictures of two rigs of one seed are identical."""
+
+    def run() -> tuple[list[object], bytes]:
+        with open_rig(simulated_rig(), seed=3, person=Person(), interrupted=Signal()) as rig:
+            rig.operator.ask(MountNeedle("N1"))
+            rig.operator.ask(PlaceSpecimen("A", 10.0))
+            rig.reference_axes()
+            rig.linear.start_move(5.0, 5.0)
+            states = []
+            for _ in range(20):
+                rig.wait(0.1)
+                states.append((rig.clock.now_s(), rig.read_states()))
+            return states, rig.camera.capture().image.tobytes()
+
+    assert run() == run()

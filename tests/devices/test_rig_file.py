@@ -1,0 +1,114 @@
+"""Rig files: what they hold, and what is refused with its line."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import RigDescription, check_axis_move, load_rig, rig_schema
+from labrig.devices.rig_file import require_complete, unknown_entries
+from labrig.errors import FileFormatError, InputError, LimitError
+from labrig.protocol import dump_yaml, parse_yaml_model, schema_text
+from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
+
+
+def test_the_committed_schema_is_current() -> None:
+    """calibration/rig.schema.json is what the models give; write it anew when this fails."""
+    assert (CALIBRATION / "rig.schema.json").read_text(encoding="utf-8") == schema_text(rig_schema())
+
+
+@pytest.mark.parametrize("path", [SIMULATED, BENCH])
+def test_committed_rig_files_name_their_schema_in_the_first_line(path: Path) -> None:
+    """Editors then complete and check them."""
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    assert first == "# yaml-language-server: $schema=rig.schema.json"
+
+
+def test_the_simulated_rig_makes_the_papers_speeds_exactly() -> None:
+    """1 and 5 mm/s of insertion and sheath are integer rpm."""
+    rig = load_rig(SIMULATED)
+    for axis in (rig.axes.insertion, rig.axes.linear):
+        for speed in (1.0, 5.0):
+            assert axis.scale().to_speed(axis.scale().to_rpm(speed)) == speed
+
+
+def test_a_rig_file_survives_being_written_into_a_record() -> None:
+    """What the record keeps reads back as the same rig, and holds no path of the machine."""
+    rig = load_rig(SIMULATED)
+    text = dump_yaml(rig)
+    assert parse_yaml_model(text, "rig.yaml", RigDescription).placed_in(SIMULATED.parent) == rig
+    assert str(SIMULATED.parent) not in text
+
+
+def test_overrides_come_before_validation() -> None:
+    """`--set` can repair and can break a rig file."""
+    assert load_rig(SIMULATED, ["axes.insertion.max_speed=3"]).axes.insertion.max_speed == 3.0
+    with pytest.raises(FileFormatError):
+        load_rig(SIMULATED, ["axes.insertion.node_id=128"])
+
+
+def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
+    """Encoder, gear and lead of the travelling axes; a turning axis has no lead."""
+    unknown = unknown_entries(load_rig(BENCH))
+    assert len(unknown) == 8
+    assert "axes.rotation.lead_mm" not in unknown
+    assert "data sheet" in unknown["axes.linear.lead_mm"]
+    with pytest.raises(InputError, match=r"axes\.linear\.lead_mm"):
+        require_complete(load_rig(BENCH))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("node_id: 2", "node_id: 1", "also that of axis insertion"),
+        ("limits: [-2, 120]", "limits: [120, -2]", "expected the lower one first"),
+        ("gear_ratio: 4", "gear_ratio: -4", "above 0"),
+        ("gear_ratio: 4", "gear_ratio: 0", "above 0"),
+        ("unit: rad", "unit: mm", "expected rad"),
+        ("max_speed: 20", "max_speed: 500", "the drive's limit is 25000 rpm"),
+        ("limits: [-2, 120]", "limits: [-2, 1e9]", "quadcounts"),
+        ("interface: simulated", "interface: socketcan", "does not go with kind simulated"),
+        ("bitrate: 1000000", "bitrate: 1234", "bitrate is 1234"),
+        ("width_px: 1280", "width_px: 640", "lens draws 1280x720"),
+        ("kind: simulated", "kind: bench", "a bench needs a state_file"),
+        ("max_speed: 20", "max_sped: 20", "did you mean max_speed"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    """Impossible gears, shared nodes, inverted limits, wrong bit rates: before any frame is sent."""
+    path = tmp_path / "rig.yaml"
+    path.write_text(rig_text({old: new}), encoding="utf-8")
+    with pytest.raises(FileFormatError) as refusal:
+        load_rig(path)
+    told = "\n".join(f"{p.where} {p.message} {p.hint}" for p in refusal.value.problems)
+    assert message in told
+    assert all(p.where.startswith(f"{path}:") for p in refusal.value.problems)
+
+
+def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
+    """A rig that is not yet calibrated names files that its record cannot hold."""
+    rig = simulated_rig().placed_in(tmp_path)
+    assert rig.calibration_paths() == {
+        "intrinsics.json": tmp_path / "simulated-intrinsics.json",
+        "plane.json": tmp_path / "simulated-plane.json",
+    }
+    assert rig.calibration_files() == {}
+    (tmp_path / "simulated-plane.json").touch()
+    assert list(rig.calibration_files()) == ["plane.json"]
+    assert load_rig(SIMULATED, ["calibration.plane=null"]).calibration_paths().keys() == {"intrinsics.json"}
+
+
+def test_moves_can_be_checked_without_a_rig() -> None:
+    """`labrig check` refuses what the opened rig would, and checks limits while the lead is unknown."""
+    check_axis_move(simulated_rig(), "insertion", 40.0, 1.0)
+    with pytest.raises(LimitError, match="axis linear"):
+        check_axis_move(simulated_rig(), "linear", 151.0, 1.0)
+    check_axis_move(load_rig(BENCH), "insertion", 40.0, 1.0)
+    with pytest.raises(LimitError, match="axis insertion"):
+        check_axis_move(load_rig(BENCH), "insertion", 61.0, 1.0)
+
+
+def test_a_speed_between_two_rpm_is_refused_with_both() -> None:
+    """The hint names the speeds that the drive has."""
+    with pytest.raises(LimitError) as refusal:
+        check_axis_move(simulated_rig(), "insertion", 1.0, 1.5 / 120)
+    assert "0.008333 or 0.01667 mm/s" in refusal.value.hint

@@ -1,0 +1,44 @@
+"""Pixels to mm: camera model, calibration, plane map, shaft and curvature.
+
+Everything here is a pure function of pictures and numbers; only `read_picture` and the calibration files
+touch the disk. The same functions serve the live run and later reanalysis.
+"""
+
+from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.overlay import draw_measurement
+from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
+from labrig.vision.plane import Insertion, PlaneMap
+from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.zhang import (
+    board_points_mm,
+    calibrate_from_pictures,
+    calibrate_intrinsics,
+    find_board_corners,
+)
+
+__all__ = [
+    "CurvatureMeasurement",
+    "CurvatureSettings",
+    "Insertion",
+    "Intrinsics",
+    "Picture",
+    "PlaneMap",
+    "ViewResidual",
+    "as_grey",
+    "board_points_mm",
+    "calibrate_from_pictures",
+    "calibrate_intrinsics",
+    "calibrate_plane",
+    "draw_measurement",
+    "find_board_corners",
+    "load_intrinsics",
+    "load_plane",
+    "measure_curvature",
+    "read_picture",
+    "require_size",
+    "save_intrinsics",
+    "save_plane",
+    "size_of",
+]

@@ -1,0 +1,204 @@
+"""Calibrations on disk: JSON, all digits kept, each saying what it is, how it was made and what it rests on.
+
+A plane file names its lens by a fingerprint: a map that was fitted behind one lens and used behind another is wrong
+by an amount that nothing later could notice.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, ValidationError
+
+from labrig.errors import DiskError, FileFormatError, InputError, Problem
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.plane import Insertion, PlaneMap
+
+_INTRINSICS = "labrig-intrinsics"
+_PLANE = "labrig-plane"
+_SCHEMA_VERSION = 1
+_MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
+
+_Row = tuple[float, float, float]
+_NinthsRow = tuple[float | None, float | None, float | None]
+
+
+class _Part(BaseModel):
+    """What a file must hold; more may stand beside it."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
+
+
+class _View(_Part):
+    image: str
+    rms_px: float | None
+    used: bool
+    reason: str | None
+
+
+class _IntrinsicsDocument(_Part):
+    accepted: bool
+    reasons: tuple[str, ...]
+    image_size: tuple[PositiveInt, PositiveInt]
+    fx: PositiveFloat
+    fy: PositiveFloat
+    cx: float
+    cy: float
+    sigma: dict[str, float | None]
+    distortion: tuple[float, float, float, float, float]
+    rms_px: float
+    holdout_rms_px: float | None
+    views: tuple[_View, ...]
+
+
+class _PlaneDocument(_Part):
+    accepted: bool
+    reasons: tuple[str, ...]
+    rms_mm: float | None
+    worst_mm: float | None
+    holdout_rms_mm: float | None
+    mm_per_px: PositiveFloat
+    residual_field_mm: tuple[_NinthsRow, _NinthsRow, _NinthsRow] | None
+    crossings: int
+    image_size: tuple[PositiveInt, PositiveInt] | None
+    origin_px: tuple[float, float]
+    insertion: Insertion
+    homography: tuple[_Row, _Row, _Row]
+    intrinsics_sha256: str | None
+
+
+_Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)
+
+
+def save_intrinsics(path: Path, intrinsics: Intrinsics, provenance: Mapping[str, Any]) -> None:
+    """Write a lens's calibration with how it was made; `provenance` holds JSON values.
+
+    Raises
+    ------
+    DiskError
+        If the file cannot be written; what was there before is then still there.
+    """
+    _save(path, _INTRINSICS, intrinsics.to_json(), provenance)
+
+
+def load_intrinsics(path: Path) -> Intrinsics:
+    """Read a lens's calibration, accepted or not.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
+    """
+    found = _load(path, _INTRINSICS, _IntrinsicsDocument)
+    views = tuple(ViewResidual(**view.model_dump()) for view in found.views)
+    return Intrinsics(**{**found.model_dump(), "views": views})
+
+
+def save_plane(path: Path, plane: PlaneMap, provenance: Mapping[str, Any]) -> None:
+    """Write a plane map with how it was made; `provenance` holds JSON values.
+
+    Raises
+    ------
+    DiskError
+        If the file cannot be written; what was there before is then still there.
+    """
+    fingerprint = None if plane.intrinsics is None else plane.intrinsics.fingerprint()
+    _save(path, _PLANE, {**plane.to_json(), "intrinsics_sha256": fingerprint}, provenance)
+
+
+def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
+    """Read a plane map that was made with `intrinsics`, accepted or not.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
+    InputError
+        If it was made with another lens calibration, or with one where none is given, or without.
+    """
+    found = _load(path, _PLANE, _PlaneDocument)
+    given = None if intrinsics is None else intrinsics.fingerprint()
+    if found.intrinsics_sha256 != given:
+        raise InputError(
+            f"{path} was made with {_lens(found.intrinsics_sha256)}, not with {_lens(given)}",
+            "give the intrinsics that it was made with, or make it again with these",
+        )
+    homography = np.array(found.homography)
+    if not np.linalg.det(homography):
+        raise FileFormatError((Problem(f"{path} homography", "has no inverse", _again(_PLANE)),))
+    values = found.model_dump(exclude={"intrinsics_sha256"})
+    return PlaneMap(**{**values, "homography": homography, "intrinsics": intrinsics})
+
+
+def _lens(fingerprint: str | None) -> str:
+    return "no intrinsics" if fingerprint is None else f"the intrinsics {fingerprint[:12]}"
+
+
+def _again(kind: str) -> str:
+    return f"write it again with {_MADE_BY[kind]}"
+
+
+def _save(path: Path, kind: str, values: dict[str, Any], provenance: Mapping[str, Any]) -> None:
+    document = {"kind": kind, "schema_version": _SCHEMA_VERSION, **values, "provenance": dict(provenance)}
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise DiskError(
+            f"{path} cannot be written: {error.strerror}", "check the folder and its space"
+        ) from error
+
+
+def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
+    text = _read_text(path)
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        problem = Problem(f"{path}:{error.lineno}:{error.colno}", f"is not JSON: {error.msg}", _again(kind))
+        raise FileFormatError((problem,)) from error
+    _check_kind(path, kind, document)
+    try:
+        return model.model_validate_json(text)
+    except ValidationError as error:
+        problems = tuple(
+            Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _again(kind))
+            for fault in error.errors()
+        )
+        raise FileFormatError(problems) from error
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise FileFormatError((Problem(str(path), "does not exist", "check the path"),)) from error
+    except UnicodeDecodeError as error:
+        raise FileFormatError((Problem(str(path), "is not text", "check the path"),)) from error
+    except OSError as error:
+        raise FileFormatError(
+            (Problem(str(path), f"cannot be read: {error.strerror}", "check the path"),)
+        ) from error
+
+
+def _check_kind(path: Path, kind: str, document: object) -> None:
+    found = document.get("kind") if isinstance(document, dict) else None
+    if not isinstance(document, dict) or found != kind:
+        problem = Problem(
+            f"{path} kind", f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
+        )
+        raise FileFormatError((problem,))
+    version = document.get("schema_version")
+    if version != _SCHEMA_VERSION:
+        raise FileFormatError(
+            (
+                Problem(
+                    f"{path} schema_version",
+                    f"is {version!r}, this labrig reads {_SCHEMA_VERSION}",
+                    "read it with the labrig that wrote it, or calibrate again",
+                ),
+            )
+        )

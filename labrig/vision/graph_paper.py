@@ -1,0 +1,352 @@
+"""The crossings of the ruled lines on graph paper, to a fraction of a pixel, with their row and column.
+
+The lines are found in a small patch first, where they are straight and evenly spaced: the two directions in
+which the picture changes most, then the darkness added up along each. The nearest lines there set the pitch,
+so heavier lines every 5 or 10 mm do not mislead it. From a crossing in that patch the grid is followed
+outwards, ring by ring, each crossing predicted by the steps between its neighbours and then refined on its own.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.picture import Picture
+
+_FloatArray = NDArray[np.float64]
+
+# Half the side of the patch in which the lines are looked for first, as shares of the picture's shorter side:
+# in a smaller one a slanted view is more even.
+_PATCH_SHARES = (1.0 / 6.0, 1.0 / 12.0)
+_PATCH_PX = (40, 160)
+# Where patches are tried, as shares of the picture, the middle first.
+_PATCH_PLACES = sorted(
+    product((0.25, 0.5, 0.75), repeat=2), key=lambda at: abs(at[0] - 0.5) + abs(at[1] - 0.5)
+)
+_LEAST_LINES = 5
+# Crossings beyond which no other patch is tried.
+_ENOUGH = 400
+_LEAST_PITCH_PX = 5.0
+# A line must stand out by this share of the tenth darkest one: paper has lines of two or three weights.
+_LEAST_DEPTH = 0.15
+# Share of the pitch by which a line or a crossing may be off its prediction.
+_LARGEST_SHIFT = 0.3
+# The fainter line of a crossing must stand out by this share of what it does where the search began.
+_LEAST_CONTRAST = 0.3
+# Where the density is taken around a crossing, in steps to the next one: across a line, and along it.
+_ACROSS = np.linspace(-0.45, 0.45, 25)
+_ALONG = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
+# Where fainter lines are looked for between two lines, in steps from the middle, and the share of the lines'
+# own darkness that they must have.
+_BETWEEN = np.linspace(-0.4, 0.4, 81)
+_FINER_LINE = 0.02
+_MOST_CELLS = 2000
+# Beyond this, across a line, there is bare paper.
+_FLANK = 0.32
+_REFINEMENTS = 3
+# Steps are averaged over this many cells to each side.
+_STEP_REACH = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Crossings of two families of ruled lines.
+
+    Attributes
+    ----------
+    pixels : ndarray (N, 2)
+        Where they are in the picture (u, v).
+    indices : ndarray of int (N, 2)
+        Which line of either family; neighbouring lines differ by one.
+    pitch_px : float
+        Distance between neighbouring lines where the search began.
+    """
+
+    pixels: _FloatArray
+    indices: NDArray[np.int64]
+    pitch_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Seed:
+    """The grid in a patch: one crossing (2,), and the steps to the next ones as rows (2, 2)."""
+
+    crossing: _FloatArray
+    steps: _FloatArray
+
+    @property
+    def pitch_px(self) -> float:
+        return float(np.linalg.norm(self.steps, axis=1).min())
+
+
+@dataclass(frozen=True, eq=False)
+class _Ring:
+    """Crossings to look at: cells (N, 2), predicted pixels (N, 2), steps along either axis (N, 2, 2)."""
+
+    cells: NDArray[np.int64]
+    predicted: _FloatArray
+    steps: _FloatArray
+
+
+def find_crossings(image: Picture) -> Crossings:
+    """Find the crossings of ruled lines in a picture of graph paper, dark on light.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+
+    Returns
+    -------
+    Crossings
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If no two families of evenly spaced lines are seen, or the lines are too close together.
+    """
+    # The darkest channel shows lines of any colour on white paper.
+    flat = _flattened(image if image.ndim == 2 else image.min(axis=2))
+    largest: Crossings | None = None
+    for share, place in product(_PATCH_SHARES, _PATCH_PLACES):
+        seed = _seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
+        if seed is None:
+            continue
+        grown = _grown(flat, seed)
+        if largest is None or len(grown.pixels) > len(largest.pixels):
+            largest = grown
+        if len(largest.pixels) >= _ENOUGH:
+            break
+    if largest is None or len(largest.pixels) < _LEAST_LINES**2:
+        raise MeasurementRefusedError(
+            "no grid of ruled lines in the picture",
+            "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are "
+            f"{_LEAST_PITCH_PX:.0f} px apart or more",
+        )
+    _refuse_finer_lines(flat, largest)
+    return largest
+
+
+def _flattened(grey: Picture) -> NDArray[np.float32]:
+    """Return the optical density of the lines: uneven light is a slow term of it, and is taken off."""
+    density = -np.log(np.maximum(grey.astype(np.float32), 1.0))
+    slow = cv2.GaussianBlur(density, (0, 0), max(min(grey.shape) / 40.0, 8.0))
+    return np.asarray(cv2.GaussianBlur(density - slow, (0, 0), 1.0), dtype=np.float32)
+
+
+def _seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed | None:
+    """Return the grid around `centre`, or None where it is not seen."""
+    reach = int(np.clip(min(flat.shape) * share, *_PATCH_PX))
+    normals, offsets, pitches = [], [], []
+    for angle in _two_normals(_square(flat, centre, 0.0, reach)):
+        found = _family(flat, centre, angle, reach)
+        if found is None:
+            return None
+        fine, offset, pitch = found
+        normals.append((np.cos(fine), np.sin(fine)))
+        offsets.append(offset)
+        pitches.append(pitch)
+    inverse = np.linalg.inv(np.array(normals))
+    return _Seed(crossing=centre + inverse @ offsets, steps=(inverse * pitches).T)
+
+
+def _square(flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int) -> NDArray[np.float32]:
+    """Return the square around `centre` that is turned so that `angle` runs along its rows."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    affine = np.column_stack((turn, centre - turn @ (reach, reach)))
+    side = 2 * reach + 1
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(
+        cv2.warpAffine(flat, affine, (side, side), flags=flags, borderMode=cv2.BORDER_REFLECT_101)
+    )
+
+
+def _two_normals(patch: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the two directions [rad] along which a patch changes most, at least 50 degrees apart."""
+    across, down = cv2.Sobel(patch, cv2.CV_32F, 1, 0), cv2.Sobel(patch, cv2.CV_32F, 0, 1)
+    degrees = np.rad2deg(np.arctan2(down, across)) % 180.0
+    weights = across**2 + down**2
+    counts = np.bincount(degrees.ravel().astype(int) % 180, weights.ravel(), minlength=180)
+    kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
+    smooth = np.convolve(np.concatenate((counts[-8:], counts, counts[:8])), kernel, mode="valid")
+    first = int(np.argmax(smooth))
+    away = np.abs((np.arange(180) - first + 90) % 180 - 90) >= 50
+    second = int(np.argmax(np.where(away, smooth, -1.0)))
+    return float(np.deg2rad(first + 0.5)), float(np.deg2rad(second + 0.5))
+
+
+def _family(
+    flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int
+) -> tuple[float, float, float] | None:
+    """Return the lines' normal [rad], the offset of one from `centre` [px], and their pitch [px]."""
+    angles = angle + np.deg2rad(np.arange(-5.0, 5.01, 0.25))
+    profiles = [_square(flat, centre, turned, reach).mean(axis=0) for turned in angles]
+    best = int(np.argmax([profile.var() for profile in profiles]))
+    lines = _dark_lines(profiles[best].astype(np.float64))
+    if len(lines) < _LEAST_LINES:
+        return None
+    pitch = float(np.median(np.diff(lines)))
+    counts = np.round((lines - lines[0]) / pitch)
+    even = np.abs(np.diff(lines) / pitch - 1.0) < _LARGEST_SHIFT
+    if even.mean() < 0.75 or pitch < _LEAST_PITCH_PX:
+        return None
+    slope, start = np.polyfit(counts, lines, 1)
+    middle = start + slope * np.round((reach - start) / slope)
+    return float(angles[best]), float(middle - reach), float(slope)
+
+
+def _dark_lines(profile: _FloatArray) -> _FloatArray:
+    """Return where a profile of optical density has its lines [px], to a fraction of a pixel."""
+    inner = profile[1:-1]
+    tops = np.flatnonzero((inner > profile[:-2]) & (inner >= profile[2:])) + 1
+    if len(tops) < _LEAST_LINES:
+        return np.empty(0)
+    valleys = np.array([profile[a:b].min() for a, b in pairwise(tops)])
+    # The outermost tops have a valley on one side only.
+    depths = profile[tops] - np.maximum(np.append(valleys, valleys[-1]), np.insert(valleys, 0, valleys[0]))
+    tops = tops[depths >= _LEAST_DEPTH * np.quantile(depths, 0.9)]
+    before, at, after = profile[tops - 1], profile[tops], profile[tops + 1]
+    return np.asarray(tops + 0.5 * (before - after) / (before - 2.0 * at + after))
+
+
+def _grown(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
+    """Follow the grid from its seed to the edge of what is seen."""
+    # Room for a grid that perspective makes half as wide again.
+    half = int(1.5 * np.hypot(*flat.shape) / seed.pitch_px) + 4
+    places = np.full((2 * half + 1, 2 * half + 1, 2), np.nan)
+    tries = np.zeros(places.shape[:2], dtype=int)
+    start = np.array(list(product((-1, 0, 1), repeat=2)))
+    ring = _Ring(
+        start + half, seed.crossing + start @ seed.steps, np.broadcast_to(seed.steps, (len(start), 2, 2))
+    )
+    least = _LEAST_CONTRAST * float(np.median(_refined(flat, ring)[1]))
+    while len(ring.cells):
+        found, contrast = _refined(flat, ring)
+        pitch = np.linalg.norm(ring.steps, axis=2).min(axis=1)
+        good = (np.linalg.norm(found - ring.predicted, axis=1) < _LARGEST_SHIFT * pitch) & (contrast > least)
+        tries[tuple(ring.cells.T)] += 1
+        places[tuple(ring.cells[good].T)] = found[good]
+        ring = _next_ring(places, tries, flat.shape)
+    cells = np.argwhere(np.isfinite(places[..., 0]))
+    return Crossings(places[tuple(cells.T)], cells - half, seed.pitch_px)
+
+
+def _next_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, ...]) -> _Ring:
+    """Return the crossings next to known ones, predicted by one local step from each neighbour.
+
+    A cell is tried again, up to four times, once more of its neighbours are known.
+    """
+    known = np.argwhere(np.isfinite(places[..., 0]))
+    if not len(known):
+        return _Ring(np.empty((0, 2), dtype=int), np.empty((0, 2)), np.empty((0, 2, 2)))
+    # Only the part that is known and a margin, which also keeps `np.roll` from bringing in the other side.
+    low, high = np.maximum(known.min(axis=0) - 2, 0), np.minimum(known.max(axis=0) + 3, len(places))
+    window = (slice(low[0], high[0]), slice(low[1], high[1]))
+    steps = _local_steps(places[window])
+    predicted, count = _continued(places[window], steps)
+    wanted = np.isnan(places[window][..., 0]) & (count > tries[window])
+    wanted[[0, -1]] = wanted[:, [0, -1]] = False
+    margin = 0.6 * np.abs(steps).sum(axis=2)
+    limit = np.array([shape[1] - 1, shape[0] - 1])
+    wanted &= ((predicted >= margin) & (predicted <= limit - margin)).all(axis=2)
+    return _Ring(np.argwhere(wanted) + low, predicted[wanted], steps[wanted])
+
+
+def _continued(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, NDArray[np.int_]]:
+    """Return where each cell's known neighbours expect it (R, C, 2), and how many of them are known (R, C)."""
+    total = np.zeros_like(places)
+    count = np.zeros(places.shape[:2], dtype=int)
+    for axis, sign in product((0, 1), (1, -1)):
+        near = np.roll(places, sign, axis=axis) + sign * steps[:, :, axis]
+        seen = np.isfinite(near[..., 0])
+        total[seen] += near[seen]
+        count += seen
+    return np.asarray(total / np.maximum(count, 1)[..., None]), count
+
+
+def _local_steps(places: _FloatArray) -> _FloatArray:
+    """Return the mean steps (R, C, 2, 2) to the next crossing along either axis among the cells around, or NaN."""
+    means = []
+    for axis in (0, 1):
+        steps = places - np.roll(places, 1, axis=axis)
+        pairs = np.isfinite(steps[..., 0])
+        side = (2 * _STEP_REACH + 1, 2 * _STEP_REACH + 1)
+        total = cv2.boxFilter(np.where(pairs[..., None], steps, 0.0), -1, side, normalize=False)
+        count = cv2.boxFilter(pairs.astype(np.float64), -1, side, normalize=False)
+        means.append(total / np.where(count > 0.5, count, np.nan)[..., None])
+    return np.stack(means, axis=2)
+
+
+def _refined(flat: NDArray[np.float32], ring: _Ring) -> tuple[_FloatArray, _FloatArray]:
+    """Return where the two lines through each prediction cross (N, 2), and how dark the fainter one is (N,).
+
+    Each line is centred between its own two flanks, beside the crossing, where the other line does not
+    disturb.
+    """
+    found = ring.predicted.copy()
+    contrast = np.full(len(found), np.inf)
+    for _ in range(_REFINEMENTS):
+        for axis in (0, 1):
+            across, along = ring.steps[:, axis], ring.steps[:, 1 - axis]
+            profile = _profiles(flat, found, across, along, _ACROSS)
+            offset, depth = _line_centres(profile)
+            found = found + offset[:, None] * across
+            contrast = np.minimum(contrast, depth)
+    return found, contrast
+
+
+def _profiles(
+    flat: NDArray[np.float32], centres: _FloatArray, across: _FloatArray, along: _FloatArray, at: _FloatArray
+) -> _FloatArray:
+    """Return the density across a line (N, samples), averaged along it on both sides of the crossing.
+
+    `at` are the places of the samples, in steps to the next line.
+    """
+    spread = (at[:, None, None, None] * across + _ALONG[:, None, None] * along).reshape(-1, *centres.shape)
+    maps = (centres + spread).astype(np.float32)
+    drawn = cv2.remap(flat, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values = np.asarray(drawn, dtype=np.float64).reshape(len(at), len(_ALONG), len(centres))
+    return np.asarray(values.mean(axis=1).T)
+
+
+def _line_centres(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+    """Return the lines' offsets (N,) from the middle of their profiles [steps], and their depths (N,)."""
+    flank = np.abs(_ACROSS) > _FLANK
+    slope, level = np.polyfit(_ACROSS[flank], profiles[:, flank].T, 1)
+    bare = profiles - (slope[:, None] * _ACROSS + level[:, None])
+    weight = bare * np.cos(0.5 * np.pi * _ACROSS / _ACROSS[-1]) ** 2
+    mass = weight.sum(axis=1)
+    offset = (weight @ _ACROSS) / np.where(mass > 0.0, mass, np.inf)
+    return np.clip(offset, -_LARGEST_SHIFT, _LARGEST_SHIFT), bare.max(axis=1) * (mass > 0.0)
+
+
+def _refuse_finer_lines(flat: NDArray[np.float32], crossings: Crossings) -> None:
+    """Raise MeasurementRefusedError if fainter lines run between those found: every length would be wrong.
+
+    They are too faint or too close to be found one by one, and show in the mean over all cells.
+    """
+    # A margin of unknown cells keeps the first from being taken for neighbours of the last.
+    cells = crossings.indices - crossings.indices.min(axis=0) + 1
+    places = np.full((*(cells.max(axis=0) + 2), 2), np.nan)
+    places[tuple(cells.T)] = crossings.pixels
+    steps = _local_steps(places)
+    cells = np.argwhere(np.isfinite(places[..., 0]) & np.isfinite(steps).all(axis=(2, 3)))
+    sample = tuple(cells[:: len(cells) // _MOST_CELLS + 1].T)
+    for axis in (0, 1):
+        across, along = steps[sample][:, axis], steps[sample][:, 1 - axis]
+        depth = float(_line_centres(_profiles(flat, places[sample], across, along, _ACROSS))[1].mean())
+        between = _profiles(flat, places[sample] + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
+        if _highest_top(between) > _FINER_LINE * depth:
+            raise MeasurementRefusedError(
+                f"between the lines {crossings.pitch_px:.0f} px apart there are fainter ones",
+                "come closer, so that the nearest lines are seen as well as the others",
+            )
+
+
+def _highest_top(profile: _FloatArray) -> float:
+    """Return how far the profile's highest inner top stands above the higher of its two sides' lowest points."""
+    left, right = np.minimum.accumulate(profile), np.minimum.accumulate(profile[::-1])[::-1]
+    return float((profile - np.maximum(left, right)).max())

@@ -1,0 +1,183 @@
+"""What a lens does: the pinhole with radial and tangential distortion, and how well it is known.
+
+The model is Brown's with five coefficients in OpenCV's order (k1, k2, p1, p2, k3). "Ideal" pixels are where
+the same camera matrix would put a point if the lens did not distort.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labrig.errors import InputError, MeasurementRefusedError
+
+_FloatArray = NDArray[np.float64]
+
+# Newton steps to undo the distortion; lenses that can be undone at all take four or five.
+_MAX_NEWTON_STEPS = 30
+# Distance between a pixel and its image through undistortion and distortion [focal lengths].
+_UNDISTORTION_TOLERANCE = 1e-11
+
+
+@dataclass(frozen=True)
+class ViewResidual:
+    """What one photograph of the board contributed.
+
+    Attributes
+    ----------
+    image : str
+        Name of the photograph.
+    rms_px : float or None
+        Root mean square distance between its corners and their reprojections; None where it has no corners.
+    used : bool
+        Whether its corners entered the fit.
+    reason : str or None
+        Why it was not used, or what is odd about it.
+    """
+
+    image: str
+    rms_px: float | None
+    used: bool
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """A camera's lens, with standard deviations and the evidence for them.
+
+    Attributes
+    ----------
+    image_size : (int, int)
+        Width and height [px] of every picture that this describes.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point [px], pixel centres at integers.
+    distortion : 5 floats
+        k1, k2, p1, p2, k3.
+    sigma : dict
+        Standard deviations [px] of fx, fy, cx and cy.
+    rms_px : float
+        Reprojection error of the corners that were fitted. It says nothing about the error of the focal
+        length.
+    holdout_rms_px : float or None
+        Reprojection error of photographs left out of the fit that predicts them.
+    views : tuple of ViewResidual
+    accepted : bool
+        Whether measurements may rest on it.
+    reasons : tuple of str
+        Why not, each with what to photograph next.
+    """
+
+    image_size: tuple[int, int]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float]
+    sigma: dict[str, float | None]
+    rms_px: float
+    holdout_rms_px: float | None
+    views: tuple[ViewResidual, ...]
+    accepted: bool
+    reasons: tuple[str, ...]
+
+    def camera_matrix(self) -> _FloatArray:
+        """Return the 3x3 matrix from directions to ideal pixels."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def distort_px(self, px: ArrayLike) -> _FloatArray:
+        """Return where the lens puts ideal pixels (N, 2)."""
+        return self._to_px(_distort(self._to_directions(px), self.distortion)[0])
+
+    def undistort_px(self, px: ArrayLike) -> _FloatArray:
+        """Return the ideal pixels (N, 2) of pixels (N, 2) in a picture.
+
+        Raises
+        ------
+        MeasurementRefusedError
+            If the model cannot be inverted at a pixel: it lies outside the region that the calibration saw,
+            where the fitted distortion folds over.
+        """
+        wanted = self._to_directions(px)
+        found, off = _undistort(wanted, self.distortion)
+        if off.size and not off.max() <= _UNDISTORTION_TOLERANCE:
+            worst = self._to_px(wanted)[int(np.argmax(np.nan_to_num(off, nan=np.inf)))]
+            raise MeasurementRefusedError(
+                f"the lens model has no inverse at pixel ({worst[0]:.1f}, {worst[1]:.1f})",
+                "photograph the board in that part of the picture and calibrate again",
+            )
+        return self._to_px(found)
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of size, matrix and distortion, by which a plane map names its lens."""
+        numbers = [*self.image_size, self.fx, self.fy, self.cx, self.cy, *self.distortion]
+        return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the document that `labrig calibrate intrinsics --json` prints; what is unknown is None."""
+        return {
+            "accepted": self.accepted,
+            "reasons": list(self.reasons),
+            "image_size": list(self.image_size),
+            "fx": self.fx,
+            "fy": self.fy,
+            "cx": self.cx,
+            "cy": self.cy,
+            "sigma": dict(self.sigma),
+            "distortion": list(self.distortion),
+            "rms_px": self.rms_px,
+            "holdout_rms_px": self.holdout_rms_px,
+            "views": [
+                {"image": view.image, "rms_px": view.rms_px, "used": view.used, "reason": view.reason}
+                for view in self.views
+            ],
+        }
+
+    def _to_directions(self, px: ArrayLike) -> _FloatArray:
+        array = np.asarray(px, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 2:
+            raise InputError(f"pixels have shape {array.shape}, not (N, 2)", "one row a point, columns u, v")
+        return (array - (self.cx, self.cy)) / (self.fx, self.fy)
+
+    def _to_px(self, directions: _FloatArray) -> _FloatArray:
+        return directions * (self.fx, self.fy) + (self.cx, self.cy)
+
+
+def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
+    """Return distorted directions (N, 2) and their Jacobians (N, 2, 2) with respect to the ideal ones."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = points[:, 0], points[:, 1]
+    s = x * x + y * y
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    slope = 2.0 * (k1 + s * (2.0 * k2 + s * 3.0 * k3))
+    moved = np.column_stack(
+        (
+            x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x),
+            y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    )
+    jacobian = np.empty((len(points), 2, 2))
+    jacobian[:, 0, 0] = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+    jacobian[:, 1, 1] = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+    jacobian[:, 0, 1] = jacobian[:, 1, 0] = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+    return moved, jacobian
+
+
+def _undistort(wanted: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
+    """Return ideal directions (N, 2) and how far their distortion is from `wanted` (N,)."""
+    found = wanted.copy()
+    for _ in range(_MAX_NEWTON_STEPS):
+        moved, jacobian = _distort(found, distortion)
+        missing = wanted - moved
+        determinant = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] ** 2
+        unfolded = determinant > 0.0
+        off = np.where(unfolded, np.hypot(missing[:, 0], missing[:, 1]), np.inf)
+        if not (np.isfinite(off) & (off > 0.1 * _UNDISTORTION_TOLERANCE)).any():
+            break
+        step_x = jacobian[:, 1, 1] * missing[:, 0] - jacobian[:, 0, 1] * missing[:, 1]
+        step_y = jacobian[:, 0, 0] * missing[:, 1] - jacobian[:, 0, 1] * missing[:, 0]
+        step = np.column_stack((step_x, step_y)) / np.where(unfolded, determinant, 1.0)[:, None]
+        found = np.where(unfolded[:, None], found + step, found)
+    return found, off

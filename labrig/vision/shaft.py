@@ -1,0 +1,241 @@
+"""The needle's shaft in a picture: centre line, sheath's tip and needle's tip, to a fraction of a pixel.
+
+The shaft is darker than the gel and enters at the border on the side that the insertion comes from. It is traced
+coarsely (`shaft_trace`), straightened, and measured by its two edges (`shaft_edges`), twice, so that the second
+time the strip follows the shaft itself. Where the width drops from the sheath's to the needle's is the sheath's
+tip; where the darkness ends is the needle's (`shaft_ends`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.picture import Picture, as_grey
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_edges import LEAST_POINTS, Guide, find_edges, guide_through, straighten
+from labrig.vision.shaft_ends import Diameters, longest_run, needle_end, sheath_end
+from labrig.vision.shaft_trace import Orientation, Trace, Widths, trace_shafts
+
+FloatArray = NDArray[np.float64]
+
+# A shaft that begins further inside the picture does not come from the border.
+_LARGEST_GAP_MM = 10.0
+# A guide that ends this close to the border was cut by it.
+_BORDER_PX = 2.0
+# How far beyond the traced end the tip is looked for.
+_BEYOND_MM = 6.0
+# A second shaft of this length and this part of the first one's strength makes the picture ambiguous.
+_RIVAL_MM, _RIVAL_STRENGTH = 8.0, 0.6
+# The needle's stated diameter holds within this factor.
+_DIAMETER_FACTOR = 1.7
+# The stated diameters hold within this factor.
+_DIAMETER_FACTOR = 1.7
+# Rows whose width differs more from the needle's are not its shaft (the bevel, a bubble at an edge).
+_WIDTH_TOLERANCE = 0.25
+# Over this length, in needle diameters, the smoothing along the shaft mixes sheath and needle; and over this the
+# bevel has begun to narrow the needle without being told from it by its width.
+_STEP_BLUR = 0.6
+_BEVEL_ONSET = 0.6
+# Both edges must be seen over so much of the needle, and over this length at all.
+_LEAST_MEASURED = 0.5
+_LEAST_LENGTH_MM = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shaft:
+    """A needle's shaft, from the sheath's tip (or where it enters the picture) to its own tip.
+
+    Attributes
+    ----------
+    centre_px : ndarray (N, 2)
+        The centre line [px] in rows about a pixel apart; rows in which no edges were found are left out.
+    centre_mm : ndarray (N, 2)
+        The same in the plane [mm]: the middle of the two edges, each mapped for itself.
+    arc_mm : ndarray (N,)
+        Arc length of these rows from the entry [mm].
+    width_mm : float
+        Median distance of the edges.
+    entry_px : ndarray (2,)
+        The sheath's tip, or where the shaft enters the picture.
+    sheathed : bool
+        Whether the entry is a sheath's tip.
+    tip_px : ndarray (2,)
+        The end of the centre line, level with the foremost point of the bevel.
+    length_mm : float
+        Arc length from the entry to the tip.
+    """
+
+    centre_px: FloatArray
+    centre_mm: FloatArray
+    arc_mm: FloatArray
+    width_mm: float
+    entry_px: FloatArray
+    sheathed: bool
+    tip_px: FloatArray
+    length_mm: float
+
+
+@dataclass(frozen=True)
+class _View:
+    """Points of the turned picture in the original one and in the plane."""
+
+    orientation: Orientation
+    plane: PlaneMap
+
+    def px(self, points: FloatArray) -> FloatArray:
+        return self.orientation.original_px(points)
+
+    def mm(self, points: FloatArray) -> FloatArray:
+        return self.plane.to_mm(self.px(points))
+
+
+def locate_shaft(
+    image: Picture, plane: PlaneMap, diameter_mm: float, sheath_diameter_mm: float | None
+) -> Shaft:
+    """Find the shaft in a picture.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+    plane : PlaneMap
+    diameter_mm : float
+        Of the needle, within a factor of about 1.5.
+    sheath_diameter_mm : float or None
+        None where no sheath is in the picture.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If the picture does not show one shaft with its tip, and the sheath where one is stated; says what it
+        shows instead.
+    """
+    view = _View(Orientation.of(image, plane.insertion), plane)
+    picture = view.orientation.picture(as_grey(image))
+    diameters = Diameters(diameter_mm, sheath_diameter_mm)
+    widths = diameters.widths(1.0 / plane.mm_per_px)
+    trace = _only_shaft(trace_shafts(picture, widths), widths, view)
+    guide = _refined_guide(picture, trace, widths, diameters)
+    return _measured(picture, guide, widths, diameters, view)
+
+
+def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace:
+    """Return the shaft, or refuse where there are two or it does not come from the border."""
+    first = traces[0]
+    start_mm = (first.points[0, 0] + 0.5) / widths.px_per_mm
+    if start_mm > _LARGEST_GAP_MM:
+        raise MeasurementRefusedError(
+            f"the shaft begins {start_mm:.1f} mm inside the picture, and {_LARGEST_GAP_MM:g} mm is the most for one "
+            "that comes from the border"
+        )
+    if len(first.points) < LEAST_POINTS:
+        u, v = view.px(first.points[-1:])[0]
+        raise MeasurementRefusedError(
+            f"what enters the picture is no shaft, it ends at ({u:.0f}, {v:.0f}) px"
+        )
+    for other in traces[1:]:
+        length_mm = np.hypot(*np.diff(other.points, axis=0).T).sum() / widths.px_per_mm
+        if length_mm >= _RIVAL_MM and other.strength >= _RIVAL_STRENGTH * first.strength:
+            places = " and ".join(
+                f"({u:.0f}, {v:.0f})" for u, v in view.px(np.array([first.points[0], other.points[0]]))
+            )
+            raise MeasurementRefusedError(
+                f"two shafts enter the picture, at {places} px, and one is expected"
+            )
+    return first
+
+
+def _refined_guide(picture: Picture, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
+    """Return a guide along the middle of the shaft's edges, from the border to some way beyond the tip."""
+    scale = widths.px_per_mm
+    coarse = guide_through(trace.points, scale, 0.0, 0.0)
+    edges = find_edges(straighten(picture, coarse, widths), widths)
+    run = longest_run(edges.counts, scale)
+    entry = sheath_end(edges.width / scale, run, scale, diameters)
+    rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
+    rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows
+    if len(rows) < max(scale * _LEAST_LENGTH_MM, LEAST_POINTS):
+        raise MeasurementRefusedError(
+            f"both edges of the shaft are seen over {len(rows) / scale:.1f} mm, and {_LEAST_LENGTH_MM:g} mm is the "
+            "least"
+        )
+    before_mm = rows[0] / scale + _LARGEST_GAP_MM
+    middle = coarse.at(rows.astype(np.float64), edges.middle[rows])
+    guide = guide_through(middle, scale, before_mm, _BEYOND_MM).inside(picture.shape[1], picture.shape[0])
+    if len(guide.places) < LEAST_POINTS:
+        raise MeasurementRefusedError("the shaft lies on the picture's border")
+    return guide
+
+
+def _measured(picture: Picture, guide: Guide, widths: Widths, diameters: Diameters, view: _View) -> Shaft:
+    """Measure the shaft in the strip along its refined guide."""
+    strip = straighten(picture, guide, widths)
+    edges = find_edges(strip, widths)
+    grid = np.arange(len(guide.places), dtype=np.float64)
+    left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
+    width_mm = np.hypot(*(right_mm - left_mm).T)
+    run = longest_run(edges.counts, widths.px_per_mm)
+    entry = sheath_end(width_mm, run, widths.px_per_mm, diameters)
+    bar = run & _is_bar(width_mm, run, entry) & (grid > entry + _STEP_BLUR * widths.needle_px)
+    tip = needle_end(strip, edges, np.flatnonzero(run), widths)
+    if tip >= len(grid) - 1:
+        raise _no_tip(picture, guide.places[-1], view)
+    bar &= grid < tip
+    _check(bar, width_mm, tip, diameters)
+    arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
+    entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
+    offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
+    ends = view.px(guide.at(np.array([entry, tip]), np.array([offset, 0.0])))
+    return Shaft(
+        centre_px=view.px(guide.at(grid[bar], edges.middle[bar])),
+        centre_mm=0.5 * (left_mm + right_mm)[bar],
+        arc_mm=arc_mm[bar] - entry_arc,
+        width_mm=float(np.median(width_mm[bar])),
+        entry_px=ends[0],
+        sheathed=diameters.sheath_mm is not None,
+        tip_px=ends[1],
+        length_mm=float(tip_arc - entry_arc),
+    )
+
+
+def _is_bar(width: FloatArray, run: NDArray[np.bool_], entry: float) -> NDArray[np.bool_]:
+    """Return which rows (N,) are as wide as sheath and needle usually are, each on its side of `entry`."""
+    beyond = np.arange(len(width)) > entry
+    usual = np.where(beyond, _median(width[run & beyond]), _median(width[run & ~beyond]))
+    return np.abs(width - usual) <= _WIDTH_TOLERANCE * usual
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else 0.0
+
+
+def _no_tip(picture: Picture, end: FloatArray, view: _View) -> MeasurementRefusedError:
+    u, v = view.px(end[None])[0]
+    margin = float(np.min([*(end + 0.5), *(np.array(picture.shape[::-1]) - 0.5 - end)]))
+    if margin < _BORDER_PX:
+        return MeasurementRefusedError(
+            f"the shaft runs out of the picture at ({u:.0f}, {v:.0f}) px, its tip is not seen"
+        )
+    return MeasurementRefusedError(
+        f"the shaft fades without a clear end, it is still dark at ({u:.0f}, {v:.0f}) px"
+    )
+
+
+def _check(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: Diameters) -> None:
+    """Refuse a shaft that is too short, too patchy, or too thick or thin for the needle."""
+    rows = np.flatnonzero(bar)
+    if len(rows) < 4:
+        raise MeasurementRefusedError("no stretch of the needle shows both edges")
+    measured = len(rows) / (tip - rows[0] + 1.0)
+    if measured < _LEAST_MEASURED:
+        raise MeasurementRefusedError(
+            f"both edges are seen over {measured:.0%} of the needle, and {_LEAST_MEASURED:.0%} is the least"
+        )
+    width = float(np.median(width_mm[rows]))
+    least, most = diameters.needle_mm / _DIAMETER_FACTOR, diameters.needle_mm * _DIAMETER_FACTOR
+    if not least <= width <= most:
+        raise MeasurementRefusedError(
+            f"the shaft is {width:.2f} mm wide, and a needle of {diameters.needle_mm} mm may look between "
+            f"{least:.2f} and {most:.2f} mm wide"
+        )

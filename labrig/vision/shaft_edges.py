@@ -1,0 +1,207 @@
+"""The shaft straightened into a strip, and its two edges in every row of it.
+
+A strip's rows run along the shaft a pixel apart, its columns across it, so that a curved needle becomes a
+straight bar: it can be smoothed along its length without being bent, and its edges are searched in all rows at once.
+Bright stripes too narrow to be gel (a glint) are filled by a grey opening. An edge is where the grey value is
+half way between the shaft's dark core and the gel on that side, found from outside inwards, so that uneven light does
+not move it.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_lsq_spline
+
+from labrig.vision.picture import Picture
+from labrig.vision.shaft_trace import Widths
+
+FloatArray = NDArray[np.float64]
+_Strip = NDArray[np.float32]
+
+# Points that a guide takes.
+LEAST_POINTS = 5
+# Distance of the guide's knots along the shaft: it bends no faster than the shaft can.
+_KNOTS_MM = 6.0
+# Length of the last stretch whose curvature the guide keeps beyond its points.
+_LAST_ARC_MM = 8.0
+# Smoothing along the shaft, and of the two levels, in needle diameters.
+_ALONG = 0.25
+_LEVELS_ALONG = 1.0
+# Half width of the core and of the gel searched beyond the widest shaft, in needle diameters.
+_CORE = 0.35
+_GEL_FROM, _GEL_TO = 0.25, 0.9
+_CORE_QUANTILE, _GEL_QUANTILE = 0.25, 0.6
+# A row counts when its contrast reaches this part of the shaft's usual one.
+_LEAST_CONTRAST = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """A smooth line through the picture, a row a pixel.
+
+    Attributes
+    ----------
+    places, normals : ndarray (N, 2)
+        Pixels and unit normals, columns (u, v).
+    """
+
+    places: FloatArray
+    normals: FloatArray
+
+    def at(self, rows: FloatArray, offsets: FloatArray) -> FloatArray:
+        """Return the pixels (M, 2) that lie `offsets` (M,) px along the normals of fractional `rows` (M,)."""
+        grid = np.arange(len(self.places))
+        columns = (
+            np.interp(rows, grid, self.places[:, axis])
+            + offsets * np.interp(rows, grid, self.normals[:, axis])
+            for axis in (0, 1)
+        )
+        return np.column_stack(tuple(columns))
+
+    def inside(self, width: int, height: int) -> "Guide":
+        """Return the longest stretch of the guide that lies inside a picture of that size."""
+        u, v = self.places.T
+        out = np.flatnonzero((u < -0.5) | (u > width - 0.5) | (v < -0.5) | (v > height - 0.5))
+        bounds = np.concatenate(([-1], out, [len(u)]))
+        longest = int(np.argmax(np.diff(bounds)))
+        kept = slice(bounds[longest] + 1, bounds[longest + 1])
+        return Guide(self.places[kept], self.normals[kept])
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The shaft's edges in every row of a strip.
+
+    Attributes
+    ----------
+    left, right : ndarray (N,)
+        Offsets from the guide [px]; meaningless in rows that do not count.
+    counts : ndarray of bool (N,)
+    gel, core : ndarray (N,)
+        Grey levels beside the shaft and in its core.
+    """
+
+    left: FloatArray
+    right: FloatArray
+    counts: NDArray[np.bool_]
+    gel: FloatArray
+    core: FloatArray
+
+    @property
+    def middle(self) -> FloatArray:
+        """Offsets of the centre line from the guide [px]."""
+        return 0.5 * (self.left + self.right)
+
+    @property
+    def width(self) -> FloatArray:
+        """Distances between the edges [px]."""
+        return self.right - self.left
+
+
+def guide_through(points: FloatArray, px_per_mm: float, before_mm: float, after_mm: float) -> Guide:
+    """Return a smooth line through at least `LEAST_POINTS` points (M, 2) in order, extended before and after them.
+
+    Before them it is straight, after them it keeps the curvature of its last stretch.
+    A cubic spline with knots some millimetres apart is fitted by least squares, so single points may be off.
+    """
+    lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    kept = np.concatenate(([True], np.diff(lengths) > 0.0))
+    lengths, points = lengths[kept], points[kept]
+    pieces = max(1, min(int(lengths[-1] / (_KNOTS_MM * px_per_mm)), len(points) // LEAST_POINTS))
+    # Knots at points, so that every piece has its share of them however they are spread.
+    inner = lengths[np.linspace(0, len(lengths) - 1, pieces + 1).round().astype(int)]
+    knots = np.concatenate(([0.0] * 3, inner, [lengths[-1]] * 3))
+    spline = make_lsq_spline(lengths, points, knots, k=3)
+    rows = np.arange(0.0, lengths[-1], 1.0)
+    places, tangents = (
+        np.asarray(values @ [1.0, 1.0j], dtype=complex) for values in (spline(rows), spline(rows, nu=1))
+    )
+    tangents /= np.abs(tangents)
+    last = min(len(rows) - 1, round(_LAST_ARC_MM * px_per_mm))
+    turn = float(np.angle(tangents[-1] / tangents[-1 - last])) / max(last, 1)
+    before = np.arange(-round(before_mm * px_per_mm), 0)
+    after = np.arange(1, round(after_mm * px_per_mm) + 1)
+    arc = tangents[-1] * np.exp(1j * turn * after)
+    places = np.concatenate((places[0] + before * tangents[0], places, places[-1] + np.cumsum(arc)))
+    normals = 1j * np.concatenate((np.repeat(tangents[0], len(before)), tangents, arc))
+    return Guide(_columns(places), _columns(normals))
+
+
+def _columns(values: NDArray[np.complex128]) -> FloatArray:
+    return np.column_stack((values.real, values.imag))
+
+
+def straighten(picture: Picture, guide: Guide, widths: Widths) -> _Strip:
+    """Return the strip (N, 2 K + 1) of grey values along the guide; the guide is in column K."""
+    reach = int(np.ceil(0.5 * widths.widest_px + _GEL_TO * widths.needle_px))
+    offsets = np.arange(-reach, reach + 1)
+    u, v = (guide.places[:, a, None] + guide.normals[:, a, None] * offsets for a in (0, 1))
+    strip = cv2.remap(
+        picture, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(strip, dtype=np.float32)
+
+
+def smooth_rows(strip: _Strip, sigma_px: float) -> _Strip:
+    """Return the strip smoothed along the shaft."""
+    return np.asarray(
+        cv2.GaussianBlur(strip, (1, 2 * int(np.ceil(3 * sigma_px)) + 1), sigmaX=0.0, sigmaY=sigma_px),
+        dtype=np.float32,
+    )
+
+
+def _without_glint(strip: _Strip, widths: Widths) -> _Strip:
+    """Return the strip with bright stripes too narrow to be gel filled to the grey value beside them (grey opening)."""
+    across = np.ones((1, int(np.ceil(widths.glint_px)) | 1), np.uint8)
+    return np.asarray(cv2.morphologyEx(strip, cv2.MORPH_OPEN, across), dtype=np.float32)
+
+
+def find_edges(strip: _Strip, widths: Widths) -> Edges:
+    """Return the edges in every row of a strip."""
+    smooth = _without_glint(smooth_rows(strip, _ALONG * widths.needle_px), widths)
+    middle = strip.shape[1] // 2
+    half = max(1, int(_CORE * widths.needle_px))
+    core = _level(smooth[:, middle - half : middle + half + 1], _CORE_QUANTILE, widths)
+    sides = (smooth[:, middle::-1], smooth[:, middle:])
+    first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
+    gels = tuple(_level(side[:, first:], _GEL_QUANTILE, widths) for side in sides)
+    (left, left_found), (right, right_found) = (
+        _outermost_crossing(side, 0.5 * (core + gel), first) for side, gel in zip(sides, gels, strict=True)
+    )
+    contrast = np.minimum(*gels) - core
+    width = left + right
+    found = left_found & right_found & (width > 0.4 * widths.needle_px) & (width < 1.3 * widths.widest_px)
+    counts = found & (contrast > 0.0)
+    usual = np.median(contrast[counts]) if counts.any() else 0.0
+    return Edges(
+        -left, right, counts & (contrast >= _LEAST_CONTRAST * usual), 0.5 * (gels[0] + gels[1]), core
+    )
+
+
+def gel_level(strip: _Strip, widths: Widths) -> FloatArray:
+    """Return the grey level (N,) of the gel on both sides, row by row."""
+    first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
+    middle = strip.shape[1] // 2
+    beside = np.hstack((strip[:, : middle - first + 1], strip[:, middle + first :]))
+    return np.asarray(np.median(beside, axis=1), dtype=np.float64)
+
+
+def _level(columns: _Strip, quantile: float, widths: Widths) -> FloatArray:
+    """Return the grey level (N,) of some columns of a strip, smoothed along it."""
+    index = int(quantile * (columns.shape[1] - 1) + 0.5)
+    ranked = np.ascontiguousarray(np.partition(columns, index, axis=1)[:, index, None])
+    return np.asarray(smooth_rows(ranked, _LEVELS_ALONG * widths.needle_px)[:, 0], dtype=np.float64)
+
+
+def _outermost_crossing(
+    side: _Strip, threshold: FloatArray, last: int
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return how far out (N,) the grey value last rises through the threshold before column `last`, and whether."""
+    dark = side[:, :last] < threshold[:, None]
+    column = last - 1 - np.argmax(dark[:, ::-1], axis=1)
+    rows = np.arange(len(side))
+    inner, outer = (side[rows, column + k].astype(np.float64) for k in (0, 1))
+    rise = np.maximum(outer - inner, 1e-6)
+    return column + np.clip((threshold - inner) / rise, 0.0, 1.0), np.asarray(dark.any(axis=1))

@@ -1,0 +1,185 @@
+"""Circles through points: certified answers, laws, outliers, refusals, and the uncertainty that is claimed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.errors import InputError, MeasurementRefusedError
+from labrig.geometry import fit_circle
+
+CIRCLES = Path(__file__).parents[2].parent / "shared" / "data" / "circlefit"
+METHODS = ("robust", "geometric", "taubin")
+CERTIFIED = ("gander1994", "cookbook1", "cookbook2_arc")
+
+
+def arc(count=500, radius=28.0, span_deg=82.0, noise=0.0, seed=0):
+    """Return points (N, 2) along an arc about (3, -7)."""
+    angles = np.linspace(0.0, np.deg2rad(span_deg), count)
+    points = radius * np.column_stack((np.cos(angles), np.sin(angles))) + (3.0, -7.0)
+    return points + np.random.default_rng(seed).normal(0.0, noise, points.shape)
+
+
+def parameters(circle):
+    """Return centre and radius in one array."""
+    return np.array([*circle.centre, circle.radius])
+
+
+@pytest.mark.parametrize("method", ["geometric", "taubin"])
+@pytest.mark.parametrize("name", CERTIFIED)
+def test_answers_the_certified_circles(name, method):
+    """Both classical fits agree with answers computed to sixty digits."""
+    if not CIRCLES.is_dir():
+        pytest.skip(f"the certified point sets are not at {CIRCLES}")
+    points = np.loadtxt(CIRCLES / f"{name}.csv", delimiter=",", skiprows=1)
+    certified = json.loads((CIRCLES / "certified.json").read_text())[name]
+    circle = fit_circle(points, method=method)
+    assert parameters(circle) == pytest.approx(np.array(certified[method], dtype=float), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", CERTIFIED)
+def test_states_the_certified_standard_errors(name):
+    """The covariance of the geometric fit is the usual s^2 (J^T J)^-1."""
+    if not CIRCLES.is_dir():
+        pytest.skip(f"the certified point sets are not at {CIRCLES}")
+    points = np.loadtxt(CIRCLES / f"{name}.csv", delimiter=",", skiprows=1)
+    certified = json.loads((CIRCLES / "certified.json").read_text())[name]
+    covariance = fit_circle(points, method="geometric").covariance
+    errors = np.array(certified["geometric_se_s2=SSE/(n-3)"], dtype=float)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(errors, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_finds_an_exact_circle(method):
+    """Points without noise give the circle they were taken from, and no residual."""
+    circle = fit_circle(arc(40), method=method)
+    assert parameters(circle) == pytest.approx([3.0, -7.0, 28.0], abs=1e-8)
+    assert circle.residual_rms < 1e-9
+    assert circle.inliers.all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    method=st.sampled_from(METHODS),
+    shift=st.tuples(*[st.floats(-1e4, 1e4)] * 2),
+    scale=st.floats(1e-3, 1e3),
+    turn=st.floats(-3.2, 3.2),
+    seed=st.integers(0, 5),
+)
+def test_moves_turns_and_scales_with_its_points(method, shift, scale, turn, seed):
+    """A similarity of the points is the same similarity of the circle."""
+    points = arc(60, noise=0.05, seed=seed)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    before = fit_circle(points, method=method)
+    after = fit_circle(scale * points @ rotation.T + shift, method=method)
+    tolerance = 1e-6 * (scale + 1e-6 * np.abs(shift).max())
+    assert np.array(after.centre) == pytest.approx(scale * rotation @ before.centre + shift, abs=tolerance)
+    assert after.radius == pytest.approx(scale * before.radius, abs=tolerance)
+
+
+def test_geometric_fit_is_a_minimum():
+    """No small step from the geometric circle lowers the sum of squared orthogonal distances."""
+    points = arc(80, noise=0.4)
+    best = parameters(fit_circle(points, method="geometric"))
+
+    def cost(circle):
+        return np.sum((np.hypot(*(points - circle[:2]).T) - circle[2]) ** 2)
+
+    steps = 1e-3 * np.vstack((np.eye(3), -np.eye(3)))
+    assert all(cost(best + step) > cost(best) for step in steps)
+
+
+def test_residuals_are_positive_outside():
+    """The signed distance of a point is positive outside the circle and negative inside."""
+    circle = fit_circle([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+    assert circle.residuals([(3.0, 0.0), (0.0, 0.5)]) == pytest.approx([2.0, -0.5])
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_robust_fit_bears_outliers(share):
+    """Scattered mistakes that ruin the geometric fit leave the robust one where it was."""
+    points = arc(500, noise=0.025)
+    generator = np.random.default_rng(1)
+    wrong = generator.choice(500, int(share * 500), replace=False)
+    points[wrong] = generator.uniform((-5.0, -10.0), (35.0, 25.0), (len(wrong), 2))
+    circle = fit_circle(points)
+    assert circle.radius == pytest.approx(28.0, abs=0.03)
+    assert not circle.inliers[wrong].any() or circle.inliers[wrong].mean() < 0.05
+    assert abs(fit_circle(points, method="geometric").radius - 28.0) > 0.3
+
+
+def test_robust_fit_bears_points_of_the_straight_sheath():
+    """Points on a tangent before the arc, a twentieth of all, move the radius by a tenth of a percent at most."""
+    points = arc(475, noise=0.025)
+    along = np.linspace(-2.0, 0.0, 25)
+    sheath = np.column_stack((np.full(25, 31.0), along - 7.0)) + np.random.default_rng(2).normal(
+        0.0, 0.025, (25, 2)
+    )
+    assert fit_circle(np.vstack((sheath, points))).radius == pytest.approx(28.0, rel=1.5e-3)
+
+
+def test_robust_fit_is_deterministic():
+    """The same points give the same circle to the last bit."""
+    points = arc(200, noise=0.1, seed=3)
+    assert (parameters(fit_circle(points)) == parameters(fit_circle(points.copy()))).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_claimed_spread_is_the_observed_one(method):
+    """With independent noise the stated standard deviation of the radius is what repeated fits show."""
+    fits = [fit_circle(arc(150, noise=0.05, seed=seed), method=method) for seed in range(200)]
+    radii = np.array([circle.radius for circle in fits])
+    claimed = np.mean([np.sqrt(circle.covariance[2, 2]) for circle in fits])
+    assert radii.std() == pytest.approx(claimed, rel=0.2)
+    assert abs(radii.mean() - 28.0) < 4.0 * claimed / np.sqrt(200)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_three_points_leave_no_uncertainty_to_state(method):
+    """Three points determine a circle and nothing about its error."""
+    circle = fit_circle([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)], method=method)
+    assert parameters(circle) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    assert circle.covariance is None
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (np.empty((0, 2)), "0 points"),
+        ([(0.0, 0.0), (1.0, 1.0)], "2 points"),
+        ([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0), (5.0, 5.0)], "straight line"),
+        (np.column_stack((np.arange(50.0), 3.0 * np.arange(50.0) + 1e6)), "straight line"),
+        (np.ones((10, 2)), "one place"),
+        ([(0.0, 0.0), (1.0, np.nan), (2.0, 0.0)], "not finite"),
+        ([(0.0, 0.0), (np.inf, 0.0), (2.0, 1.0)], "not finite"),
+    ],
+)
+def test_refuses_points_without_a_circle(points, said, method):
+    """Too few, collinear, coincident and non-finite points are refused with what is wrong."""
+    with pytest.raises(MeasurementRefusedError, match=said):
+        fit_circle(points, method=method)
+
+
+@pytest.mark.parametrize("points", [np.zeros((5, 3)), np.zeros(6), 3.0])
+def test_wants_one_row_a_point(points):
+    """An array of another shape is wrong input, not a bad measurement."""
+    with pytest.raises(InputError, match="shape"):
+        fit_circle(points)
+
+
+def test_names_the_methods_it_knows():
+    """An unknown method is refused with those that exist."""
+    with pytest.raises(InputError, match="kasa") as caught:
+        fit_circle(arc(10), method="kasa")
+    assert "robust" in caught.value.hint
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_survives_points_on_the_centre(method):
+    """A point in the circle's centre has no direction; the fit goes on without it."""
+    points = np.vstack((arc(100, span_deg=350.0), [(3.0, -7.0)]))
+    assert np.isfinite(parameters(fit_circle(points, method=method))).all()

@@ -1,0 +1,193 @@
+"""Calibration files: what is written comes back, and what is not such a file is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labrig.errors import DiskError, FileFormatError, InputError
+from labrig.vision import (
+    Intrinsics,
+    PlaneMap,
+    ViewResidual,
+    load_intrinsics,
+    load_plane,
+    save_intrinsics,
+    save_plane,
+)
+
+LENS = Intrinsics(
+    image_size=(1280, 720),
+    fx=1400.0 + 1 / 3,
+    fy=1401.1,
+    cx=640.123456789012,
+    cy=355.5,
+    distortion=(-0.28, 0.1, 1e-17, -0.0005, 0.0),
+    sigma={"fx": 0.4, "fy": None, "cx": 0.5, "cy": 0.6},
+    rms_px=0.2,
+    holdout_rms_px=None,
+    views=(
+        ViewResidual("a.png", 0.21, used=True),
+        ViewResidual("b.png", None, used=False, reason="no board"),
+    ),
+    accepted=False,
+    reasons=("2 different views",),
+)
+PLANE = PlaneMap(
+    homography=np.array([[0.0, -0.1, 20 / 3], [0.1, 0.001, -3.0], [1e-6, 0.0, 1.0]]),
+    intrinsics=LENS,
+    origin_px=(100.3, 200.7),
+    insertion="right",
+    image_size=(1280, 720),
+    mm_per_px=0.0641,
+    rms_mm=0.007,
+    worst_mm=0.02,
+    holdout_rms_mm=0.0071,
+    residual_field_mm=((0.1, None, 0.2),) * 3,
+    crossings=3800,
+)
+PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}
+
+
+@pytest.fixture
+def lens_file(tmp_path):
+    """Return an intrinsics file."""
+    path = tmp_path / "intrinsics.json"
+    save_intrinsics(path, LENS, PROVENANCE)
+    return path
+
+
+@pytest.fixture
+def plane_file(tmp_path):
+    """Return a plane file."""
+    path = tmp_path / "plane.json"
+    save_plane(path, PLANE, PROVENANCE)
+    return path
+
+
+def changed(path, **values):
+    """Return the file after changing members of its document."""
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, **values}))
+    return path
+
+
+def test_a_lens_comes_back_to_the_last_digit(lens_file):
+    """Every number, view and reason survives the file, unknown ones as None."""
+    assert load_intrinsics(lens_file) == LENS
+    assert load_intrinsics(lens_file).fingerprint() == LENS.fingerprint()
+
+
+def test_a_plane_comes_back_to_the_last_digit(plane_file):
+    """A plane map survives the file with the lens it is given."""
+    back = load_plane(plane_file, LENS)
+    assert (back.homography == PLANE.homography).all()
+    same = [name for name in vars(PLANE) if name != "homography"]
+    assert {name: getattr(back, name) for name in same} == {name: getattr(PLANE, name) for name in same}
+    assert back.to_mm([(5.0, 6.0)]) == pytest.approx(PLANE.to_mm([(5.0, 6.0)]), abs=0.0)
+
+
+def test_a_stated_scale_comes_back(tmp_path):
+    """A map without lens or residuals is written with nulls and read without intrinsics."""
+    save_plane(tmp_path / "plane.json", PlaneMap.from_scale(5.607, (1.0, 2.0), "down"), {})
+    back = load_plane(tmp_path / "plane.json", None)
+    assert back.intrinsics is None
+    assert back.image_size is None
+    assert back.to_mm([(1.0, 2.0)]) == pytest.approx(np.zeros((1, 2)))
+
+
+def test_files_say_what_they_are(lens_file, plane_file):
+    """Kind, schema version, provenance and the keys of the interface stand in the files."""
+    lens, plane = json.loads(lens_file.read_text()), json.loads(plane_file.read_text())
+    assert (lens["kind"], plane["kind"]) == ("labrig-intrinsics", "labrig-plane")
+    assert lens["schema_version"] == plane["schema_version"] == 1
+    assert lens["provenance"] == plane["provenance"] == PROVENANCE
+    assert LENS.to_json().items() <= lens.items()
+    assert plane["intrinsics_sha256"] == LENS.fingerprint()
+
+
+def test_a_plane_is_bound_to_its_lens(plane_file, tmp_path):
+    """A map is not read with another lens, without one, or with one where it was made without."""
+    other = replace(LENS, fx=LENS.fx + 1e-9)
+    for intrinsics in (other, None):
+        with pytest.raises(InputError, match="was made with the intrinsics"):
+            load_plane(plane_file, intrinsics)
+    save_plane(tmp_path / "scale.json", PlaneMap.from_scale(5.0, (1.0, 2.0), "up"), {})
+    with pytest.raises(InputError, match="was made with no intrinsics"):
+        load_plane(tmp_path / "scale.json", LENS)
+
+
+def test_a_better_known_lens_is_the_same_lens(plane_file):
+    """Evidence beside the model (views, residuals) does not make it another lens."""
+    assert load_plane(plane_file, replace(LENS, views=(), rms_px=9.0)).intrinsics.rms_px == 9.0
+
+
+def test_kinds_are_not_mixed_up(lens_file, plane_file):
+    """Each file is refused where the other is wanted, with who writes the right one."""
+    with pytest.raises(
+        FileFormatError, match=r"intrinsics\.json kind: is 'labrig-intrinsics', not 'labrig-plane'"
+    ):
+        load_plane(lens_file, LENS)
+    with pytest.raises(FileFormatError) as caught:
+        load_intrinsics(plane_file)
+    assert "calibrate intrinsics" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", r"intrinsics\.json:1:2: is not JSON"),
+        ("[1, 2]", "kind: is None"),
+        ("null", "kind: is None"),
+        ('{"kind": "labrig-intrinsics"}', "schema_version: is None"),
+        ('{"kind": "labrig-intrinsics", "schema_version": 2}', "schema_version: is 2, this labrig reads 1"),
+        ('{"kind": "labrig-intrinsics", "schema_version": 1}', "fx: Field required"),
+    ],
+)
+def test_refuses_what_is_no_such_file(text, said, lens_file):
+    """Torn, foreign, newer and empty documents are refused with the place and the fault."""
+    lens_file.write_text(text)
+    with pytest.raises(FileFormatError, match=said):
+        load_intrinsics(lens_file)
+
+
+@pytest.mark.parametrize(
+    ("values", "where"),
+    [
+        ({"fx": "wide"}, "fx"),
+        ({"fx": -1.0}, "fx"),
+        ({"cx": float("nan")}, "cx"),
+        ({"distortion": [0.0] * 4}, "distortion.4"),
+        ({"image_size": [1280.5, 720]}, "image_size.0"),
+        ({"views": [{"image": "a.png"}]}, "views.0.rms_px"),
+    ],
+)
+def test_names_the_value_that_is_wrong(values, where, lens_file):
+    """A wrong type, sign, length or missing member is named by its key."""
+    with pytest.raises(FileFormatError) as caught:
+        load_intrinsics(changed(lens_file, **values))
+    assert any(problem.where.endswith(f" {where}") for problem in caught.value.problems), caught.value
+
+
+def test_refuses_a_plane_that_maps_to_a_line(plane_file):
+    """A homography without inverse is no map."""
+    with pytest.raises(FileFormatError, match="no inverse"):
+        load_plane(changed(plane_file, homography=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), LENS)
+
+
+def test_refuses_missing_and_binary_files(tmp_path):
+    """A path without a file, a folder, and bytes that are no text are refused by name."""
+    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
+    for name, said in [("gone.json", "does not exist"), ("bytes.json", "not text"), (".", "cannot be read")]:
+        with pytest.raises(FileFormatError, match=said):
+            load_intrinsics(tmp_path / name)
+
+
+def test_a_failed_write_leaves_the_old_file(lens_file):
+    """What cannot be written does not destroy what was there."""
+    before = lens_file.read_bytes()
+    lens_file.with_name("intrinsics.json.part").mkdir()
+    with pytest.raises(DiskError, match=r"intrinsics\.json cannot be written"):
+        save_intrinsics(lens_file, LENS, {})
+    assert lens_file.read_bytes() == before

@@ -1,0 +1,340 @@
+"""The lens: the model and its inverse, Zhang's calibration, and what it refuses."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError, PictureError
+from labrig.vision import (
+    Intrinsics,
+    board_points_mm,
+    calibrate_from_pictures,
+    calibrate_intrinsics,
+    find_board_corners,
+    read_picture,
+)
+
+PHOTOGRAPHS = Path(__file__).parents[2].parent / "shared" / "data" / "opencv_chess"
+ZHANG = Path(__file__).parents[2].parent / "shared" / "data" / "zhang"
+SIZE = (1280, 720)
+MATRIX = np.array([[1400.0, 0.0, 645.0], [0.0, 1403.0, 352.0], [0.0, 0.0, 1.0]])
+DISTORTION = np.array([-0.12, 0.05, 5e-4, -3e-4, 0.0])
+BOARD = board_points_mm(9, 6, 6.0)
+
+
+def lens(distortion=tuple(DISTORTION)):
+    """Return the lens that draws the views of these tests."""
+    return Intrinsics(
+        image_size=SIZE,
+        fx=MATRIX[0, 0],
+        fy=MATRIX[1, 1],
+        cx=MATRIX[0, 2],
+        cy=MATRIX[1, 2],
+        distortion=distortion,
+        sigma={"fx": 0.5, "fy": 0.5, "cx": 0.5, "cy": 0.5},
+        rms_px=0.1,
+        holdout_rms_px=0.1,
+        views=(),
+        accepted=True,
+        reasons=(),
+    )
+
+
+def seen(tilt_deg, turn_deg, shift=(0.0, 0.0), distance=120.0, noise=0.1, seed=0):
+    """Return the board's corners in the picture when it is held so."""
+    first = cv2.Rodrigues(np.deg2rad(np.array([tilt_deg, turn_deg, 5.0])))[0]
+    centre = np.append(BOARD.mean(axis=0), 0.0)
+    corners = (np.column_stack((BOARD, np.zeros(len(BOARD)))) - centre) @ first.T + (*shift, distance)
+    px = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), MATRIX, DISTORTION)[0].reshape(-1, 2)
+    return px + np.random.default_rng(seed).normal(0.0, noise, px.shape)
+
+
+def good_views(noise=0.1, seed=0):
+    """Return eight views as a careful person would take them."""
+    poses = [(0, 0, 0, 0), (35, 0, -15, 8), (-35, 0, 15, -8), (0, 35, -20, -6), (0, -35, 20, 6)]
+    poses += [(25, 25, 18, -9), (-25, 25, -18, 9), (30, -30, 0, 0)]
+    return [seen(a, b, (u, v), noise=noise, seed=100 * seed + n) for n, (a, b, u, v) in enumerate(poses)]
+
+
+def calibrated(views, names=None):
+    """Return the calibration from views of the whole board."""
+    return calibrate_intrinsics([BOARD] * len(views), views, SIZE, names)
+
+
+@settings(max_examples=50, deadline=None)
+@given(u=st.floats(-0.5, 1279.5), v=st.floats(-0.5, 719.5))
+def test_undistortion_undoes_distortion(u, v):
+    """There and back is the same pixel, all over the picture."""
+    assert lens().distort_px(lens().undistort_px([(u, v)])) == pytest.approx(np.array([(u, v)]), abs=1e-8)
+
+
+def test_distortion_is_opencv_s():
+    """The model puts ideal pixels where `cv2.projectPoints` does."""
+    directions = np.random.default_rng(0).uniform((-0.4, -0.2), (0.4, 0.2), (50, 2))
+    flat = np.column_stack((directions, np.ones(50)))
+    expected = cv2.projectPoints(flat, np.zeros(3), np.zeros(3), MATRIX, DISTORTION)[0].reshape(-1, 2)
+    ideal = flat @ MATRIX.T
+    assert lens().distort_px(ideal[:, :2]) == pytest.approx(expected, abs=1e-9)
+
+
+def test_refuses_pixels_beyond_the_fold():
+    """Where strong distortion folds the picture over, no ideal pixel is made up."""
+    with pytest.raises(MeasurementRefusedError, match="no inverse at pixel"):
+        lens((-1.5, 0.0, 0.0, 0.0, 0.0)).undistort_px([(640.0, 360.0), (3.0, 3.0)])
+
+
+def test_undistortion_of_nothing_is_nothing():
+    """No pixels in, no pixels out; and other shapes are wrong input."""
+    assert lens().undistort_px(np.empty((0, 2))).shape == (0, 2)
+    with pytest.raises(InputError, match="shape"):
+        lens().undistort_px([1.0, 2.0])
+
+
+def test_fingerprint_follows_the_model_alone():
+    """Two calibrations with the same numbers are the same lens; another number is another lens."""
+    assert lens().fingerprint() == lens().fingerprint()
+    assert lens().fingerprint() != lens((-0.12, 0.05, 5e-4, -3e-4, 1e-9)).fingerprint()
+
+
+def test_finds_the_camera_that_took_the_views():
+    """Careful views of a board give the drawn camera within three standard deviations, and are accepted."""
+    found = calibrated(good_views())
+    for name, true in [("fx", 1400.0), ("fy", 1403.0), ("cx", 645.0), ("cy", 352.0)]:
+        assert abs(getattr(found, name) - true) < 3.0 * found.sigma[name], name
+    assert found.accepted, found.reasons
+    assert found.rms_px == pytest.approx(0.1 * np.sqrt(2.0), rel=0.1)
+    assert found.holdout_rms_px == pytest.approx(found.rms_px, rel=0.2)
+    assert all(view.used for view in found.views)
+
+
+def test_claimed_spread_is_the_observed_one():
+    """The stated standard deviation of the focal length is what repeated calibrations show."""
+    found = [calibrated(good_views(noise=0.3, seed=seed)) for seed in range(40)]
+    observed = np.std([one.fx for one in found])
+    assert observed == pytest.approx(np.mean([one.sigma["fx"] for one in found]), rel=0.35)
+
+
+def test_to_json_holds_the_keys_that_others_rely_on():
+    """The document has every key of the interface, and views with their four."""
+    document = calibrated(good_views(), [f"view{n}.png" for n in range(8)]).to_json()
+    assert {
+        "accepted",
+        "reasons",
+        "fx",
+        "fy",
+        "cx",
+        "cy",
+        "sigma",
+        "distortion",
+        "rms_px",
+        "holdout_rms_px",
+    } < set(document)
+    assert set(document["sigma"]) == {"fx", "fy", "cx", "cy"}
+    assert len(document["distortion"]) == 5
+    assert set(document["views"][0]) == {"image", "rms_px", "used", "reason"}
+    assert document["views"][3]["image"] == "view3.png"
+
+
+def test_refuses_nearly_identical_views():
+    """Five photographs of nearly one pose are refused though their corners fit to 0.2 px."""
+    views = [seen(3.0 + 0.3 * n, 2.0, (0.2 * n, 0.0), noise=0.1, seed=n) for n in range(5)]
+    found = calibrated(views)
+    assert found.rms_px < 0.2
+    assert not found.accepted
+    assert any("different views" in reason for reason in found.reasons)
+    assert any("tilt" in reason for reason in found.reasons)
+
+
+def test_refuses_views_that_are_all_parallel():
+    """A board that is moved but never tilted tells nothing of the focal length."""
+    views = [
+        seen(0, 0, shift, distance, seed=n)
+        for n, (shift, distance) in enumerate(
+            [
+                ((-20.0, 0.0), 130.0),
+                ((20.0, 0.0), 130.0),
+                ((0.0, 8.0), 110.0),
+                ((0.0, -8.0), 150.0),
+                ((0.0, 0.0), 95.0),
+            ]
+        )
+    ]
+    found = calibrated(views)
+    assert not found.accepted
+    assert any("tilts differ" in reason for reason in found.reasons)
+
+
+def test_refuses_a_board_in_the_middle_only():
+    """Distortion near the edges is not known from a board in the middle of the picture."""
+    views = [
+        seen(tilt, turn, distance=300.0, seed=n)
+        for n, (tilt, turn) in enumerate([(0, 0), (40, 0), (-40, 0), (0, 40), (0, -40), (30, 30)])
+    ]
+    found = calibrated(views)
+    assert not found.accepted
+    assert any("cover" in reason and "corners" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_refuses_fewer_than_three_views(count):
+    """One or two views give numbers, which are not accepted, and a hold-out that is unknown."""
+    found = calibrated(good_views()[1 : 1 + count])
+    assert not found.accepted
+    assert found.holdout_rms_px is None
+    assert any("at least 3" in reason for reason in found.reasons)
+
+
+def test_refuses_noisy_corners():
+    """Corners a few pixels off leave the focal length uncertain, and that is the reason given."""
+    found = calibrated(good_views(noise=2.5))
+    assert not found.accepted
+    assert any("standard deviation of fx" in reason for reason in found.reasons)
+    assert any("left out" in reason for reason in found.reasons)
+
+
+def test_leaves_out_a_gross_view():
+    """A view whose corners were mistaken is left out, named with its error, and the rest stands."""
+    views = good_views()
+    views[4] = views[4] + np.random.default_rng(9).normal(0.0, 15.0, views[4].shape)
+    found = calibrated(views, [f"{n}.png" for n in range(8)])
+    clean = calibrated([view for n, view in enumerate(views) if n != 4])
+    assert [view.image for view in found.views if not view.used] == ["4.png"]
+    assert "px from where the other views put them" in found.views[4].reason
+    assert found.fx == pytest.approx(clean.fx, abs=1e-6)
+    assert found.accepted
+
+
+def test_views_may_show_different_corners():
+    """Each view brings its own corners, in any number."""
+    views = good_views()
+    boards = [BOARD[n:] for n in range(8)]
+    found = calibrate_intrinsics(boards, [view[n:] for n, view in enumerate(views)], SIZE)
+    assert found.fx == pytest.approx(1400.0, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("boards", "pixels", "said"),
+    [
+        ([], [], "no views"),
+        ([BOARD], [], "do not match"),
+        ([BOARD], [BOARD[:-1]], "not both"),
+        ([BOARD[:, :1]], [BOARD[:, :1]], "not both"),
+        ([BOARD[:3]], [BOARD[:3]], "3 corners"),
+        ([BOARD], [np.where(BOARD > 20.0, np.nan, BOARD)], "not finite"),
+        ([BOARD[:9]], [BOARD[:9]], "one line"),
+        ([BOARD], [BOARD + (1250.0, 0.0)], "outside the picture of 1280 x 720"),
+    ],
+)
+def test_refuses_lists_that_do_not_make_views(boards, pixels, said):
+    """Empty, unequal, misshapen, non-finite, collinear and outlying corners are wrong input."""
+    with pytest.raises(InputError, match=said):
+        calibrate_intrinsics(boards, pixels, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "square"), [(2, 6, 25.0), (9, 0, 25.0), (9, 6, 0.0), (9, 6, float("nan"))]
+)
+def test_refuses_boards_that_cannot_be(columns, rows, square):
+    """A board has three by three inner corners at least, and squares of some size."""
+    with pytest.raises(InputError, match="board"):
+        board_points_mm(columns, rows, square)
+
+
+def drawn_board(turn_deg=0.0, square_px=40, blur=1.0):
+    """Return a picture of a 7 x 5 board and where its corners are."""
+    squares = (np.indices((6 * square_px, 8 * square_px)) // square_px).sum(axis=0) % 2
+    sheet = np.pad(np.where(squares == 0, 30, 220).astype(np.uint8), 120, constant_values=220)
+    height, width = sheet.shape
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), turn_deg, 1.0)
+    picture = cv2.warpAffine(sheet, turn, (width, height), flags=cv2.INTER_AREA, borderValue=220)
+    row, column = np.mgrid[1:6, 1:8]
+    # A corner is the border of four pixels, half a pixel before the first of them.
+    corners = np.column_stack((column.ravel(), row.ravel())) * square_px + 120 - 0.5
+    return cv2.GaussianBlur(picture, (0, 0), blur), corners @ turn[:, :2].T + turn[:, 2]
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 7.0, -20.0])
+def test_finds_corners_where_they_were_drawn(turn_deg):
+    """Corners are found to a twentieth of a pixel, with pixel centres at integers."""
+    picture, corners = drawn_board(turn_deg)
+    found = find_board_corners(picture, 7, 5)
+    distance = np.linalg.norm(found[:, None] - corners[None], axis=2).min(axis=1)
+    assert found.shape == (35, 2)
+    assert distance.max() < 0.05
+
+
+def test_says_that_there_is_no_board():
+    """A picture without the board is refused with what to do."""
+    with pytest.raises(MeasurementRefusedError, match="9 x 6 inner corners") as caught:
+        find_board_corners(drawn_board()[0], 9, 6)
+    assert "margin" in caught.value.hint
+
+
+def test_refuses_pictures_of_different_sizes():
+    """One calibration is of one camera setting; the error names both pictures and sizes."""
+    picture, _ = drawn_board()
+    with pytest.raises(PictureError, match=r"b\.png has 100 x 100 pixels, a\.png has 560 x 480"):
+        calibrate_from_pictures([("a.png", picture), ("b.png", picture[:100, :100])], 7, 5, 10.0)
+
+
+def test_refuses_pictures_without_any_board():
+    """When the board is in none of the pictures there is no calibration to speak of."""
+    blank = np.full((480, 640), 128, dtype=np.uint8)
+    with pytest.raises(CalibrationRefusedError, match="any of 2 pictures"):
+        calibrate_from_pictures([("a.png", blank), ("b.png", blank)], 9, 6, 25.0)
+    with pytest.raises(InputError, match="no pictures"):
+        calibrate_from_pictures([], 9, 6, 25.0)
+
+
+def photographs():
+    """Return the real photographs with their names, or skip."""
+    if not PHOTOGRAPHS.is_dir():
+        pytest.skip(f"the chessboard photographs are not at {PHOTOGRAPHS}")
+    return [(path.name, read_picture(path)) for path in sorted(PHOTOGRAPHS.glob("left*.jpg"))]
+
+
+def test_calibrates_from_real_photographs():
+    """OpenCV's thirteen photographs give the focal length that careful work gives, and are accepted."""
+    found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
+    assert found.fx == pytest.approx(532.83, abs=2 * 0.44)
+    assert found.fy == pytest.approx(532.95, abs=2 * 0.46)
+    assert found.rms_px < 0.22
+    assert found.holdout_rms_px < 0.25
+    assert found.accepted, found.reasons
+    assert len(found.views) == 13
+
+
+def test_lists_photographs_without_the_board():
+    """A photograph in which no board is found stands in the list, unused, with the reason, in its place."""
+    pictures = photographs()
+    pictures.insert(2, ("blank.png", np.full_like(pictures[0][1], 90)))
+    found = calibrate_from_pictures(pictures, 9, 6, 25.0)
+    assert found.views[2].image == "blank.png"
+    assert not found.views[2].used
+    assert found.views[2].rms_px is None
+    assert "no board" in found.views[2].reason
+    assert [view.image for view in found.views] == [name for name, _ in pictures]
+
+
+def test_refuses_one_photograph_taken_five_times():
+    """Copies are no evidence, however well they fit."""
+    found = calibrate_from_pictures([photographs()[0]] * 5, 9, 6, 25.0)
+    assert not found.accepted
+    assert any("1 different views" in reason for reason in found.reasons)
+
+
+def test_agrees_with_zhang_on_his_own_corners():
+    """Zhang's five views give what he published, though his model has a skew and ours has none."""
+    if not ZHANG.is_dir():
+        pytest.skip(f"Zhang's corners are not at {ZHANG}")
+    model = np.loadtxt(ZHANG / "Model.txt").reshape(-1, 2) * 25.4
+    views = [np.loadtxt(path).reshape(-1, 2) for path in sorted(ZHANG.glob("data*.txt"))]
+    found = calibrate_intrinsics([model] * len(views), views, (640, 480))
+    assert found.fx == pytest.approx(832.5, abs=2.0)
+    assert found.fy == pytest.approx(832.53, abs=2.0)
+    assert found.cx == pytest.approx(303.959, abs=3.0)
+    assert found.cy == pytest.approx(206.585, abs=3.0)

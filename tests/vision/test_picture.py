@@ -1,0 +1,124 @@
+"""Pictures from files: what is read as it is, and what is refused."""
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.errors import InputError, PictureError
+from labrig.vision import as_grey, read_picture, require_size, size_of
+
+
+@pytest.fixture
+def grey():
+    """Return a grey picture."""
+    return np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
+
+
+@pytest.fixture
+def colour():
+    """Return a picture in colour."""
+    return np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+
+
+def saved(path, image):
+    """Return the path of a picture that has been written there."""
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+@pytest.mark.parametrize("name", ["grey", "colour"])
+def test_reads_pixels_as_they_were_saved(name, tmp_path, request):
+    """A PNG comes back bit for bit, grey as (H, W) and colour as blue-green-red."""
+    image = request.getfixturevalue(name)
+    read = read_picture(saved(tmp_path / "picture.png", image))
+    assert read.dtype == np.uint8
+    assert (read == image).all()
+
+
+def test_drops_the_alpha_channel(colour, tmp_path):
+    """Transparency is no light, so only the colours are kept."""
+    with_alpha = np.dstack((colour, np.full(colour.shape[:2], 7, dtype=np.uint8)))
+    assert (read_picture(saved(tmp_path / "alpha.png", with_alpha)) == colour).all()
+
+
+def test_ignores_how_the_camera_was_held(grey, tmp_path):
+    """An EXIF orientation does not turn the picture: calibrations are about the sensor's pixels."""
+    plain = saved(tmp_path / "plain.jpg", grey).read_bytes()
+    tags = (
+        b"MM\x00*\x00\x00\x00\x08\x00\x01" + struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0) + b"\x00\x00\x00\x00"
+    )
+    body = b"Exif\x00\x00" + tags
+    turned = tmp_path / "turned.jpg"
+    turned.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
+    assert size_of(read_picture(turned)) == (40, 30)
+    assert (read_picture(turned) == read_picture(tmp_path / "plain.jpg")).all()
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
+    """A picture without its end is refused, where decoders would fill up with grey."""
+    whole = saved(tmp_path / f"whole.{suffix}", colour).read_bytes()
+    torn = tmp_path / f"torn.{suffix}"
+    torn.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(PictureError, match=rf"torn\.{suffix} is truncated"):
+        read_picture(torn)
+
+
+def test_refuses_a_torn_picture_behind_a_whole_thumbnail(colour, tmp_path):
+    """A thumbnail's end marker does not pass for the picture's own."""
+    whole = saved(tmp_path / "whole.jpg", colour).read_bytes()
+    thumbnail = b"Exif\x00\x00" + whole
+    header = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
+    torn = tmp_path / "torn.jpg"
+    torn.write_bytes(whole[:2] + header + whole[2 : len(whole) // 2])
+    with pytest.raises(PictureError, match="truncated"):
+        read_picture(torn)
+
+
+def test_refuses_a_damaged_png(grey, tmp_path):
+    """A flipped bit fails the chunk's checksum."""
+    path = saved(tmp_path / "picture.png", grey)
+    data = bytearray(path.read_bytes())
+    data[60] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(PictureError, match="damaged"):
+        read_picture(path)
+
+
+def test_refuses_sixteen_bits(grey, tmp_path):
+    """Depths other than eight bits are not scaled by guess."""
+    path = saved(tmp_path / "deep.png", grey.astype(np.uint16) * 257)
+    with pytest.raises(PictureError, match=r"deep\.png has uint16 pixels") as caught:
+        read_picture(path)
+    assert "8-bit" in caught.value.hint
+
+
+def test_refuses_what_is_no_picture(tmp_path):
+    """Missing files, folders, empty files and text each say what they are."""
+    (tmp_path / "notes.jpg").write_text("not a picture")
+    (tmp_path / "empty.png").touch()
+    for name, said in [
+        ("gone.png", "does not exist"),
+        (".", "folder"),
+        ("empty.png", "empty"),
+        ("notes.jpg", "not a p"),
+    ]:
+        with pytest.raises(PictureError, match=said) as caught:
+            read_picture(tmp_path / name)
+        assert caught.value.hint
+
+
+def test_makes_colour_grey_and_leaves_grey(grey, colour):
+    """Colour is weighed into grey; what is grey stays the same array."""
+    assert as_grey(grey) is grey
+    assert as_grey(colour).shape == colour.shape[:2]
+
+
+def test_names_both_sizes(grey):
+    """A picture of another size is wrong input, named with what it has and what it should have."""
+    require_size(grey, (40, 30), "the plane map")
+    with pytest.raises(InputError, match=r"40 x 30 pixels, the plane map is for 1280 x 720"):
+        require_size(grey, (1280, 720), "the plane map")

@@ -1,0 +1,279 @@
+"""Pixels to mm: the frame's directions, and the map that a picture of graph paper gives."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.errors import CalibrationRefusedError, InputError, PictureError
+from labrig.vision import PlaneMap, calibrate_plane, read_picture
+
+from .graph_paper_pictures import LINES, draw_paper, make_bench
+
+PHOTOGRAPHS = Path(__file__).parents[2].parent / "shared" / "data" / "ruled_paper"
+ORIGIN = (100.3, 200.7)
+DIRECTIONS = ("right", "left", "up", "down")
+# Where a pixel to the right and a pixel below lie, (y, z), for each direction of the insertion.
+FRAMES = {
+    "right": ((0, 1), (-1, 0)),
+    "down": ((1, 0), (0, 1)),
+    "left": ((0, -1), (1, 0)),
+    "up": ((-1, 0), (0, -1)),
+}
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """Return a camera over a sheet."""
+    return make_bench()
+
+
+@pytest.fixture(scope="module")
+def paper(bench):
+    """Return a picture of ruled paper there."""
+    return draw_paper(bench)
+
+
+def field(bench, count=300):
+    """Return pixels all over the picture."""
+    width, height = bench.intrinsics.image_size
+    return np.random.default_rng(5).uniform((0.0, 0.0), (width - 1.0, height - 1.0), (count, 2))
+
+
+def truth(bench, px, insertion):
+    """Return the plane's points (y, z) [mm] at pixels, by the bench's own camera."""
+    sheet = bench.mm(px) - bench.mm([ORIGIN])
+    return sheet @ np.array(FRAMES[insertion], dtype=float)
+
+
+@pytest.mark.parametrize("insertion", DIRECTIONS)
+def test_scale_follows_the_conventions(insertion):
+    """A stated scale puts +z along the insertion and +y where the right-handed frame has it."""
+    plane = PlaneMap.from_scale(5.0, (30.0, 40.0), insertion)
+    assert plane.to_mm([(30, 40), (35, 40), (30, 45)]) == pytest.approx(
+        np.array([(0, 0), *FRAMES[insertion]]), abs=1e-12
+    )
+    assert plane.mm_per_px == pytest.approx(0.2)
+    assert plane.accepted
+    assert plane.rms_mm is None
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    scale=st.floats(0.1, 100.0),
+    u=st.floats(-1e3, 1e4),
+    v=st.floats(-1e3, 1e4),
+    insertion=st.sampled_from(DIRECTIONS),
+)
+def test_scale_goes_there_and_back(scale, u, v, insertion):
+    """Pixels to mm to pixels is the same pixel."""
+    plane = PlaneMap.from_scale(scale, (320.5, 240.25), insertion)
+    assert plane.to_px(plane.to_mm([(u, v)])) == pytest.approx(np.array([(u, v)]), rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "origin", "insertion", "said"),
+    [
+        (0.0, (0, 0), "right", "scale"),
+        (-1.0, (0, 0), "right", "scale"),
+        (float("inf"), (0, 0), "right", "scale"),
+        (5.0, (0, float("nan")), "right", "origin"),
+        (5.0, (0, 0), "sideways", "sideways"),
+    ],
+)
+def test_refuses_impossible_scales(scale, origin, insertion, said):
+    """A scale, origin or direction that cannot be is wrong input."""
+    with pytest.raises(InputError, match=said):
+        PlaneMap.from_scale(scale, origin, insertion)
+
+
+def test_wants_one_row_a_point():
+    """Points of another shape are wrong input."""
+    plane = PlaneMap.from_scale(5.0, (0.0, 0.0), "right")
+    with pytest.raises(InputError, match="shape"):
+        plane.to_mm([1.0, 2.0])
+    with pytest.raises(InputError, match="shape"):
+        plane.to_px(np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("insertion", DIRECTIONS)
+def test_paper_gives_the_plane_to_a_fiftieth_of_a_millimetre(insertion, bench, paper):
+    """Lens, tilt and turn are undone all over the picture, in the stated frame, far inside 0.02 mm."""
+    plane = calibrate_plane(paper, bench.intrinsics, 1.0, ORIGIN, insertion)
+    px = field(bench)
+    error = np.linalg.norm(plane.to_mm(px) - truth(bench, px, insertion), axis=1)
+    assert plane.accepted, plane.reasons
+    assert error.max() < 0.005
+    assert plane.to_mm([ORIGIN]) == pytest.approx(np.zeros((1, 2)), abs=1e-9)
+    assert plane.to_px(plane.to_mm(px)) == pytest.approx(px, abs=1e-6)
+    assert plane.mm_per_px == pytest.approx(1 / 15.6, rel=0.05)
+    assert plane.rms_mm < 0.02
+    assert plane.holdout_rms_mm == pytest.approx(plane.rms_mm, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("how", "drawn"),
+    [
+        ({"tilt_deg": 20.0}, {}),
+        ({"turn_deg": -20.0}, {}),
+        ({"px_per_mm": 7.0, "size": (400, 300)}, {}),
+        ({"px_per_mm": 30.0}, {}),
+        ({}, {"noise": 12.0}),
+        ({}, {"blur_px": 2.5}),
+        ({}, {"uneven": 1.2}),
+        ({}, {"lines": LINES[:1]}),
+        ({"distortion": (-0.3, 0.1, 0.0, 0.0, 0.0)}, {}),
+    ],
+)
+def test_paper_is_found_under_hard_conditions(how, drawn):
+    """Tilt, turn, scale, noise, blur, uneven light, plain lines and a strong lens leave the map inside 0.02 mm."""
+    bench = make_bench(**how)
+    plane = calibrate_plane(draw_paper(bench, **drawn), bench.intrinsics, 1.0, ORIGIN, "right")
+    px = field(bench)
+    assert plane.accepted, plane.reasons
+    assert np.linalg.norm(plane.to_mm(px) - truth(bench, px, "right"), axis=1).max() < 0.02
+
+
+def test_noise_alone_hardly_moves_the_map(bench):
+    """Pictures that differ by their noise give maps that agree to a thousandth of a millimetre."""
+    px, clean = field(bench, 50), draw_paper(bench, noise=0.0).astype(float)
+    maps = []
+    for seed in range(5):
+        noise = np.random.default_rng(seed).normal(0.0, 4.0, clean.shape)
+        noisy = np.clip(np.round(clean + noise), 0, 255).astype(np.uint8)
+        maps.append(calibrate_plane(noisy, bench.intrinsics, 1.0, ORIGIN, "down").to_mm(px))
+    assert np.std(maps, axis=0).max() < 1e-3
+
+
+def test_colour_and_pitch_are_taken_as_they_are(bench, paper):
+    """Orange lines count as lines, and paper of 2 mm makes everything twice as large."""
+    orange = np.dstack((paper, 255 - (255 - paper) // 2, np.full_like(paper, 250)))
+    plane = calibrate_plane(orange, bench.intrinsics, 2.0, ORIGIN, "right")
+    px = field(bench)
+    assert np.linalg.norm(plane.to_mm(px) - 2.0 * truth(bench, px, "right"), axis=1).max() < 0.01
+
+
+def test_without_intrinsics_the_lens_shows(bench, paper):
+    """Distortion that is not undone is refused by its residuals, with the remedy, and its field is reported."""
+    plane = calibrate_plane(paper, None, 1.0, ORIGIN, "right")
+    assert not plane.accepted
+    assert any("give the lens's calibration" in reason for reason in plane.reasons)
+    assert all(value is not None and value > 0.02 for row in plane.residual_field_mm for value in row)
+
+
+def test_without_intrinsics_a_plain_lens_is_enough():
+    """A lens without distortion needs no calibration: the homography is the whole map."""
+    bench = make_bench(distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
+    plane = calibrate_plane(draw_paper(bench), None, 1.0, ORIGIN, "right")
+    px = field(bench)
+    assert plane.accepted, plane.reasons
+    assert np.linalg.norm(plane.to_mm(px) - truth(bench, px, "right"), axis=1).max() < 0.005
+
+
+def test_refuses_paper_that_is_not_flat(bench):
+    """Wavy paper is refused with how far it is off, and where."""
+    plane = calibrate_plane(draw_paper(bench, bulge_mm=0.12), bench.intrinsics, 1.0, ORIGIN, "right")
+    assert not plane.accepted
+    assert any("off a plane" in reason and "flat" in reason for reason in plane.reasons)
+    assert plane.worst_mm > plane.rms_mm > 0.05
+
+
+def test_refuses_paper_laid_askew():
+    """Lines at nearly 45 degrees leave the frame's direction to chance."""
+    bench = make_bench(turn_deg=38.0)
+    plane = calibrate_plane(draw_paper(bench), bench.intrinsics, 1.0, ORIGIN, "right")
+    assert any("turned by 38 degrees" in reason or "turned by 37" in reason for reason in plane.reasons)
+
+
+def test_refuses_a_scrap_of_paper(bench, paper):
+    """A small piece of paper says little about the rest of the picture."""
+    scrap = np.full_like(paper, 200)
+    scrap[250:400, 350:530] = paper[250:400, 350:530]
+    plane = calibrate_plane(scrap, bench.intrinsics, 1.0, ORIGIN, "right")
+    assert not plane.accepted
+    assert any("cover" in reason for reason in plane.reasons)
+    assert plane.residual_field_mm[0][0] is None
+
+
+def test_goes_around_what_lies_on_the_paper(bench, paper):
+    """A tool on the paper hides its crossings and moves the map by nothing."""
+    covered = paper.copy()
+    covered[150:320, 300:420] = 40
+    plane = calibrate_plane(covered, bench.intrinsics, 1.0, ORIGIN, "right")
+    px = field(bench)
+    assert plane.accepted, plane.reasons
+    assert np.linalg.norm(plane.to_mm(px) - truth(bench, px, "right"), axis=1).max() < 0.005
+
+
+def test_refuses_lines_between_which_there_are_fainter_ones():
+    """Where only the heavy lines can be told apart, five millimetres are not taken for one."""
+    bench = make_bench(px_per_mm=4.0)
+    with pytest.raises(CalibrationRefusedError, match="fainter") as caught:
+        calibrate_plane(draw_paper(bench), bench.intrinsics, 1.0, ORIGIN, "right")
+    assert "closer" in caught.value.hint
+
+
+@pytest.mark.parametrize("kind", ["blank", "noise", "stripes", "board", "one pixel"])
+def test_refuses_pictures_without_ruled_paper(kind):
+    """Blank, noisy, striped and checkered pictures hold no grid of lines."""
+    generator = np.random.default_rng(0)
+    rows, columns = np.mgrid[0:480, 0:640]
+    picture = {
+        "blank": np.full((480, 640), 180),
+        "noise": generator.integers(0, 256, (480, 640)),
+        "stripes": 60 + 120 * (columns % 16 > 1),
+        "board": 40 + 180 * ((rows // 40 + columns // 40) % 2),
+        "one pixel": np.full((1, 1), 180),
+    }[kind].astype(np.uint8)
+    with pytest.raises(CalibrationRefusedError, match="no grid"):
+        calibrate_plane(picture, None, 1.0, (0.0, 0.0), "right")
+
+
+@pytest.mark.parametrize(
+    ("pitch", "origin", "insertion", "said"),
+    [
+        (0.0, ORIGIN, "right", "pitch"),
+        (float("nan"), ORIGIN, "right", "pitch"),
+        (1.0, (800.0, 10.0), "right", "outside the picture of 800 x 600"),
+        (1.0, (-1.0, 10.0), "right", "outside"),
+        (1.0, ORIGIN, "forwards", "forwards"),
+    ],
+)
+def test_refuses_impossible_frames(pitch, origin, insertion, said, bench, paper):
+    """A pitch, origin or direction that cannot be is wrong input, before any search."""
+    with pytest.raises(InputError, match=said):
+        calibrate_plane(paper, bench.intrinsics, pitch, origin, insertion)
+
+
+def test_refuses_intrinsics_of_another_size(bench, paper):
+    """The lens was calibrated for other pictures: wrong input, naming both sizes."""
+    with pytest.raises(PictureError, match="400 x 300 pixels, the lens's calibration is for 800 x 600"):
+        calibrate_plane(cv2.resize(paper, (400, 300)), bench.intrinsics, 1.0, ORIGIN, "right")
+
+
+def test_does_not_rest_on_a_refused_lens(bench, paper):
+    """A plane map over a refused lens is refused too."""
+    refused = replace(bench.intrinsics, accepted=False)
+    plane = calibrate_plane(paper, refused, 1.0, ORIGIN, "right")
+    assert any("itself refused" in reason for reason in plane.reasons)
+
+
+def test_to_json_holds_the_keys_that_others_rely_on(bench, paper):
+    """The document has every key of the interface, and null for what a stated scale does not know."""
+    document = calibrate_plane(paper, bench.intrinsics, 1.0, ORIGIN, "right").to_json()
+    assert {"accepted", "reasons", "rms_mm", "holdout_rms_mm", "mm_per_px"} < set(document)
+    assert PlaneMap.from_scale(5.0, (0.0, 0.0), "up").to_json()["rms_mm"] is None
+
+
+@pytest.mark.parametrize("name", ["ecg00026.jpg", "ecg00031.jpg", "ecg00040.jpg"])
+def test_hand_held_photographs_are_refused_with_a_reason(name):
+    """Paper photographed from too far, folded and drawn over is refused with what to do, not mapped by chance."""
+    if not PHOTOGRAPHS.is_dir():
+        pytest.skip(f"the photographs of ruled paper are not at {PHOTOGRAPHS}")
+    with pytest.raises(CalibrationRefusedError) as caught:
+        calibrate_plane(read_picture(PHOTOGRAPHS / name), None, 1.0, (600.0, 250.0), "right")
+    assert "close" in caught.value.hint

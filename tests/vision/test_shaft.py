@@ -1,0 +1,134 @@
+"""The shaft: where it begins, where it ends, how wide it is, and pictures that show none."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft import locate_shaft
+from tests.vision.rendering import Bench, Gel, Lens, Needle
+
+LENS = Lens()
+PLAIN = Gel(bubbles=0, tracks_mm=())
+
+
+@cache
+def bench():
+    """Return the lens and its picture of the plane."""
+    return Bench(LENS)
+
+
+def located(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
+    """Return the shaft in a picture of `needle`."""
+    return locate_shaft(bench().picture(needle, gel, seed), LENS.plane_map(), diameter_mm, sheath_mm)
+
+
+def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
+    """Both ends of the centre line are found in mm, and the arc between them has the needle's length."""
+    needle = Needle()
+    shaft = located(needle, Gel())
+    ends_mm = LENS.plane_map().to_mm(np.vstack((shaft.entry_px, shaft.tip_px)))
+    path = needle.centre_line()[1]
+    assert np.hypot(*(ends_mm - path[[0, -1]]).T) == pytest.approx(0.0, abs=0.1)
+    assert shaft.length_mm == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.parametrize("length_mm", [3.0, 5.0, 12.0, 25.0])
+def test_short_needles_are_found(length_mm):
+    """A needle of a few millimetres beyond its sheath has a tip and a length."""
+    assert located(Needle(length_mm=length_mm), Gel(), seed=4).length_mm == pytest.approx(length_mm, abs=0.15)
+
+
+def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
+    """No row of the centre line is off by a twentieth of a millimetre, and the width is the needle's."""
+    needle = Needle()
+    shaft = located(needle)
+    path = needle.centre_line(0.02)[1]
+    inner = shaft.arc_mm < 37.0
+    distances = np.linalg.norm(shaft.centre_mm[inner, None] - path[None, ::5], axis=2).min(axis=1)
+    assert distances.max() < 0.06
+    assert shaft.width_mm == pytest.approx(1.2, abs=0.02)
+
+
+@pytest.mark.parametrize("stated_mm", [0.85, 1.0, 1.5, 1.75])
+def test_stated_diameter_may_be_off_by_half(stated_mm):
+    """The measured shaft does not depend on the diameter that the caller states."""
+    shaft = located(Needle(), Gel(), diameter_mm=stated_mm)
+    assert shaft.width_mm == pytest.approx(1.2, abs=0.02)
+    assert shaft.length_mm == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("insertion", "turned"),
+    [
+        ("left", lambda image: image[::-1, ::-1]),
+        ("down", lambda image: np.rot90(image, -1)),
+        ("up", lambda image: np.rot90(image, 1)),
+    ],
+)
+def test_turning_the_picture_turns_the_measurement_with_it(insertion, turned):
+    """A picture turned with its insertion gives the same points in mm, to rounding."""
+    image = bench().picture(Needle(), Gel(), 2)
+    px_per_mm, origin = 15.5, np.array([320.0, 200.0])
+    h, w = image.shape
+    places = {
+        "left": (w - 1 - origin[0], h - 1 - origin[1]),
+        "down": (h - 1 - origin[1], origin[0]),
+        "up": (origin[1], w - 1 - origin[0]),
+    }
+    straight = locate_shaft(image, PlaneMap.from_scale(px_per_mm, (320.0, 200.0), "right"), 1.2, 2.0)
+    plane = PlaneMap.from_scale(px_per_mm, places[insertion], insertion)
+    shaft = locate_shaft(np.ascontiguousarray(turned(image)), plane, 1.2, 2.0)
+    assert shaft.centre_mm[50:500] == pytest.approx(straight.centre_mm[50:500], abs=0.05)
+    assert shaft.length_mm == pytest.approx(straight.length_mm, abs=0.02)
+
+
+def test_colour_pictures_are_measured_like_grey_ones():
+    """Three equal channels change nothing."""
+    image = bench().picture(Needle(), Gel(), 2)
+    grey = locate_shaft(image, LENS.plane_map(), 1.2, 2.0)
+    colour = locate_shaft(np.repeat(image[..., None], 3, axis=2), LENS.plane_map(), 1.2, 2.0)
+    assert colour.centre_mm == pytest.approx(grey.centre_mm, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("needle", "gel", "words"),
+    [
+        (Needle(length_mm=-5.0), Gel(), "no needle is seen beyond the sheath"),
+        (Needle(length_mm=-5.0), Gel(tracks_mm=(0.0, 10.0)), "no needle is seen beyond the sheath"),
+        (Needle(sheath_diameter_mm=1.2), Gel(), "no sheath is seen"),
+        (None, Gel(), "nothing dark and straight enters"),
+        (Needle(sheath_tip_mm=(-20.0, 0.0)), Gel(), "runs out of the picture"),
+        (Needle(), Gel(extra=(Needle(sheath_tip_mm=(-15.0, 0.0)),)), "two shafts"),
+        (Needle(diameter_mm=0.5, sheath_diameter_mm=1.9), PLAIN, "may look between"),
+    ],
+    ids=["sheath", "sheath-before-its-own-track", "no-sheath", "gel", "out-of-frame", "two-needles", "thin"],
+)
+def test_what_is_no_needle_with_its_tip_is_refused_with_the_reason(needle, gel, words):
+    """The refusal says what the picture shows instead."""
+    with pytest.raises(MeasurementRefusedError, match=words):
+        located(needle, gel, seed=3)
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_even_pictures_are_refused(level):
+    """Black, grey and saturated pictures hold no shaft."""
+    with pytest.raises(MeasurementRefusedError, match="nothing dark"):
+        locate_shaft(np.full((720, 1280), level, np.uint8), LENS.plane_map(), 1.2, 2.0)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 400), (30, 30, 3)])
+def test_pictures_too_small_for_a_needle_are_refused(shape):
+    """A few pixels are no picture of a needle."""
+    plane = PlaneMap.from_scale(15.0, (0.0, 0.0), "right")
+    with pytest.raises(MeasurementRefusedError):
+        locate_shaft(np.zeros(shape, np.uint8), plane, 1.2, None)
+
+
+def test_needle_of_a_pixel_is_refused():
+    """A scale at which the needle is a pixel wide is refused by name."""
+    plane = PlaneMap.from_scale(1.0, (0.0, 0.0), "right")
+    with pytest.raises(MeasurementRefusedError, match=r"1\.2 pixels wide"):
+        locate_shaft(np.zeros((100, 100), np.uint8), plane, 1.2, None)

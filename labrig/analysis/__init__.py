@@ -1,0 +1,59 @@
+"""analysis: from a run on disk to its result, with uncertainty.
+
+One door, `analyze_run`, serves the run that has just ended and the reanalysis of an old one. It reads the
+record, never changes it, and writes a new folder `RUN/analysis/NNN/` each time, so that old results stay
+beside new ones.
+
+What is decided here:
+
+- **Every picture of the needle is measured** (roles advance, final and imported), by the functions of
+  `vision` that the live run uses too. A picture that cannot be measured is refused with its reason and
+  counted; the batch goes on.
+- **The radius of an insertion is that of its final picture alone**, as in the paper ("the final shapes of
+  the needles were pictured"). Pictures on the way are kept for looking at, not averaged in.
+- **Insertions are grouped by needle and gel**, the paper's "needle-tissue pair". The spread is the sample
+  standard deviation (n - 1); the interval is Student's, of the mean, at 95 %. It covers the scatter between
+  insertions. It does not cover what all of them share: the scale of the plane calibration, refraction in
+  the gel, the optics.
+- **The mean radius of a run is the mean of its groups' means**, which is what "an average of 27.6 mm" is in
+  the paper.
+- **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
+
+The result does not depend on the number of worker processes.
+"""
+
+from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
+from labrig.analysis.result import (
+    AnalysisResult,
+    CalibrationResult,
+    CentreLines,
+    CurvatureResult,
+    PictureResult,
+    SpecimenResult,
+    SpecimenTruth,
+    TruthComparison,
+    load_centre_lines,
+    load_result,
+)
+from labrig.analysis.run import analyze_run
+
+__all__ = [
+    "PAPER_DESIGN_RADIUS_MM",
+    "PAPER_GELS",
+    "PAPER_MEAN_RADIUS_MM",
+    "AnalysisResult",
+    "CalibrationResult",
+    "CentreLines",
+    "CurvatureResult",
+    "PaperGel",
+    "PictureResult",
+    "SpecimenResult",
+    "SpecimenTruth",
+    "TruthComparison",
+    "analyze_run",
+    "load_centre_lines",
+    "load_lens",
+    "load_mapping",
+    "load_result",
+]

@@ -1,0 +1,139 @@
+"""The camera's lens and the steering plane, from the pictures of a camera calibration run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
+from labrig.analysis.pictures import Progress
+from labrig.analysis.result import CalibrationResult, Point, Stamp
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError
+from labrig.protocol import CameraCalibrationProtocol
+from labrig.record import Run
+from labrig.vision import (
+    Intrinsics,
+    Picture,
+    PlaneMap,
+    calibrate_from_pictures,
+    calibrate_plane,
+    find_board_corners,
+    read_picture,
+    save_intrinsics,
+    save_plane,
+)
+
+Named = tuple[str, Picture]
+
+
+@dataclass(frozen=True)
+class _Pictures:
+    """What the run has: photographs of the board and of the graph paper, and what could not be read."""
+
+    boards: tuple[Named, ...]
+    papers: tuple[Named, ...]
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was found: the result that says so, and lens and plane themselves, None where there is none."""
+
+    content: CalibrationResult
+    lens: Intrinsics | None
+    plane: PlaneMap | None
+    provenance: Mapping[str, Any]
+
+    def save(self, folder: Path) -> None:
+        """Write `intrinsics.json` and `plane.json`, as far as they were found; a refused one says so itself.
+
+        Raises
+        ------
+        DiskError
+            When a file cannot be written.
+        """
+        if self.lens is not None:
+            save_intrinsics(folder / INTRINSICS_FILE, self.lens, dict(self.provenance))
+        if self.plane is not None:
+            save_plane(folder / PLANE_FILE, self.plane, dict(self.provenance))
+
+
+def analyze_calibration(
+    run: Run, protocol: CameraCalibrationProtocol, stamp: Stamp, progress: Progress | None
+) -> Calibration:
+    """Calibrate the lens from the photographs of the board, then the plane from that of the graph paper."""
+    pictures = _read(run, progress)
+    lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
+    plane, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
+    content = CalibrationResult(
+        **stamp.fields({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
+        accepted=_is_accepted(lens) and _is_accepted(plane),
+        reasons=(*pictures.faults, *lens_reasons, *plane_reasons),
+        intrinsics=None if lens is None else lens.to_json(),
+        plane=None if plane is None else plane.to_json(),
+        corners=_corners(pictures.boards, lens, protocol),
+    )
+    made_from = {"run": run.path.name, "created": stamp.created, "inputs": dict(stamp.inputs)}
+    return Calibration(content, lens, plane, {**stamp.provenance, **made_from})
+
+
+def _read(run: Run, progress: Progress | None) -> _Pictures:
+    """Read the pictures; one that cannot be read is named and left out."""
+    found: dict[str, list[Named]] = {"board": [], "graph-paper": []}
+    faults: list[str] = []
+    lines = run.frame_table.to_dict("records")
+    for number, line in enumerate(lines, start=1):
+        try:
+            found.get(line["role"], []).append((line["file"], read_picture(run.path / line["file"])))
+        except PictureError as error:
+            faults.append(error.message)
+        if progress is not None:
+            progress(number, len(lines))
+    return _Pictures(tuple(found["board"]), tuple(found["graph-paper"]), tuple(faults))
+
+
+def _calibrate_lens(
+    boards: Sequence[Named], protocol: CameraCalibrationProtocol
+) -> tuple[Intrinsics | None, tuple[str, ...]]:
+    if not boards:
+        return None, ("no picture of the board was recorded",)
+    board = protocol.board
+    try:
+        found = calibrate_from_pictures(boards, board.columns, board.rows, board.square_mm)
+    except (CalibrationRefusedError, PictureError) as refusal:
+        return None, (refusal.message,)
+    return found, found.reasons
+
+
+def _calibrate_plane(
+    papers: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
+) -> tuple[PlaneMap | None, tuple[str, ...]]:
+    if lens is None:
+        return None, ("the plane was not calibrated, because the lens was not",)
+    if not papers:
+        return None, ("no picture of the graph paper was recorded",)
+    plane = protocol.plane
+    try:
+        found = calibrate_plane(papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion)
+    except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
+        return None, (refusal.message,)
+    return found, found.reasons
+
+
+def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:
+    return found is not None and found.accepted
+
+
+def _corners(
+    boards: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
+) -> dict[str, tuple[Point, ...]]:
+    used = {view.image for view in lens.views if view.used} if lens is not None else set()
+    return {
+        name: tuple(map(_rounded, find_board_corners(image, protocol.board.columns, protocol.board.rows)))
+        for name, image in boards
+        if name in used
+    }
+
+
+def _rounded(pixel: Any) -> Point:
+    return round(float(pixel[0]), 2), round(float(pixel[1]), 2)

@@ -1,0 +1,138 @@
+"""Radii of curvature in every picture of the needle, of a steerability run or imported."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pandas as pd
+
+from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.pictures import Measured, PictureFile, Progress, Unreadable, measure_pictures
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
+from labrig.analysis.truth import compare_with_truth
+from labrig.protocol import ImportProtocol, SteerabilityProtocol
+from labrig.record import Run
+from labrig.vision import CurvatureMeasurement, CurvatureSettings
+
+MEASURED_ROLES = ("advance", "final", "imported")
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """A line of frames.jsonl, with the trial that it belongs to."""
+
+    line: Mapping[str, Any]
+    trial: Trial | None
+
+
+def curvature_settings(protocol: SteerabilityProtocol | ImportProtocol) -> CurvatureSettings:
+    """Return how pictures are measured: the protocol's analysis section, its needle and its sheath."""
+    sheath_mm = (
+        protocol.sheath.diameter_mm
+        if isinstance(protocol, SteerabilityProtocol)
+        else protocol.sheath_diameter_mm
+    )
+    return CurvatureSettings(
+        needle_diameter_mm=protocol.needle.diameter_mm,
+        sheath_diameter_mm=sheath_mm,
+        **protocol.analysis.model_dump(),
+    )
+
+
+def analyze_curvature(
+    run: Run, stamp: Stamp, settings: CurvatureSettings, workers: int, progress: Progress | None
+) -> tuple[CurvatureResult, CentreLines]:
+    """Measure the pictures, group them, and compare them with the truth where there is one.
+
+    Raises
+    ------
+    InputError
+        When the run has no map from pixels to mm.
+    MachineError
+        When a worker process dies.
+    """
+    trials = _trials(run)
+    pictures = _pictures(run, trials)
+    files = [PictureFile(run.path / one.line["file"], one.line["sha256"]) for one in pictures]
+    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
+    finals = final_pictures(results)
+    specimens = summarise_specimens(trials, finals)
+    content = CurvatureResult(
+        **stamp.fields(asdict(settings)),
+        specimens=specimens,
+        mean_radius_mm=mean_of_means(specimens),
+        measurements=results,
+        truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
+    )
+    return content, _centre_lines(results, measured)
+
+
+def _trials(run: Run) -> list[Trial]:
+    return [
+        Trial(
+            int(line["trial"]),
+            line["specimen"],
+            float(line["gelatin_percent"]),
+            int(line["hole"]),
+            line["needle_id"],
+        )
+        for line in _lines(run.trials)
+    ]
+
+
+def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:
+    by_number = {one.trial: one for one in trials}
+    return [
+        _Picture(line, by_number.get(int(line["trial"])) if line.get("trial") is not None else None)
+        for line in _lines(run.frame_table)
+        if line["role"] in MEASURED_ROLES
+    ]
+
+
+def _drawn_radii(run: Run) -> dict[int, float]:
+    return {int(line["trial"]): float(line["radius_mm"]) for line in _lines(run.truth)}
+
+
+def _lines(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows as they were recorded: what a line did not say is None."""
+    return [
+        {
+            str(key): None if pd.api.types.is_scalar(value) and pd.isna(value) else value
+            for key, value in row.items()
+        }
+        for row in table.to_dict("records")
+    ]
+
+
+def _result(picture: _Picture, measured: Measured) -> PictureResult:
+    line, trial = picture.line, picture.trial
+    place = {
+        "frame": int(line["frame"]),
+        "image": str(line.get("source") or line["file"]),
+        "role": line["role"],
+        "trial": None if trial is None else trial.trial,
+        "specimen": None if trial is None else trial.specimen,
+        "gelatin_percent": None if trial is None else trial.gelatin_percent,
+        "hole": None if trial is None else trial.hole,
+        "needle_id": None if trial is None else trial.needle_id,
+        "insertion_mm": line.get("insertion_mm"),
+    }
+    if isinstance(measured, Unreadable):
+        return PictureResult(**place, found=False, accepted=False, reason=measured.reason)
+    said = {name: value for name, value in measured.to_json().items() if name in PictureResult.model_fields}
+    return PictureResult.model_validate({**place, **said}, strict=False)
+
+
+def _centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
+    found = {
+        one.frame: each
+        for one, each in zip(results, measured, strict=True)
+        if isinstance(each, CurvatureMeasurement) and len(each.centre_line_mm)
+    }
+    return CentreLines(
+        {frame: each.centre_line_mm for frame, each in found.items()},
+        {frame: each.centre_line_px for frame, each in found.items()},
+        {frame: each.window for frame, each in found.items()},
+    )

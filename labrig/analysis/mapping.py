@@ -1,0 +1,39 @@
+"""The map from pixels to mm that a run was recorded with."""
+
+from labrig.errors import InputError
+from labrig.protocol import ImportProtocol
+from labrig.record import Run
+from labrig.vision import Intrinsics, PlaneMap, load_intrinsics, load_plane
+
+INTRINSICS_FILE = "intrinsics.json"
+PLANE_FILE = "plane.json"
+
+
+def load_mapping(run: Run) -> PlaneMap:
+    """Return the plane map of a run: its calibration files, or the scale that was stated at import.
+
+    Raises
+    ------
+    InputError
+        When the run has neither, or its plane map was made with another lens.
+    FileFormatError
+        When a calibration file is malformed.
+    RecordError
+        When a calibration file is not the one that the run began with.
+    """
+    plane_path = run.calibration_path(PLANE_FILE)
+    if plane_path.is_file():
+        return load_plane(plane_path, load_lens(run))
+    scale = run.protocol.scale if isinstance(run.protocol, ImportProtocol) else None
+    if scale is None:
+        raise InputError(
+            f"{run.path} has no calibration/{PLANE_FILE}, so its pictures have no scale",
+            "record it with a calibrated rig, or import the pictures again with --px-per-mm or --plane",
+        )
+    return PlaneMap.from_scale(scale.px_per_mm, scale.origin_px, scale.insertion)
+
+
+def load_lens(run: Run) -> Intrinsics | None:
+    """Return the camera's intrinsics, or None for a run without them: its pictures are rectified already."""
+    path = run.calibration_path(INTRINSICS_FILE)
+    return load_intrinsics(path) if path.is_file() else None

@@ -1,0 +1,335 @@
+"""What an analysis says, how it is stored in `RUN/analysis/NNN/`, and how it is read back.
+
+`result.json` is written last: a folder without one is no result. `centre_lines.npz` holds the arrays (no
+pickle), so that pages are drawn without measuring again. The two CSV files say the same as the JSON, for
+spreadsheets.
+"""
+
+import csv
+import io
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError
+
+from labrig.errors import InputError, RecordError
+from labrig.protocol import Model
+from labrig.record import Run, encode_document, write_atomically
+
+RESULT_FILE = "result.json"
+LINES_FILE = "centre_lines.npz"
+
+Point = tuple[float, float]
+FloatArray = NDArray[np.float64]
+
+
+class PictureResult(Model):
+    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused."""
+
+    frame: int
+    image: str
+    role: str
+    trial: int | None
+    specimen: str | None
+    gelatin_percent: float | None
+    hole: int | None
+    needle_id: str | None
+    insertion_mm: float | None
+    found: bool
+    accepted: bool
+    reason: str | None
+    radius_mm: float | None = None
+    radius_ci95_mm: Point | None = None
+    sigma_radius_mm: float | None = None
+    centre_mm: Point | None = None
+    bend: str | None = None
+    tip_mm: Point | None = None
+    tip_px: Point | None = None
+    sheath_tip_mm: Point | None = None
+    entry_mm: Point | None = None
+    arc_length_mm: float | None = None
+    residual_rms_mm: float | None = None
+
+
+class SpecimenResult(Model):
+    """One needle in one gel: `n` radii of final pictures, their mean, sample SD and its 95 % interval."""
+
+    name: str
+    needle_id: str
+    gelatin_percent: float
+    trials: int
+    n: int
+    mean_radius_mm: float | None
+    sd_radius_mm: float | None
+    ci95_mm: Point | None
+    refused: int
+    refused_reasons: tuple[str, ...]
+    without_final_picture: int
+
+
+class SpecimenTruth(Model):
+    """What was drawn for one needle in one gel, and how far the measurement is from it."""
+
+    name: str
+    needle_id: str
+    n_drawn: int
+    drawn_mean_radius_mm: float
+    drawn_sd_radius_mm: float | None
+    error_of_mean_mm: float | None
+    worst_error_mm: float | None
+
+
+class TruthComparison(Model):
+    """Measured beside drawn, on simulated rigs.
+
+    `intervals_holding_truth` counts the accepted pictures whose 95 % interval holds the radius drawn for
+    them.
+    """
+
+    specimens: tuple[SpecimenTruth, ...]
+    mean_radius_mm: float
+    worst_error_of_mean_mm: float | None
+    pictures: int
+    worst_error_mm: float | None
+    intervals_holding_truth: int
+
+
+class _Common(Model):
+    """What every result carries: which it is, what it was made from and by what."""
+
+    schema_version: Literal[1] = 1
+    parent: int | None
+    created: str
+    settings: dict[str, Any]
+    overrides: tuple[str, ...]
+    inputs: dict[str, str]
+    provenance: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """What is known of a result before anything is measured: after which one, when, from what, by what."""
+
+    parent: int | None
+    created: str
+    overrides: tuple[str, ...]
+    inputs: Mapping[str, str]
+    provenance: Mapping[str, Any]
+
+    def fields(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the members that every result carries."""
+        return {**vars(self), "settings": dict(settings)}
+
+
+class CurvatureResult(_Common):
+    """Of steerability runs and imported pictures."""
+
+    kind: Literal["curvature"] = "curvature"
+    specimens: tuple[SpecimenResult, ...]
+    mean_radius_mm: float | None
+    measurements: tuple[PictureResult, ...]
+    truth: TruthComparison | None
+
+
+class CalibrationResult(_Common):
+    """Of camera calibration runs; `intrinsics` and `plane` are what was found, None where nothing was.
+
+    `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
+    coverage.
+    """
+
+    kind: Literal["calibration"] = "calibration"
+    accepted: bool
+    reasons: tuple[str, ...]
+    intrinsics: dict[str, Any] | None
+    plane: dict[str, Any] | None
+
+    corners: dict[str, tuple[Point, ...]]
+
+
+Content = Annotated[CurvatureResult | CalibrationResult, Field(discriminator="kind")]
+_CONTENT: TypeAdapter[CurvatureResult | CalibrationResult] = TypeAdapter(Content)
+
+
+@dataclass(frozen=True)
+class AnalysisResult:
+    """A result on disk: its folder, and what it says."""
+
+    path: Path
+    content: CurvatureResult | CalibrationResult
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """The content as `result.json` holds it."""
+        return self.content.model_dump(mode="json")
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLines:
+    """The needle's centre line in each picture where one was found, by the number of the frame.
+
+    `mm` holds points (N, 2), columns (y, z), from the sheath's tip on; `px` the same points in the picture,
+    columns (u, v); `window` the first and one past the last point that the circle was fitted to.
+    """
+
+    mm: Mapping[int, FloatArray]
+    px: Mapping[int, FloatArray]
+    window: Mapping[int, tuple[int, int]]
+
+
+NO_LINES = CentreLines({}, {}, {})
+
+
+def write_result(
+    path: Path, content: CurvatureResult | CalibrationResult, lines: CentreLines = NO_LINES
+) -> AnalysisResult:
+    """Write a result into its folder, `result.json` last.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    result = AnalysisResult(path, content)
+    if isinstance(content, CurvatureResult):
+        write_atomically(path / LINES_FILE, _pack(lines))
+        write_atomically(path / "measurements.csv", _csv(content.measurements, PictureResult))
+        write_atomically(path / "specimens.csv", _csv(content.specimens, SpecimenResult))
+    write_atomically(path / RESULT_FILE, encode_document(result.document))
+    return result
+
+
+def result_numbers(run: Run) -> tuple[int, ...]:
+    """Return the numbers of the run's results, rising."""
+    return tuple(sorted(int(file.parent.name) for file in run.path.glob(f"analysis/[0-9]*/{RESULT_FILE}")))
+
+
+def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
+    """Return a result of a run: the one of that number, or the newest; None where it has none at all.
+
+    Raises
+    ------
+    InputError
+        When there is no result of that number.
+    RecordError
+        When the result is damaged or of a newer schema.
+    """
+    numbers = result_numbers(run)
+    if number is None and not numbers:
+        return None
+    wanted = numbers[-1] if number is None else number
+    if wanted not in numbers:
+        raise InputError(
+            f"{run.path} has no result {wanted:03d}",
+            f"it has {list(numbers)}; `labrig reanalyze` makes another",
+        )
+    path = run.path / "analysis" / f"{wanted:03d}"
+    try:
+        content = _CONTENT.validate_json((path / RESULT_FILE).read_bytes())
+    except (OSError, ValidationError) as error:
+        raise RecordError(
+            f"{path / RESULT_FILE} cannot be read: {_first_fault(error)}",
+            "make a new result with `labrig reanalyze`",
+        ) from error
+    return AnalysisResult(path, content)
+
+
+def load_centre_lines(result: AnalysisResult) -> CentreLines:
+    """Read the centre lines of a result.
+
+    Raises
+    ------
+    RecordError
+        When the file is missing or damaged.
+    """
+    file = result.path / LINES_FILE
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            return _unpack({name: arrays[name] for name in arrays.files})
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise RecordError(
+            f"{file} cannot be read: {error}", "make a new result with `labrig reanalyze`"
+        ) from error
+
+
+def _first_fault(error: OSError | ValidationError) -> str:
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    return f"{place}: {first['msg']}" if place else first["msg"]
+
+
+def _pack(lines: CentreLines) -> bytes:
+    """Put all lines end to end: a thousand small arrays would take a second to load.
+
+    Single precision is a hundred times finer than any picture; these lines are drawn, and never fitted again.
+    """
+    frames = sorted(lines.mm)
+    lengths = [len(lines.mm[frame]) for frame in frames]
+    empty = np.empty((0, 2))
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        frames=np.array(frames, dtype=np.int64),
+        starts=np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64),
+        windows=np.array([lines.window[frame] for frame in frames], dtype=np.int64).reshape(-1, 2),
+        mm=np.concatenate([empty, *(lines.mm[frame] for frame in frames)]).astype(np.float32),
+        px=np.concatenate([empty, *(lines.px[frame] for frame in frames)]).astype(np.float32),
+    )
+    return buffer.getvalue()
+
+
+def _unpack(arrays: Mapping[str, NDArray[Any]]) -> CentreLines:
+    frames = [int(frame) for frame in arrays["frames"]]
+    inner = arrays["starts"][1:-1]
+    mm = np.split(arrays["mm"].astype(np.float64), inner) if frames else []
+    px = np.split(arrays["px"].astype(np.float64), inner) if frames else []
+    windows = [(int(first), int(last)) for first, last in arrays["windows"]]
+    return CentreLines(
+        dict(zip(frames, mm, strict=True)),
+        dict(zip(frames, px, strict=True)),
+        dict(zip(frames, windows, strict=True)),
+    )
+
+
+# A pair of numbers becomes two columns.
+_PAIRS = {
+    "radius_ci95_mm": ("radius_ci95_low_mm", "radius_ci95_high_mm"),
+    "ci95_mm": ("ci95_low_mm", "ci95_high_mm"),
+    "centre_mm": ("centre_y_mm", "centre_z_mm"),
+    "tip_mm": ("tip_y_mm", "tip_z_mm"),
+    "tip_px": ("tip_u_px", "tip_v_px"),
+    "sheath_tip_mm": ("sheath_tip_y_mm", "sheath_tip_z_mm"),
+    "entry_mm": ("entry_y_mm", "entry_z_mm"),
+}
+# Spreadsheets take "+y" for a formula, and the centre says the same.
+_LEFT_OUT = {"bend"}
+# What a spreadsheet would take for the start of a formula.
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def _csv(rows: Sequence[Model], model: type[Model]) -> bytes:
+    """Return the table of the rows, one column a field, units in the names; what is unknown is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [name for name in model.model_fields if name not in _LEFT_OUT]
+    writer.writerow([column for name in names for column in _PAIRS.get(name, (name,))])
+    for row in rows:
+        writer.writerow([cell for name in names for cell in _cells(name, getattr(row, name))])
+    return text.getvalue().encode("utf-8")
+
+
+def _cells(name: str, value: object) -> Sequence[object]:
+    if name in _PAIRS:
+        return value if isinstance(value, tuple) else (None, None)
+    if isinstance(value, tuple):
+        value = "; ".join(str(item) for item in value)
+    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
+        return (f"'{value}",)
+    return (value,)

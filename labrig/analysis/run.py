@@ -1,0 +1,102 @@
+"""From a run to its result: the one door."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis.calibration import analyze_calibration
+from labrig.analysis.curvature import analyze_curvature, curvature_settings
+from labrig.analysis.pictures import DEFAULT_WORKERS, Progress
+from labrig.analysis.result import AnalysisResult, Stamp, result_numbers, write_result
+from labrig.errors import InputError
+from labrig.protocol import (
+    AnyProtocol,
+    CameraCalibrationProtocol,
+    ImportProtocol,
+    SteerabilityProtocol,
+    load_protocol,
+)
+from labrig.record import Run
+
+_OVERRIDABLE = "analysis."
+
+
+def analyze_run(
+    run: Run,
+    *,
+    overrides: Sequence[str] = (),
+    workers: int = DEFAULT_WORKERS,
+    progress: Progress | None = None,
+    created: datetime,
+    provenance: Mapping[str, Any],
+) -> AnalysisResult:
+    """Measure a run and write a new numbered result, `RUN/analysis/NNN/`.
+
+    Parameters
+    ----------
+    overrides : sequence of str
+        `analysis.key=value` each, put over the protocol's analysis section; kept in the result.
+    workers : int
+        Processes that measure. The result is the same for any number of them.
+    progress : callable or None
+        Called with how many pictures are done, and how many there are.
+    created : datetime
+        Calendar time, aware.
+    provenance : Mapping
+        Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
+
+    Raises
+    ------
+    InputError
+        When an override is not of the analysis section, or the run has no map from pixels to mm.
+    FileFormatError
+        When an override cannot be used, or a calibration file of the run is malformed.
+    RecordError
+        When the run's lines are damaged.
+    DiskError, MachineError
+        When the result cannot be written, or a worker process dies.
+    """
+    protocol = _resolved_protocol(run, overrides)
+    numbers = result_numbers(run)
+    stamp = Stamp(
+        parent=numbers[-1] if numbers else None,
+        created=created.isoformat(timespec="seconds"),
+        overrides=tuple(overrides),
+        inputs=_input_hashes(run.path),
+        provenance=dict(provenance),
+    )
+    # The folder is made once there is something to put into it: an analysis that fails leaves nothing behind.
+    if isinstance(protocol, CameraCalibrationProtocol):
+        calibration = analyze_calibration(run, protocol, stamp, progress)
+        folder = run.new_result_dir()
+        calibration.save(folder)
+        return write_result(folder, calibration.content)
+    if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
+        content, lines = analyze_curvature(run, stamp, curvature_settings(protocol), workers, progress)
+        return write_result(run.new_result_dir(), content, lines)
+    raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
+
+
+def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
+    """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
+    for override in overrides:
+        if not override.startswith(_OVERRIDABLE):
+            raise InputError(
+                f"{override!r} cannot be changed after the run: only {_OVERRIDABLE}* can",
+                f"for example {_OVERRIDABLE}window_start_mm=5",
+            )
+    recorded = run.protocol
+    return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
+
+
+def _input_hashes(path: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file that the result rests on; frames.jsonl holds those of the pictures."""
+    files = [path / name for name in ("protocol.yaml", "frames.jsonl", "events.jsonl", "truth.jsonl")]
+    files += sorted((path / "calibration").glob("*.json"))
+    return {
+        file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in files
+        if file.is_file()
+    }

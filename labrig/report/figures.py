@@ -1,0 +1,237 @@
+"""Line figures by matplotlib, as SVG that stands in the page itself.
+
+Only the object interface is used: no figure outlives its function, and no setting outlives a figure. The
+same data give the same bytes.
+"""
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labrig.report.palette import DESIGN, Mark
+
+FloatArray = NDArray[np.float64]
+
+_SETTINGS: dict[Any, Any] = {
+    "svg.hashsalt": "labrig",
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.labelsize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#555555",
+    "axes.axisbelow": True,
+    "xtick.color": "#333333",
+    "ytick.color": "#333333",
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
+_NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+@dataclass(frozen=True)
+class GelSeries:
+    """What figure 8 shows of one needle in one gel; paths are (N, 2), columns (y, z), from the sheath's tip."""
+
+    label: str
+    mark: Mark
+    paths_mm: tuple[FloatArray, ...]
+    radii_mm: tuple[float, ...]
+    mean_mm: float | None
+    ci95_mm: tuple[float, float] | None
+    paper_mm: tuple[float, float] | None
+    drawn_mean_mm: float | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The arc that the needle was designed for, and to which side it bends (+1: +y)."""
+
+    radius_mm: float
+    length_mm: float
+    side: int
+
+
+def steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> Markup:
+    """Return figure 8 of the paper: all paths from one sheath tip, and the radii of each gel."""
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(9.6, 4.3), layout="constrained")
+        paths, radii = figure.subplots(1, 2, width_ratios=(1.12, 1))
+        _draw_paths(paths, series, design)
+        _draw_radii(radii, series, design)
+        return _svg(figure, name)
+
+
+def _draw_paths(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
+    axes.set_title("Paths, from the tip of the sheath")
+    for gel in series:
+        for path in gel.paths_mm:
+            axes.plot(path[:, 1], path[:, 0], color=gel.mark.colour, linewidth=0.7, alpha=0.55)
+        axes.plot([], [], color=gel.mark.colour, linewidth=2, label=gel.label)
+    angle = np.linspace(0.0, design.length_mm / design.radius_mm, 80)
+    axes.plot(
+        design.radius_mm * np.sin(angle),
+        design.side * design.radius_mm * (1.0 - np.cos(angle)),
+        color=DESIGN,
+        linewidth=1.4,
+        linestyle=(0, (4, 2.5)),
+        label=f"design, {design.radius_mm:g} mm",
+    )
+    axes.set_aspect("equal", anchor="N")
+    axes.set_xlabel("z, along the insertion (mm)")
+    axes.set_ylabel("y, sideways (mm)")
+    axes.grid(visible=True)
+    axes.legend(loc="lower left" if design.side < 0 else "upper left", handlelength=1.6)
+
+
+def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
+    axes.set_title("Radius of each insertion, and means")
+    axes.axhline(design.radius_mm, color=DESIGN, linewidth=1.2, linestyle=(0, (4, 2.5)))
+    for place, gel in enumerate(series):
+        _draw_gel(axes, place, gel)
+    axes.set_xticks(range(len(series)), [gel.label for gel in series])
+    axes.set_xlim(-0.6, len(series) - 0.4)
+    axes.set_xlabel("gelatine, powder to water by mass")
+    axes.set_ylabel("radius of curvature (mm)")
+    axes.grid(visible=True, axis="y")
+    axes.annotate(
+        f"design, {design.radius_mm:g} mm",
+        (0.995, design.radius_mm),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -3),
+        textcoords="offset points",
+        ha="right",
+        va="top",
+        fontsize=8.5,
+        color=DESIGN,
+    )
+    _explain_marks(axes, series)
+
+
+def _draw_gel(axes: Axes, place: int, gel: GelSeries) -> None:
+    """Draw one gel's column: radii, our mean, the drawn mean and the paper's, from left to right."""
+    colour = gel.mark.colour
+    # Spread sideways in a fixed pattern, so that equal radii do not hide each other.
+    sideways = place - 0.22 + 0.045 * (np.arange(len(gel.radii_mm)) % 5 - 2)
+    axes.plot(
+        sideways, gel.radii_mm, gel.mark.marker, color=colour, markersize=4.2, alpha=0.6, markeredgewidth=0
+    )
+    if gel.mean_mm is not None:
+        low, high = gel.ci95_mm or (gel.mean_mm, gel.mean_mm)
+        error = [[gel.mean_mm - low], [high - gel.mean_mm]]
+        axes.errorbar(
+            place + 0.03,
+            gel.mean_mm,
+            error,
+            fmt=gel.mark.marker,
+            color=colour,
+            markersize=6,
+            capsize=3.5,
+            linewidth=1.5,
+        )
+    if gel.drawn_mean_mm is not None:
+        axes.plot([place + 0.10, place + 0.20], [gel.drawn_mean_mm] * 2, color="black", linewidth=1.6)
+    if gel.paper_mm is not None:
+        axes.errorbar(
+            place + 0.32, gel.paper_mm[0], gel.paper_mm[1], fmt="D", color="#666666", markerfacecolor="white",
+            markersize=5, linewidth=0.9,
+        )  # fmt: skip
+
+
+def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
+    """Add a legend of those marks that are in the figure."""
+    axes.errorbar(
+        [],
+        [],
+        [],
+        fmt="o",
+        color="#333333",
+        markersize=6,
+        capsize=3.5,
+        linewidth=1.5,
+        label="mean, 95 % interval",
+    )
+    if any(gel.paper_mm for gel in series):
+        axes.errorbar(
+            [],
+            [],
+            [],
+            fmt="D",
+            color="#666666",
+            markerfacecolor="white",
+            markersize=5,
+            linewidth=0.9,
+            label="paper, mean ± SD",
+        )
+    if any(gel.drawn_mean_mm is not None for gel in series):
+        axes.plot([], [], color="black", linewidth=1.6, label="mean of the drawn radii")
+    axes.legend(loc="lower left", handlelength=1.2)
+
+
+def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int, int], name: str) -> Markup:
+    """Return where in the picture the board's corners were seen, (N, 2) pixels a photograph."""
+    width, height = image_size
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(5.6, 5.6 * height / width + 0.7), layout="constrained")
+        axes = figure.subplots()
+        for pixels in corners_px.values():
+            axes.plot(
+                pixels[:, 0], pixels[:, 1], ".", color="#0072b2", markersize=4, alpha=0.5, markeredgewidth=0
+            )
+        axes.set_xlim(-0.5, width - 0.5)
+        axes.set_ylim(height - 0.5, -0.5)
+        axes.set_aspect("equal")
+        axes.set_xlabel("u, to the right (px)")
+        axes.set_ylabel("v, downwards (px)")
+        axes.grid(visible=True)
+        for spine in axes.spines.values():
+            spine.set_visible(True)
+        return _svg(figure, name)
+
+
+def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name: str) -> Markup:
+    """Return the reprojection error of each photograph [px], and of all together."""
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(5.6, 0.6 + 0.2 * max(len(views), 3)), layout="constrained")
+        axes = figure.subplots()
+        places = np.arange(len(views))
+        axes.barh(places, [rms for _, rms in views], height=0.62, color="#0072b2")
+        axes.axvline(overall_px, color=DESIGN, linewidth=1.2, linestyle=(0, (4, 2.5)))
+        axes.set_yticks(places, [label for label, _ in views])
+        axes.invert_yaxis()
+        axes.tick_params(axis="y", length=0)
+        axes.set_xlabel("reprojection error, rms (px); dashed: all photographs")
+        axes.grid(visible=True, axis="x")
+        return _svg(figure, name)
+
+
+def _svg(figure: Figure, name: str) -> Markup:
+    """Return the figure as an element of the page, its identifiers like those of no other figure."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata=_NO_METADATA, transparent=True)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)
+    text = re.sub(r'\s(?:width|height)="[\d.]+pt"', "", text, count=2)
+    text = text.replace("xlink:href", "href")
+    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+    # Drawn here, from numbers and from text that matplotlib has escaped.
+    return Markup(text)  # noqa: S704

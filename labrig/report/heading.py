@@ -1,0 +1,113 @@
+"""The head of every page: what was done, by whom, how it ended, and whether the record is whole."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from labrig import __version__
+from labrig.protocol import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.record import Run
+from labrig.report.words import UNKNOWN, count_of, joined, moment, shown
+
+_EYEBROWS = {
+    "steerability": "Steerability test",
+    "camera-calibration": "Camera calibration",
+    "import": "Imported pictures",
+}
+_STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Title, state and facts of a run; `verdict` is the page in a sentence or two."""
+
+    eyebrow: str
+    title: str
+    run_name: str
+    status: str
+    status_word: str
+    simulated: bool
+    verdict: tuple[str, ...]
+    facts: tuple[tuple[str, str], ...]
+    notes: str
+    written: str
+    problems: tuple[tuple[str, str, str], ...]
+
+
+def make_heading(run: Run, verdict: Sequence[str], created: datetime) -> Heading:
+    """Return the head of a page whose body says `verdict` in a sentence or two."""
+    status = str(run.manifest.get("exit_status", "incomplete"))
+    return Heading(
+        eyebrow=_EYEBROWS.get(run.protocol.experiment, run.protocol.experiment),
+        title=run.protocol.title or run.path.name,
+        run_name=run.path.name,
+        status=status,
+        status_word=_STATUS_WORDS.get(status, status),
+        simulated=_is_simulated(run),
+        verdict=(*_how_it_ended(run, status), *verdict),
+        facts=tuple((term, value) for term, value in _facts(run) if value != UNKNOWN),
+        notes=run.protocol.notes.strip(),
+        written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+        problems=tuple((problem.where, problem.message, problem.hint) for problem in run.problems),
+    )
+
+
+def _is_simulated(run: Run) -> bool:
+    devices = run.manifest.get("devices")
+    return not run.truth.empty or (isinstance(devices, Mapping) and devices.get("kind") == "simulated")
+
+
+def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
+    """Return what has to be said of a run that did not come to its end; nothing of one that did."""
+    if status == "success":
+        return ()
+    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".")
+    planned, done = run.manifest.get("trials_planned"), _trials_done(run)
+    made = (
+        f" {done} of {count_of(planned, 'planned insertion')} ended."
+        if isinstance(planned, int) and planned
+        else ""
+    )
+    if status == "incomplete":
+        return (f"The run was never closed: it is still going on, or it was killed.{made}",)
+    return (f"The run {'was aborted' if status == 'aborted' else 'failed'}: {reason}.{made}",)
+
+
+def _trials_done(run: Run) -> int:
+    return int((run.trials["exit_status"] == "success").sum())
+
+
+def _facts(run: Run) -> list[tuple[str, str]]:
+    manifest = run.manifest
+    return [
+        ("Run", run.path.name),
+        ("Operator", shown(run.protocol.operator)),
+        ("Started", moment(manifest.get("started"))),
+        ("Ended", moment(manifest.get("ended"))),
+        *_experiment_facts(run),
+        ("Pictures recorded", str(len(run.frame_table))),
+        ("Seed", shown(manifest.get("seed"))),
+    ]
+
+
+def _experiment_facts(run: Run) -> list[tuple[str, str]]:
+    protocol = run.protocol
+    if isinstance(protocol, SteerabilityProtocol):
+        insertion = protocol.insertion
+        return [
+            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+            ("Design radius", f"{protocol.needle.design_radius_mm:g} mm"),
+            ("Gels", joined(f"{one.gelatin_percent:g} %" for one in protocol.specimens)),
+            ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
+            ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
+            ("Insertions made", f"{_trials_done(run)} of {shown(run.manifest.get('trials_planned'))}"),
+        ]
+    if isinstance(protocol, ImportProtocol):
+        return [("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm")]
+    if isinstance(protocol, CameraCalibrationProtocol):
+        board = protocol.board
+        return [
+            ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
+            ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
+        ]
+    return []

@@ -1,0 +1,25 @@
+"""Colours and markers of gels, the same in every figure of a page.
+
+Okabe and Ito, "Color universal design" (2008): told apart with any colour vision. Yellow is left out, being
+too pale on white. The marker differs too, for print in grey.
+"""
+
+from dataclasses import dataclass
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+DESIGN = "#444444"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How one group is drawn."""
+
+    colour: str
+    marker: str
+
+
+def mark(index: int) -> Mark:
+    """Return the mark of the group with this number; they repeat after seven with other markers."""
+    return Mark(_COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)])

@@ -1,0 +1,185 @@
+"""Pictures of a run as the page shows them: a JPEG, and the lines to be drawn over it in its own pixels."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis import CentreLines, PictureResult
+from labrig.errors import RecordError
+from labrig.record import Run
+from labrig.vision import Picture, PlaneMap, size_of
+
+FloatArray = NDArray[np.float64]
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class JpegSize:
+    """How large a JPEG may be: its width, and the quality it is saved with."""
+
+    width_px: int
+    quality: int
+
+
+THUMBNAIL = JpegSize(420, 70)
+PLATE = JpegSize(840, 75)
+VIEW = JpegSize(1280, 85)
+# A polyline of this many points looks like a curve at any size that a page has.
+_LINE_POINTS = 60
+_CIRCLE_POINTS = 180
+
+
+@dataclass(frozen=True)
+class DrawnPicture:
+    """A picture with lines over it.
+
+    `width` and `height` are those of the recorded picture; every line is the `points` of an SVG polyline in
+    its pixels, whatever size the JPEG has.
+    """
+
+    href: str
+    width: int
+    height: int
+    shaft: str = ""
+    window: str = ""
+    circle: tuple[str, ...] = ()
+    tip: Pixel | None = None
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """An axis drawn in the picture: from, to, and where its name stands."""
+
+    name: str
+    start: Pixel
+    end: Pixel
+    label: Pixel
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Figure 7c: one picture with the axes of the steering plane, a scale bar and the sheath named."""
+
+    picture: DrawnPicture
+    axes: tuple[Arrow, ...]
+    scale_mm: float
+    scale: tuple[Pixel, Pixel]
+    sheath: Pixel
+    text_px: float
+
+
+def draw_thumbnail(run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap) -> DrawnPicture | None:
+    """Return a small picture with shaft and circle; None where the picture cannot be read."""
+    return _draw(run, one, lines, plane, THUMBNAIL)
+
+
+def draw_camera_view(run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap) -> CameraView | None:
+    """Return the camera's view of a picture in which the sheath was found; None where it cannot be shown."""
+    picture = _draw(run, one, lines, plane, VIEW)
+    if picture is None or one.sheath_tip_mm is None:
+        return None
+    origin = np.asarray(one.sheath_tip_mm)
+    length_mm = _round_length_mm(picture, plane)
+    return CameraView(
+        picture=picture,
+        axes=tuple(
+            _axis(name, origin, np.asarray(direction) * length_mm, plane)
+            for name, direction in (("z", (0.0, 1.0)), ("y", (1.0, 0.0)))
+        ),
+        scale_mm=length_mm,
+        scale=_scale_bar(picture, plane, length_mm),
+        sheath=_pixel(plane.to_px([origin - (0.0, 0.6 * length_mm)])[0]),
+        text_px=picture.width / 48,
+    )
+
+
+def data_uri(content: bytes, kind: str) -> str:
+    """Return bytes as an address that holds them."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def jpeg(image: Picture, size: JpegSize) -> bytes:
+    """Return a picture as JPEG, made smaller where it is wider than the size."""
+    width, height = size_of(image)
+    if width > size.width_px:
+        smaller = (size.width_px, max(1, round(height * size.width_px / width)))
+        image = np.asarray(cv2.resize(image, smaller, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, content = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, size.quality))
+    return content.tobytes()
+
+
+def _draw(
+    run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap, size: JpegSize
+) -> DrawnPicture | None:
+    try:
+        image = run.read_frame(one.frame)
+    except RecordError:
+        return None
+    width, height = size_of(image)
+    shaft = lines.px.get(one.frame, np.empty((0, 2)))
+    window = shaft[slice(*lines.window.get(one.frame, (0, 0)))]
+    return DrawnPicture(
+        href=data_uri(jpeg(image, size), "image/jpeg"),
+        width=width,
+        height=height,
+        shaft=_points(_thinned(shaft)),
+        window=_points(_thinned(window)),
+        circle=_circle(one, plane, (width, height)),
+        tip=one.tip_px,
+    )
+
+
+def _circle(one: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
+    """Return the fitted circle as the polylines of it that lie in the picture."""
+    if not one.accepted or one.centre_mm is None or one.radius_mm is None:
+        return ()
+    angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS)
+    mm = np.asarray(one.centre_mm) + one.radius_mm * np.column_stack((np.cos(angle), np.sin(angle)))
+    px = plane.to_px(mm)
+    inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
+    runs = (px[first:last] for first, last in zip(edges[::2], edges[1::2], strict=True))
+    return tuple(_points(run) for run in runs if len(run) > 1)
+
+
+def _thinned(points: FloatArray) -> FloatArray:
+    """Return at most `_LINE_POINTS` of the points, both ends among them."""
+    if len(points) <= _LINE_POINTS:
+        return points
+    kept = np.linspace(0, len(points) - 1, _LINE_POINTS).round().astype(np.intp)
+    return np.asarray(points[kept])
+
+
+def _points(px: FloatArray) -> str:
+    return " ".join(f"{u:.1f},{v:.1f}" for u, v in px)
+
+
+def _axis(name: str, origin_mm: FloatArray, vector_mm: FloatArray, plane: PlaneMap) -> Arrow:
+    start, end, label = plane.to_px([origin_mm, origin_mm + vector_mm, origin_mm + 1.18 * vector_mm])
+    return Arrow(name, _pixel(start), _pixel(end), _pixel(label))
+
+
+def _round_length_mm(picture: DrawnPicture, plane: PlaneMap) -> float:
+    """Return the length of 1, 2, 5, 10 ... mm that is nearest above a tenth of the picture's width."""
+    tenth_mm = picture.width * plane.mm_per_px / 10.0
+    lengths: Sequence[float] = [step * 10.0**power for power in range(-3, 5) for step in (1.0, 2.0, 5.0)]
+    return next(length for length in lengths if length >= tenth_mm)
+
+
+def _scale_bar(picture: DrawnPicture, plane: PlaneMap, length_mm: float) -> tuple[Pixel, Pixel]:
+    """Return the ends of a bar near the lower left corner, along the axis that lies more level."""
+    corner = np.array([[0.05 * picture.width, 0.94 * picture.height]])
+    start_mm = plane.to_mm(corner)
+    moves = plane.to_px(start_mm + length_mm * np.eye(2)) - corner
+    level = int(np.argmax(np.abs(moves[:, 0])))
+    # An axis that points to the left would lead out of the picture.
+    direction = np.sign(moves[level, 0]) * np.eye(2)[level]
+    return _pixel(corner[0]), _pixel(plane.to_px(start_mm + length_mm * direction)[0])
+
+
+def _pixel(px: FloatArray) -> Pixel:
+    return round(float(px[0]), 1), round(float(px[1]), 1)

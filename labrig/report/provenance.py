@@ -1,0 +1,79 @@
+"""Where a page's numbers come from: code, inputs, settings, calibration, devices."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from labrig.analysis import AnalysisResult
+from labrig.record import Run
+from labrig.report.words import UNKNOWN, flattened, moment
+
+_CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")
+
+Rows = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A headed table of keys and values."""
+
+    title: str
+    rows: Rows
+
+
+def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
+    """Return every section that has something to say."""
+    devices = run.manifest.get("devices")
+    sections = (
+        Section("Recorded with", _rows(run.manifest.get("provenance"))),
+        Section("Measured with", () if result is None else _rows(result.content.provenance)),
+        Section("Analysis", () if result is None else _analysis(result)),
+        Section("Calibration", calibration),
+        Section("SHA-256 of what was used", _hashes(run, result)),
+        Section("Camera, asked for and read back", _camera(devices)),
+        Section("Devices", tuple(row for row in _rows(devices) if not row[0].startswith(_CAMERA_SETTINGS))),
+    )
+    return tuple(section for section in sections if section.rows)
+
+
+def _analysis(result: AnalysisResult) -> Rows:
+    content = result.content
+    return (
+        ("result", f"analysis/{result.path.name}"),
+        ("created", moment(content.created)),
+        ("parent", "none" if content.parent is None else f"analysis/{content.parent:03d}"),
+        ("changed after the run", ", ".join(content.overrides) or "nothing"),
+        *flattened(content.settings),
+    )
+
+
+def _hashes(run: Run, result: AnalysisResult | None) -> Rows:
+    inputs = {} if result is None else result.content.inputs
+    recorded = (row for row in _rows(run.manifest.get("hashes")) if row[1] not in inputs.values())
+    return (*inputs.items(), *recorded)
+
+
+def _camera(devices: object) -> Rows:
+    """Return each camera setting with what was asked for and what the camera said."""
+    said = dict(_rows(devices))
+    asked, readback = _CAMERA_SETTINGS
+    names = dict.fromkeys(
+        key.removeprefix(asked).removeprefix(readback) for key in said if key.startswith(_CAMERA_SETTINGS)
+    )
+    return tuple(
+        (name, f"{said.get(asked + name, UNKNOWN)}; {said.get(readback + name, UNKNOWN)} read back")
+        for name in names
+    )
+
+
+def _rows(document: object) -> Rows:
+    if not isinstance(document, Mapping):
+        return ()
+    packages = document.get("packages")
+    if not isinstance(packages, Mapping):
+        return tuple(flattened(document))
+    # One line: a row a package would fill half a page.
+    listed = ", ".join(f"{name} {version}" for name, version in packages.items())
+    return (
+        *flattened({key: value for key, value in document.items() if key != "packages"}),
+        ("packages", listed),
+    )

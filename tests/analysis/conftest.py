@@ -1,0 +1,44 @@
+"""One synthetic sweep, recorded and measured once for all tests that only look at it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis import AnalysisResult, CurvatureResult, analyze_run
+from labrig.record import Run, open_run
+from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
+
+SWEEP = Sweep(without_needle=frozenset({3}))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A run and its result."""
+
+    run: Run
+    result: AnalysisResult
+
+    @property
+    def content(self) -> CurvatureResult:
+        """The result as one of curvatures."""
+        assert isinstance(self.result.content, CurvatureResult)
+        return self.result.content
+
+
+def measure(run: Run, *overrides: str, workers: int = 1) -> Measured:
+    """Analyse a run in this process."""
+    result = analyze_run(run, overrides=overrides, workers=workers, created=NOW, provenance=PROVENANCE)
+    return Measured(open_run(run.path), result)
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Measured:
+    """Two insertions in each of two gels; the last picture shows no needle."""
+    return measure(record_sweep(tmp_path_factory.mktemp("sweep"), SWEEP))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder for runs of the test's own."""
+    return tmp_path

@@ -1,0 +1,241 @@
+"""From a run on disk to its result on disk."""
+
+import csv
+import hashlib
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.analysis import CurvatureResult, analyze_run, load_centre_lines, load_result
+from labrig.errors import FileFormatError, InputError, RecordError
+from labrig.record import open_run
+from tests.analysis.conftest import Measured, measure
+from tests.analysis.synthetic import LENGTH_MM, NOW, Sweep, aborted, record_import, record_sweep
+
+
+def _raw_bytes(run: Path) -> dict[str, str]:
+    return {
+        path.relative_to(run).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(run.rglob("*"))
+        if path.is_file() and "analysis" not in path.parts
+    }
+
+
+def test_each_radius_is_that_of_the_drawn_arc(measured: Measured) -> None:
+    """Final pictures give the drawn radii within 0.05 mm, by gel, with the interval of the mean."""
+    first, second = measured.content.specimens
+    assert (first.name, first.n, first.mean_radius_mm) == ("gel A", 2, pytest.approx(28.3, abs=0.05))
+    assert first.ci95_mm is not None
+    assert first.ci95_mm[0] < 28.3 < first.ci95_mm[1]
+    assert (second.n, second.mean_radius_mm, second.sd_radius_mm) == (1, pytest.approx(27.0, abs=0.05), None)
+    assert measured.content.mean_radius_mm == pytest.approx((28.3 + 27.0) / 2, abs=0.05)
+
+
+def test_every_picture_of_the_needle_is_measured_and_no_other(measured: Measured) -> None:
+    """Pictures on the way and final ones are measured; the sheath alone is not."""
+    roles = [one.role for one in measured.content.measurements]
+    assert roles == ["advance", "advance", "final"] * 4
+
+
+def test_a_picture_on_the_way_enters_no_mean(measured: Measured) -> None:
+    """Pictures at 30 mm give radii too, and the means stay those of final ones."""
+    accepted = [one.role for one in measured.content.measurements if one.accepted]
+    assert accepted.count("advance") == 3
+    assert [one.n for one in measured.content.specimens] == [2, 1]
+
+
+def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: Measured) -> None:
+    """The refusal is in the list of pictures and in the count of its gel."""
+    refused = [one for one in measured.content.measurements if one.role == "final" and not one.accepted]
+    assert [(one.trial, one.found, bool(one.reason), one.radius_mm) for one in refused] == [
+        (3, False, True, None)
+    ]
+    assert measured.content.specimens[1].refused == 1
+    assert measured.content.specimens[1].refused_reasons[0].startswith("1 x ")
+
+
+def test_the_comparison_with_the_truth_is_kept_apart(measured: Measured) -> None:
+    """Drawn means count every drawn radius, and the worst error is that of an accepted picture."""
+    truth = measured.content.truth
+    assert truth is not None
+    assert [one.drawn_mean_radius_mm for one in truth.specimens] == pytest.approx([28.3, 27.2])
+    assert truth.pictures == 3
+    assert truth.worst_error_mm == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_damaged_picture_is_refused_and_the_batch_goes_on(folder: Path) -> None:
+    """A picture that is no picture, one that is missing and one that was exchanged: each is named."""
+    run = record_sweep(folder)
+    files = [run.path / name for name in run.frame_table.loc[run.frame_table["role"] == "final", "file"]]
+    files[0].write_bytes(b"no picture")
+    files[1].unlink()
+    cv2.imwrite(str(files[2]), np.zeros((380, 480), np.uint8))
+    finals = [one for one in measure(run).content.measurements if one.role == "final"]
+    assert [one.accepted for one in finals] == [False, False, False, True]
+    assert all(
+        (one.reason or "").startswith(file.name) for file, one in zip(files[:3], finals[:3], strict=True)
+    )
+
+
+@pytest.mark.parametrize("workers", [2, 5])
+def test_the_result_is_the_same_for_any_number_of_workers(measured: Measured, workers: int) -> None:
+    """Parallel work changes neither a digit nor the order."""
+    parallel = measure(measured.run, workers=workers)
+    assert parallel.content.measurements == measured.content.measurements
+    assert parallel.content.specimens == measured.content.specimens
+    for name in ("measurements.csv", "specimens.csv"):
+        assert (parallel.result.path / name).read_bytes() == (measured.result.path / name).read_bytes()
+
+
+def test_progress_is_told_after_each_picture(measured: Measured) -> None:
+    """The callback counts up to the number of pictures."""
+    told: list[tuple[int, int]] = []
+    analyze_run(
+        measured.run,
+        workers=1,
+        progress=lambda done, total: told.append((done, total)),
+        created=NOW,
+        provenance={},
+    )
+    assert told == [(number, 12) for number in range(1, 13)]
+
+
+def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: Path) -> None:
+    """Reanalysis numbers its result on, names its parent, and rewrites no raw byte."""
+    run = record_sweep(folder)
+    before = _raw_bytes(run.path)
+    first, second = measure(run).result, measure(run, "analysis.window_start_mm=6").result
+    assert [path.name for path in (first.path, second.path)] == ["001", "002"]
+    assert (first.content.parent, second.content.parent) == (None, 1)
+    assert second.content.settings["window_start_mm"] == 6.0
+    assert second.content.overrides == ("analysis.window_start_mm=6",)
+    assert _raw_bytes(run.path) == before
+
+
+def test_results_are_read_back_as_they_were_written(measured: Measured) -> None:
+    """load_result gives the newest result, or the one asked for, equal to what analyze_run returned."""
+    assert load_result(measured.run, 1) == measured.result
+    newest = load_result(measured.run)
+    assert newest is not None
+    assert newest.path.name == max(path.name for path in (measured.run.path / "analysis").iterdir())
+
+
+def test_a_run_that_was_never_analysed_has_no_result(folder: Path) -> None:
+    """None says that there is none; asking for a number that is not there is an error that lists them."""
+    run = record_sweep(folder)
+    assert load_result(run) is None
+    with pytest.raises(InputError, match="no result 004"):
+        load_result(run, 4)
+
+
+def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
+    """A result that was cut or comes from a newer labrig is not half read."""
+    run = record_sweep(folder)
+    result = measure(run).result
+    file = result.path / "result.json"
+    document = json.loads(file.read_text())
+    file.write_text(json.dumps({**document, "schema_version": 2}))
+    with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
+        load_result(run)
+    (result.path / "centre_lines.npz").write_bytes(b"PK")
+    with pytest.raises(RecordError, match=r"centre_lines\.npz"):
+        load_centre_lines(result)
+
+
+def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None:
+    """What the rig did cannot be changed afterwards; a wrong key of the section is refused with a hint."""
+    with pytest.raises(InputError, match="needle"):
+        measure(measured.run, "needle.diameter_mm=2")
+    with pytest.raises(FileFormatError) as refusal:
+        measure(measured.run, "analysis.window_begin_mm=2")
+    assert "window_begin_mm" in str(refusal.value)
+
+
+def test_an_analysis_that_cannot_begin_leaves_nothing(folder: Path) -> None:
+    """Without a plane map there is no scale, and no empty result is left behind."""
+    run = record_sweep(folder, Sweep(plane=False))
+    with pytest.raises(InputError, match=r"plane\.json"):
+        measure(run)
+    assert not (run.path / "analysis").exists()
+
+
+def test_tables_name_units_and_hold_every_picture(measured: Measured) -> None:
+    """Each length column of the CSV says mm, pairs are two columns, and what is unknown is empty."""
+    with (measured.result.path / "measurements.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(measured.content.measurements)
+    final = rows[2]
+    assert float(final["radius_mm"]) == measured.content.measurements[2].radius_mm
+    assert (
+        float(final["radius_ci95_low_mm"]) <= float(final["radius_mm"]) <= float(final["radius_ci95_high_mm"])
+    )
+    assert rows[-1]["radius_mm"] == ""
+    lengths = [name for name in final if any(word in name for word in ("radius", "tip", "arc", "residual"))]
+    assert all(name.endswith(("_mm", "_px")) for name in lengths)
+
+
+def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(folder: Path) -> None:
+    """Cells that would begin a formula are marked as text."""
+    sweep = Sweep(radii_mm={"=cmd()": (28.0,)}, gelatin_percent=(10.0,))
+    result = measure(record_sweep(folder, sweep)).result
+    assert "'=cmd()" in (result.path / "specimens.csv").read_text()
+
+
+def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: Measured) -> None:
+    """The stored lines are those of the pictures, in mm and in pixels, with the window that was fitted."""
+    lines = load_centre_lines(measured.result)
+    frame = measured.content.measurements[2].frame
+    mm, px = lines.mm[frame], lines.px[frame]
+    first, end = lines.window[frame]
+    assert mm.shape == px.shape
+    assert 0 < first < end < len(mm)
+    length_mm = np.hypot(*np.diff(mm, axis=0).T).sum()
+    assert length_mm == pytest.approx(LENGTH_MM, abs=1.5)
+    radius = np.hypot(mm[first:end, 0] + 28.0, mm[first:end, 1])
+    assert radius == pytest.approx(28.0, abs=0.1)
+
+
+def test_the_result_names_what_it_rests_on(measured: Measured) -> None:
+    """Hashes of the inputs, code version, time and settings are in the result itself."""
+    content = measured.content
+    frames = (measured.run.path / "frames.jsonl").read_bytes()
+    assert content.inputs["frames.jsonl"] == hashlib.sha256(frames).hexdigest()
+    assert {"protocol.yaml", "calibration/plane.json", "truth.jsonl"} <= content.inputs.keys()
+    assert content.provenance["labrig"] == "0.1.0"
+    assert content.created == "2026-11-21T09:30:00+00:00"
+    assert content.settings["needle_diameter_mm"] == 1.2
+
+
+@pytest.mark.parametrize(
+    "sweep", [aborted(Sweep()), Sweep(exit_status=None, without_final=frozenset({2, 3}))]
+)
+def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, sweep: Sweep) -> None:
+    """Aborted and killed runs give the insertions that they have, and say which left no final picture."""
+    run = record_sweep(folder, sweep)
+    content = measure(run).content
+    assert sum(one.n for one in content.specimens) == 4 - len(sweep.without_final)
+    assert sum(one.without_final_picture for one in content.specimens) == len(sweep.without_final)
+
+
+def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> None:
+    """Loose pictures are measured with the scale that was stated, and named by their own files."""
+    run = record_import(folder, (28.0, None))
+    content = measure(run).content
+    assert (content.specimens, content.mean_radius_mm, content.truth) == ((), None, None)
+    assert [(one.image, one.accepted) for one in content.measurements] == [
+        ("photo0.jpg", True),
+        ("photo1.jpg", False),
+    ]
+
+
+def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
+    """A run that was stopped before its first picture is no error."""
+    sweep = Sweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
+    run = record_sweep(folder, sweep)
+    result = measure(open_run(run.path), workers=2).result
+    assert isinstance(result.content, CurvatureResult)
+    assert result.content.measurements == ()
+    assert load_centre_lines(result).mm == {}

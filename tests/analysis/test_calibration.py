@@ -1,0 +1,67 @@
+"""Lens and plane from the pictures of a camera calibration run."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis import CalibrationResult, analyze_run, load_result
+from labrig.record import Run
+from labrig.vision import load_intrinsics, load_plane
+from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
+
+
+def _analyse(run: Run) -> tuple[CalibrationResult, Path]:
+    result = analyze_run(run, created=NOW, provenance=PROVENANCE)
+    assert isinstance(result.content, CalibrationResult)
+    return result.content, result.path
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Twelve views of the board and the graph paper, by the simulated camera."""
+    return record_calibration(tmp_path_factory.mktemp("calibration"), views=12)
+
+
+def test_lens_and_plane_are_found_and_written(run: Run) -> None:
+    """The simulated lens (fx 1800 px) is found within 4 sigma, and both files can be loaded together."""
+    content, folder = _analyse(run)
+    lens = load_intrinsics(folder / "intrinsics.json")
+    assert lens.fx == pytest.approx(1800.0, abs=4.0 * (lens.sigma["fx"] or 0.0))
+    assert load_plane(folder / "plane.json", lens).mm_per_px == pytest.approx(0.0646, abs=0.001)
+    assert content.intrinsics is not None
+    assert content.intrinsics["fx"] == lens.fx
+    assert load_result(run) is not None
+
+
+def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
+    """What the map of coverage needs is in the result: 9 x 6 corners for each photograph that was used."""
+    content, _ = _analyse(run)
+    assert content.intrinsics is not None
+    used = {view["image"] for view in content.intrinsics["views"] if view["used"]}
+    assert content.corners.keys() == used
+    assert {len(pixels) for pixels in content.corners.values()} == {54}
+
+
+def test_progress_counts_the_pictures(run: Run) -> None:
+    """The callback hears of every picture."""
+    told: list[tuple[int, int]] = []
+    analyze_run(
+        run, progress=lambda done, total: told.append((done, total)), created=NOW, provenance=PROVENANCE
+    )
+    assert told[-1] == (13, 13)
+
+
+def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) -> None:
+    """A calibration run that was stopped gives a result that says what is missing, and no files."""
+    content, folder = _analyse(record_calibration(tmp_path, views=0))
+    assert (content.accepted, content.intrinsics, content.plane) == (False, None, None)
+    assert "no picture of the board" in content.reasons[0]
+    assert [file.name for file in folder.iterdir()] == ["result.json"]
+
+
+def test_photographs_without_a_board_are_refused(tmp_path: Path) -> None:
+    """Pictures in which no board is found give no lens, and the plane is not made without one."""
+    content, _ = _analyse(record_calibration(tmp_path, views=2, hold_board=False))
+    assert content.accepted is False
+    assert "in any of 2 pictures" in content.reasons[0]
+    assert "the lens was not" in content.reasons[1]

@@ -1,0 +1,100 @@
+"""Insertions grouped by needle and gel, and their comparison with the truth."""
+
+import pytest
+
+from labrig.analysis import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PictureResult
+from labrig.analysis.grouping import Trial, mean_of_means, summarise_specimens
+from labrig.analysis.truth import compare_with_truth
+
+
+def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> Trial:
+    return Trial(number, specimen, 10.0, number, needle_id)
+
+
+def _picture(trial: Trial, radius_mm: float | None, reason: str | None = None) -> PictureResult:
+    return PictureResult(
+        frame=trial.trial,
+        image=f"frames/{trial.trial:06d}.png",
+        role="final",
+        trial=trial.trial,
+        specimen=trial.specimen,
+        gelatin_percent=trial.gelatin_percent,
+        hole=trial.hole,
+        needle_id=trial.needle_id,
+        insertion_mm=40.0,
+        found=radius_mm is not None,
+        accepted=reason is None,
+        reason=reason,
+        radius_mm=radius_mm,
+        radius_ci95_mm=None if radius_mm is None else (radius_mm - 0.1, radius_mm + 0.1),
+    )
+
+
+def test_two_needles_in_one_gel_are_two_groups() -> None:
+    """The paper's unit is the needle-tissue pair, so a new needle opens a new group in the same gel."""
+    trials = [_trial(0), _trial(1, needle_id="N2"), _trial(2)]
+    finals = {
+        one.trial: _picture(one, radius) for one, radius in zip(trials, (28.0, 30.0, 28.4), strict=True)
+    }
+    groups = summarise_specimens(trials, finals)
+    assert [(one.needle_id, one.n, one.mean_radius_mm) for one in groups] == [
+        ("N1", 2, 28.2),
+        ("N2", 1, 30.0),
+    ]
+
+
+def test_the_mean_of_means_counts_each_gel_once() -> None:
+    """A gel with many insertions weighs no more than one with few."""
+    trials = [_trial(0), _trial(1), _trial(2), _trial(3, "other")]
+    finals = {one.trial: _picture(one, 27.0 if one.specimen == "gel" else 29.0) for one in trials}
+    assert mean_of_means(summarise_specimens(trials, finals)) == 28.0
+
+
+def test_refused_pictures_are_counted_with_their_reasons_and_enter_no_mean() -> None:
+    """A radius that is not accepted is left out of the mean even where a circle was fitted."""
+    trials = [_trial(0), _trial(1), _trial(2)]
+    finals = {
+        0: _picture(trials[0], 28.0),
+        1: _picture(trials[1], 90.0, "too uncertain"),
+        2: _picture(trials[2], None, "no shaft"),
+    }
+    (group,) = summarise_specimens(trials, finals)
+    assert (group.trials, group.n, group.refused, group.mean_radius_mm) == (3, 1, 2, 28.0)
+    assert group.refused_reasons == ("1 x too uncertain", "1 x no shaft")
+    assert (group.sd_radius_mm, group.ci95_mm) == (None, None)
+
+
+def test_an_insertion_without_a_final_picture_is_counted_apart() -> None:
+    """An interrupted insertion is no refusal: there was nothing to measure."""
+    (group,) = summarise_specimens([_trial(0), _trial(1)], {0: _picture(_trial(0), 28.0)})
+    assert (group.trials, group.n, group.refused, group.without_final_picture) == (2, 1, 0, 1)
+
+
+def test_a_run_without_radii_has_no_mean() -> None:
+    """Where nothing was measured, nothing is stated."""
+    specimens = summarise_specimens([_trial(0)], {})
+    assert (mean_of_means(specimens), mean_of_means(())) == (None, None)
+
+
+def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
+    """The mean is compared with that of all drawn radii, also of the picture that was refused."""
+    trials = [_trial(0), _trial(1)]
+    finals = {0: _picture(trials[0], 28.0), 1: _picture(trials[1], None, "no shaft")}
+    truth = compare_with_truth(trials, finals, summarise_specimens(trials, finals), {0: 28.05, 1: 27.05})
+    assert truth is not None
+    (gel,) = truth.specimens
+    assert gel.n_drawn == 2
+    assert gel.error_of_mean_mm == pytest.approx(28.0 - 27.55)
+    assert gel.worst_error_mm == pytest.approx(-0.05)
+    assert (truth.pictures, truth.intervals_holding_truth) == (1, 1)
+
+
+def test_a_real_rig_has_no_truth() -> None:
+    """Without a truth there is no comparison."""
+    assert compare_with_truth([_trial(0)], {}, (), {}) is None
+
+
+def test_the_papers_mean_is_that_of_its_four_gels() -> None:
+    """Section V-B rounds the mean of the four means to 27.6 mm."""
+    mean = sum(gel.mean_radius_mm for gel in PAPER_GELS) / len(PAPER_GELS)
+    assert mean == pytest.approx(PAPER_MEAN_RADIUS_MM, abs=0.05)

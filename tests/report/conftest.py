@@ -1,0 +1,50 @@
+"""Runs and their pages, made once for all tests that only look at them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis import AnalysisResult, analyze_run
+from labrig.record import Run, open_run
+from labrig.report import write_report
+from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
+
+HOSTILE = "<script>alert('x')</script> --> $x$ & \"gel\""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A run, its result and its page."""
+
+    run: Run
+    result: AnalysisResult | None
+    html: str
+
+
+def make_page(run: Run, *, analysed: bool = True) -> Page:
+    """Analyse a run, unless told not to, and write its page."""
+    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE) if analysed else None
+    again = open_run(run.path)
+    return Page(again, result, write_report(again, result, NOW).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """A sweep of two gels; the last picture shows no needle."""
+    return make_page(record_sweep(tmp_path_factory.mktemp("page"), Sweep(without_needle=frozenset({3}))))
+
+
+@pytest.fixture(scope="session")
+def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """A sweep whose people wrote HTML into every field that is theirs."""
+    sweep = Sweep(
+        radii_mm={HOSTILE: (28.0,)}, gelatin_percent=(10.0,), title=HOSTILE, operator=HOSTILE, notes=HOSTILE
+    )
+    return make_page(record_sweep(tmp_path_factory.mktemp("hostile"), sweep))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder for runs of the test's own."""
+    return tmp_path

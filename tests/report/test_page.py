@@ -1,0 +1,225 @@
+"""The page of a run: complete, self-contained, escaped, and the same each time."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from labrig.report import write_report
+from tests.analysis.synthetic import NOW, Sweep, aborted, record_calibration, record_import, record_sweep
+from tests.report.conftest import HOSTILE, Page, make_page
+
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class _Elements(HTMLParser):
+    """Collects elements with their attributes, all text, and what is opened and not closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self.text += " "
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] != ["style"]:
+            self.text += data
+
+
+def _read(html: str) -> _Elements:
+    elements = _Elements()
+    elements.feed(html)
+    return elements
+
+
+def _words(html: str) -> str:
+    return re.sub(r"\s+", " ", _read(html).text)
+
+
+def test_the_page_is_well_formed(page: Page) -> None:
+    """Every element that is opened is closed, in order, and no identifier stands twice."""
+    elements = _read(page.html)
+    assert elements.open == []
+    identifiers = [attributes["id"] for _, attributes in elements.elements if "id" in attributes]
+    assert len(identifiers) == len(set(identifiers))
+
+
+def test_nothing_is_fetched_from_anywhere(page: Page) -> None:
+    """No address of a network, no script, and each picture is in the page itself."""
+    elements = _read(page.html).elements
+    links = [
+        value or ""
+        for _, attributes in elements
+        for name, value in attributes.items()
+        if name in {"src", "href", "xlink:href"}
+    ]
+    assert links
+    assert [link for link in links if not link.startswith(("data:", "#", "analysis/"))] == []
+    assert not {tag for tag, _ in elements} & {"script", "link", "iframe", "object"}
+    assert re.findall(r"https?://|url\((?!#)", page.html) == []
+
+
+def test_linked_files_are_there(page: Page) -> None:
+    """The tables that the page links to stand beside it, by relative paths."""
+    links = {a["href"] or "" for tag, a in _read(page.html).elements if tag == "a"}
+    assert {Path(link).name for link in links} == {"specimens.csv", "measurements.csv"}
+    assert all((page.run.path / link).is_file() for link in links)
+
+
+def test_what_people_wrote_is_text(hostile_page: Page) -> None:
+    """HTML in title, operator, notes and specimen is shown as it was written and is no element of the page."""
+    elements = _read(hostile_page.html)
+    assert elements.open == []
+    assert "script" not in {tag for tag, _ in elements.elements}
+    assert elements.text.count(HOSTILE) >= 5
+    assert "<script" not in hostile_page.html
+
+
+def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: Page) -> None:
+    """A row a gel: n, mean, SD, interval, refused; the paper's figures; what was drawn; the mean of means."""
+    words = _words(page.html)
+    assert re.search(r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30", words)
+    assert re.search(r"19 % gel B N1 1 2[67]\.\d\d – – 1 27\.13 0\.473 27\.20", words)
+    assert re.search(r"Mean of the means 27\.6\d 27\.6 27\.75", words)
+
+
+def test_the_verdict_stands_at_the_top(page: Page) -> None:
+    """The first sentences say how much was measured, what came out, and that the rig is simulated."""
+    verdict = _words(page.html.split("</header>")[0])
+    assert "3 of 4 insertions measured." in verdict
+    assert "the paper reports 27.6 mm" in verdict
+    assert "The rig is simulated" in verdict
+
+
+def test_every_refusal_is_listed_with_its_reason(page: Page) -> None:
+    """A refused final picture has a line of its own; short insertions are counted by their length."""
+    assert page.result is not None
+    words = _words(page.html)
+    refused = [one for one in page.result.document["measurements"] if not one["accepted"]]
+    assert all(one["image"] in words for one in refused if not one["found"])
+    assert re.search(r"10 3 Of 1\d\.\d mm of needle", words)
+
+
+def test_every_final_picture_is_shown_with_shaft_and_circle(page: Page) -> None:
+    """The contact sheet has a picture a final frame; the measured ones carry shaft and circle."""
+    sheet = page.html.split("Every final picture")[1]
+    assert sheet.count("<image ") == 4
+    assert sheet.count('class="window"') == 3
+    assert sheet.count('<polyline class="circle"') >= 3
+
+
+def test_the_camera_view_has_axes_scale_bar_and_sheath(page: Page) -> None:
+    """Figure 7c: z and y at the tip of the sheath, a bar of a round length, the sheath by name."""
+    view = page.html.split("camera's view</h2>")[1].split("</svg>")[0]
+    assert re.findall(r">(z|y|sheath|\d+ mm)</text>", view) == ["z", "y", "5 mm", "sheath"]
+
+
+def test_provenance_names_code_settings_and_hashes(page: Page) -> None:
+    """Who reads the page can find the code, the settings and the very files that it came from."""
+    assert page.result is not None
+    words = _words(page.html)
+    for hash_ in page.result.content.inputs.values():
+        assert hash_ in words
+    assert "window_start_mm 4" in words
+    assert "exposure_s 0.01; 0.01 read back" in words
+
+
+def test_the_same_run_gives_the_same_page(page: Page) -> None:
+    """Written twice from the same result, the page is the same, byte for byte."""
+    assert write_report(page.run, page.result, NOW).read_text(encoding="utf-8") == page.html
+
+
+@pytest.mark.parametrize(
+    ("sweep", "word", "sentence"),
+    [
+        (
+            aborted(Sweep()),
+            "aborted",
+            "The run was aborted: the operator said no. 3 of 4 planned insertions ended.",
+        ),
+        (Sweep(exit_status="failed"), "failed", "The run failed: the operator said no."),
+        (
+            Sweep(exit_status=None),
+            "incomplete",
+            "The run was never closed: it is still going on, or it was killed.",
+        ),
+    ],
+)
+def test_a_run_that_did_not_end_has_a_page_that_says_so(
+    folder: Path, sweep: Sweep, word: str, sentence: str
+) -> None:
+    """The state stands beside the title, and the first sentence says what is missing."""
+    made = make_page(record_sweep(folder, sweep))
+    assert f'<span class="pill {word}">{word}</span>' in made.html
+    assert sentence in _words(made.html)
+
+
+def test_a_run_without_a_result_has_a_page(folder: Path) -> None:
+    """Before any analysis the page says that nothing has been measured, and how to do it."""
+    made = make_page(record_sweep(folder), analysed=False)
+    assert "labrig reanalyze" in _words(made.html)
+    assert _read(made.html).open == []
+
+
+def test_a_run_without_any_picture_has_a_page(folder: Path) -> None:
+    """A run that stopped before its first picture states no mean and breaks nothing."""
+    sweep = Sweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
+    assert "No radius could be stated" in _words(make_page(record_sweep(folder, sweep)).html)
+
+
+def test_a_picture_that_is_gone_leaves_a_gap_and_a_problem(folder: Path) -> None:
+    """A final picture that cannot be read is shown as such, with its refusal."""
+    run = record_sweep(folder)
+    final = run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
+    (run.path / final).unlink()
+    made = make_page(run)
+    assert "picture cannot be read" in made.html
+    assert "does not exist" in _words(made.html)
+
+
+def test_faults_of_the_record_are_shown(folder: Path) -> None:
+    """A record with a torn line has a page with a warning at its top."""
+    run = record_sweep(folder, Sweep(exit_status=None))
+    with (run.path / "states.jsonl").open("ab") as file:
+        file.write(b'{"t_s":')
+    assert "The record is not whole" in _words(make_page(run).html)
+
+
+def test_a_real_rig_has_no_columns_of_truth(folder: Path) -> None:
+    """Without a truth the page says nothing of a simulation."""
+    made = make_page(record_sweep(folder, Sweep(truth=False)))
+    assert "simulat" not in _words(made.html).lower()
+
+
+def test_imported_pictures_have_a_page_of_their_own(folder: Path) -> None:
+    """Each picture has a line with found, tip and reason, under its own file name."""
+    words = _words(make_page(record_import(folder, (28.0, None))).html)
+    assert "Shaft and tip were found in 1 of 2 pictures; a radius can be stated in 1." in words
+    assert re.search(r"photo0\.jpg yes −\d\d\.\d\d \d\d\.\d\d \d\d\.\d 2[78]\.\d\d", words)
+    assert re.search(r"photo1\.jpg no – – – – – no No needle", words)
+
+
+@pytest.mark.parametrize("views", [0, 10])
+def test_a_calibration_has_a_page_accepted_or_not(folder: Path, views: int) -> None:
+    """Lens, residuals, coverage and plane are shown; a calibration without pictures says what is missing."""
+    made = make_page(record_calibration(folder, views))
+    words = _words(made.html)
+    assert _read(made.html).open == []
+    if views:
+        assert re.search(r"fx (1799|180[01])\.\d{3} 0\.\d{3}", words)
+        assert "intrinsics.json, plane.json, result.json" in words
+    else:
+        assert "no picture of the board was recorded" in words

@@ -1,0 +1,29 @@
+"""The view for the rerun viewer, made from the record."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import RecordError
+from labrig.report.rerun_view import write_view
+from tests.analysis.synthetic import record_sweep
+from tests.report.conftest import Page
+
+
+def test_the_view_is_made_with_and_without_a_result(page: Page, folder: Path) -> None:
+    """A view holds the pictures either way, is replaced when made again, and leaves nothing half-written."""
+    with_lines = write_view(page.run, page.result)
+    assert with_lines == page.run.path / "view.rrd"
+    assert with_lines.stat().st_size > 50_000
+    assert write_view(page.run, page.result) == with_lines
+    assert write_view(record_sweep(folder), None).stat().st_size > 50_000
+    assert list(page.run.path.glob(".view*")) == []
+
+
+def test_a_damaged_picture_leaves_no_view(folder: Path) -> None:
+    """A view is whole or is not there."""
+    run = record_sweep(folder)
+    (run.path / "frames" / "000000.png").write_bytes(b"no picture")
+    with pytest.raises(RecordError, match=r"000000\.png"):
+        write_view(run, None)
+    assert list(run.path.glob("*view.rrd*")) == []

@@ -19,7 +19,7 @@ What is decided here
 
 from labrig.devices.axis import Axis, AxisReadback, Setpoint
 from labrig.devices.camera import Camera, CameraSettings, Frame, PictureSource
-from labrig.devices.check import CheckResult, CheckStatus, check_rig
+from labrig.devices.check import CheckResult, CheckStatus, check_calibration, check_rig
 from labrig.devices.cia402 import DriveState
 from labrig.devices.clocks import SimulatedClock, SystemClock
 from labrig.devices.operator import (
@@ -36,7 +36,14 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.devices.rig import Rig, open_rig
-from labrig.devices.rig_file import AxisDescription, RigDescription, check_axis_move, load_rig, rig_schema
+from labrig.devices.rig_file import (
+    AxisDescription,
+    RigDescription,
+    check_axis_move,
+    load_rig,
+    rig_schema,
+    unknown_entries,
+)
 from labrig.devices.state import RigState
 from labrig.devices.stop import stop_rig
 
@@ -69,9 +76,11 @@ __all__ = [
     "SimulatedClock",
     "SystemClock",
     "check_axis_move",
+    "check_calibration",
     "check_rig",
     "load_rig",
     "open_rig",
     "rig_schema",
     "stop_rig",
+    "unknown_entries",
 ]

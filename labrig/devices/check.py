@@ -58,7 +58,7 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
             stack.callback(plant.close)
             results += _bus_results(rig, plant, stack)
             results += _camera_results(rig, plant, stack)
-    return [*results, *_calibration_results(rig), _disk_result(), _state_result(rig)]
+    return [*results, *check_calibration(rig), _disk_result(), _state_result(rig)]
 
 
 def _failed(check: str, error: LabrigError) -> CheckResult:
@@ -150,7 +150,8 @@ def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iter
         yield _failed("camera", error)
 
 
-def _calibration_results(rig: RigDescription) -> Iterator[CheckResult]:
+def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
+    """Check that the rig's calibration is there, was accepted, and is of this camera's picture size."""
     paths = rig.calibration_paths()
     intrinsics: list[Intrinsics] = []
 

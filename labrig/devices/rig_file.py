@@ -322,9 +322,9 @@ def require_complete(rig: RigDescription) -> None:
     """
     unknown = unknown_entries(rig)
     if unknown:
-        lines = "; ".join(f"{key} is {where}" for key, where in unknown.items())
         raise InputError(
-            f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}", f"enter them: {lines}"
+            f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
+            "enter them in the rig file; labrig devices check --rig FILE says where to find each",
         )
 
 

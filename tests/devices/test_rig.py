@@ -229,7 +229,7 @@ def test_every_drive_that_fails_is_told_at_once() -> None:
 
 
 def test_a_bench_with_unknown_entries_does_not_open() -> None:
-    """Each unknown is named, with where to find it, before anything is opened."""
+    """Each unknown is named, with the command that says where to find it, before anything is opened."""
     with (
         pytest.raises(
             InputError, match=r"axes.insertion.encoder_pulses_per_turn.*axes.linear.lead_mm"
@@ -237,7 +237,7 @@ def test_a_bench_with_unknown_entries_does_not_open() -> None:
         open_rig(load_rig(BENCH), seed=1, person=Person(), interrupted=Signal()),
     ):
         pass
-    assert "data sheet" in refusal.value.hint
+    assert "devices check" in refusal.value.hint
 
 
 def test_the_record_gets_every_device_in_json() -> None:

@@ -1,0 +1,38 @@
+"""experiments: the procedures that move the rig.
+
+A procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and where progress is told. It
+moves, asks, takes pictures and appends to the record; it measures nothing, prints nothing and decides nothing from a
+picture (a later closed loop will, through `steering`). What it is going to do is known before it starts, as a list of
+`PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
+
+`conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
+failed (a device or the computer did), with the axes stopped in every case.
+"""
+
+from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.conduct import Outcome, conduct
+from labrig.experiments.plan import (
+    Estimate,
+    PlannedMove,
+    estimate,
+    find_problems,
+    planned_moves,
+    trials_planned,
+)
+from labrig.experiments.session import Progress, Session
+from labrig.experiments.steerability import run_steerability
+
+__all__ = [
+    "Estimate",
+    "Outcome",
+    "PlannedMove",
+    "Progress",
+    "Session",
+    "conduct",
+    "estimate",
+    "find_problems",
+    "planned_moves",
+    "run_camera_calibration",
+    "run_steerability",
+    "trials_planned",
+]

@@ -1,0 +1,19 @@
+"""The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
+
+from labrig.devices import ClearBench, HoldBoard, LayGraphPaper
+from labrig.experiments.session import Session
+from labrig.protocol import CameraCalibrationProtocol
+
+
+def run_camera_calibration(protocol: CameraCalibrationProtocol, session: Session) -> int:
+    """Take every picture through the rig's camera; no axis moves. Returns 0, the number of trials."""
+    board = protocol.board
+    for view in range(protocol.views):
+        session.progress(float(view), f"board, view {view + 1} of {protocol.views}")
+        session.ask(HoldBoard(view, protocol.views, board.columns, board.rows, board.square_mm))
+        session.look("board")
+    session.ask(LayGraphPaper(protocol.plane.pitch_mm))
+    session.look("graph-paper")
+    session.ask(ClearBench("the graph paper"))
+    session.progress(float(protocol.views + 1), "graph paper done")
+    return 0

@@ -1,0 +1,68 @@
+"""Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
+
+from dataclasses import dataclass
+
+from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
+from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.session import Session
+from labrig.experiments.steerability import run_steerability
+from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a procedure ended: the exit status of the record, why, and the error where there was one."""
+
+    exit_status: str
+    reason: str
+    error: LabrigError | None
+
+
+def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
+    """Run the procedure that the protocol names; stop the axes and close the record however it ends.
+
+    An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
+    """
+    outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
+    try:
+        outcome = _run_to_an_end(protocol, session)
+    finally:
+        outcome = _stop_and_close(session, outcome)
+    return outcome
+
+
+def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
+    """Stop the axes, then close the record; what fails in this becomes part of how the run ended."""
+    try:
+        session.rig.stop()
+    except MachineError as error:
+        outcome = Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+    try:
+        session.note("run_stop", exit_status=outcome.exit_status, reason=outcome.reason)
+        session.recorder.close(outcome.exit_status, outcome.reason, session.rig.clock.utc())
+    except DiskError as error:
+        return Outcome("failed", outcome.reason or error.message, outcome.error or error)
+    return outcome
+
+
+def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
+    try:
+        session.note("run_start", experiment=protocol.experiment)
+        _procedure(protocol, session)
+    except (InterruptedRunError, SafetyStopError) as error:
+        return Outcome("aborted", error.message, error)
+    except LabrigError as error:
+        return Outcome("failed", error.message, error)
+    return Outcome("success", "", None)
+
+
+def _procedure(protocol: AnyProtocol, session: Session) -> None:
+    match protocol:
+        case SteerabilityProtocol():
+            run_steerability(protocol, session)
+        case CameraCalibrationProtocol():
+            run_camera_calibration(protocol, session)
+        case ImportProtocol():
+            raise LabrigError(
+                "a protocol of imported pictures moves no rig", "use labrig import, then labrig reanalyze"
+            )

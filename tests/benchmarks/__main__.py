@@ -1,0 +1,27 @@
+"""Print every table, or those named on the command line."""
+
+import sys
+
+from tests.benchmarks import chessboard, real_insertions, start_up, sweep
+
+TABLES = {
+    "start-up": start_up.print_table,
+    "chessboard": chessboard.print_table,
+    "real-insertions": real_insertions.print_table,
+    "sweep": sweep.print_table,
+}
+
+
+def main(names: list[str]) -> int:
+    """Print the tables and return the exit code: 2 for an unknown name."""
+    unknown = [name for name in names if name not in TABLES]
+    if unknown:
+        print(f"no table {', '.join(unknown)}; there are {', '.join(TABLES)}", file=sys.stderr)
+        return 2
+    for name in names or list(TABLES):
+        print(f"\n## {name}")
+        TABLES[name]()
+    return 0
+
+
+sys.exit(main(sys.argv[1:]))

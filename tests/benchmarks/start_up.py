@@ -1,0 +1,34 @@
+"""How long `labrig --help` takes, beside a bare Python in the same run."""
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from tests.benchmarks.table import print_rows
+
+REPEATS = 20
+
+
+def print_table() -> None:
+    """Median and fastest of twenty runs each, taken in turns."""
+    labrig = str(Path(sys.executable).with_name("labrig"))
+    commands = {"python -c pass": [sys.executable, "-c", "pass"], "labrig --help": [labrig, "--help"]}
+    times: dict[str, list[float]] = {name: [] for name in commands}
+    for _ in range(REPEATS):
+        for name, command in commands.items():
+            started = time.perf_counter()
+            subprocess.run(command, check=True, capture_output=True)
+            times[name].append(1000 * (time.perf_counter() - started))
+    bare = statistics.median(times["python -c pass"])
+    rows = [
+        [
+            name,
+            f"{statistics.median(taken):.0f}",
+            f"{min(taken):.0f}",
+            f"{statistics.median(taken) / bare:.1f}",
+        ]
+        for name, taken in times.items()
+    ]
+    print_rows(("command", "median ms", "fastest ms", "times bare python"), rows)

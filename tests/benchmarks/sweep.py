@@ -1,0 +1,101 @@
+"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and that a second one is the same."""
+
+import hashlib
+import json
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.table import Measured, measure, print_rows
+
+ROOT = Path(__file__).parents[2]
+
+
+def print_table() -> None:
+    """Run the sweep twice and print the figures of the first and whether the second has the same bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [_sweep(Path(folder) / str(number)) for number in (1, 2)]
+        measured, document = runs[0]
+        rows = [
+            ["wall time, s", f"{measured.wall_s:.1f}", "60"],
+            ["peak memory, MB (pss, all processes)", f"{measured.peak_mb:.0f}", "600"],
+            *_accuracy(document),
+        ]
+        print_rows(("figure", "measured", "limit"), rows)
+        print_rows(("gel", "n", "mean mm", "drawn mean mm", "difference mm", "limit"), _means(document))
+        same = _digest(Path(document["run"])) == _digest(Path(runs[1][1]["run"]))
+        print(f"second sweep, same seed: frames, states and events {'identical' if same else 'DIFFER'}")
+
+
+def _sweep(runs_dir: Path) -> tuple[Measured, dict[str, Any]]:
+    protocol, rig = ROOT / "protocols" / "steerability.yaml", ROOT / "calibration" / "rig-simulated.yaml"
+    command = [
+        sys.executable,
+        "-m",
+        "labrig",
+        "run",
+        str(protocol),
+        "--rig",
+        str(rig),
+        "--runs-dir",
+        str(runs_dir),
+    ]
+    measured = measure([*command, "--json"])
+    return measured, json.loads(measured.out)
+
+
+def _truth(run: Path) -> dict[int, dict[str, Any]]:
+    lines = (json.loads(line) for line in (run / "truth.jsonl").read_text(encoding="utf-8").splitlines())
+    return {line["trial"]: line for line in lines}
+
+
+def _finals(document: dict[str, Any]) -> list[dict[str, Any]]:
+    return [one for one in document["result"]["measurements"] if one["role"] == "final"]
+
+
+def _accuracy(document: dict[str, Any]) -> list[list[str]]:
+    truth = _truth(Path(document["run"]))
+    finals = _finals(document)
+    errors = [one["radius_mm"] - truth[one["trial"]]["radius_mm"] for one in finals if one["accepted"]]
+    refused = sum(not one["accepted"] for one in finals)
+    covered = sum(
+        one["radius_ci95_mm"][0] <= truth[one["trial"]]["radius_mm"] <= one["radius_ci95_mm"][1]
+        for one in finals
+        if one["accepted"]
+    )
+    return [
+        ["worst error of a picture, mm", f"{max(map(abs, errors)):.3f}", "0.25"],
+        ["mean error of the pictures, mm", f"{sum(errors) / len(errors):+.4f}", "-"],
+        [f"refused, of {len(finals)}", str(refused), "1"],
+        [f"95 % intervals that hold the truth, of {len(errors)}", str(covered), "-"],
+    ]
+
+
+def _means(document: dict[str, Any]) -> list[list[str]]:
+    drawn = defaultdict(list)
+    for line in _truth(Path(document["run"])).values():
+        drawn[line["specimen"]].append(line["radius_mm"])
+    rows = []
+    for specimen in document["result"]["specimens"]:
+        truth = sum(drawn[specimen["name"]]) / len(drawn[specimen["name"]])
+        mean = specimen["mean_radius_mm"]
+        rows.append(
+            [
+                specimen["name"],
+                str(specimen["n"]),
+                f"{mean:.3f}",
+                f"{truth:.3f}",
+                f"{mean - truth:+.4f}",
+                "0.05",
+            ]
+        )
+    return rows
+
+
+def _digest(run: Path) -> str:
+    digest = hashlib.sha256()
+    for path in [*sorted((run / "frames").iterdir()), run / "states.jsonl", run / "events.jsonl"]:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,51 @@
+"""How the tables are printed, and how a command is measured."""
+
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import psutil
+
+
+def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print rows under their heads, columns aligned."""
+    cells = [[str(value) for value in row] for row in (heads, *rows)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(heads))]
+    for row in cells:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A command that was run: wall time, peak memory of its processes together, exit code and output."""
+
+    wall_s: float
+    peak_mb: float
+    exit_code: int
+    out: str
+
+
+def measure(command: Sequence[str]) -> Measured:
+    """Run a command and sample the proportional memory of it and its children twenty times a second."""
+    started = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    root = psutil.Process(process.pid)
+    peak = 0
+    while process.poll() is None:
+        peak = max(peak, _memory(root))
+        time.sleep(0.05)
+    wall_s = time.perf_counter() - started
+    assert process.stdout is not None
+    return Measured(wall_s, peak / 1e6, process.returncode, process.stdout.read())
+
+
+def _memory(root: psutil.Process) -> int:
+    """Return the proportional set size of a process and its children: pages that they share count once."""
+    total = 0
+    try:
+        for process in (root, *root.children(recursive=True)):
+            total += process.memory_full_info().pss
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return total
+    return total

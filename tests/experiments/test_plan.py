@@ -1,0 +1,57 @@
+"""What is known of a run before anything moves."""
+
+from pathlib import Path
+
+from labrig.experiments import estimate, find_problems, planned_moves, trials_planned
+from labrig.protocol import SteerabilityProtocol, load_protocol
+from tests.devices.rigs import BENCH, load_rig, simulated_rig
+from tests.experiments.sessions import PROTOCOLS, bench, sweep
+
+
+def test_the_example_protocol_suits_the_simulated_rig() -> None:
+    """Nothing of the paper's sweep is beyond the simulated rig."""
+    assert find_problems(load_protocol(PROTOCOLS / "steerability.yaml"), simulated_rig()) == ()
+
+
+def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
+    """A sheath deeper than the linear axis reaches is a problem at its key, with value and limit."""
+    problems = find_problems(sweep("sheath.depth_mm=400"), simulated_rig())
+    assert [problem.where for problem in problems] == ["sheath.depth_mm"]
+    assert "400" in problems[0].message
+    assert "150" in problems[0].message
+
+
+def test_a_rig_with_unknown_entries_cannot_run() -> None:
+    """Every null of the bench file is a problem that says where to find the number."""
+    problems = find_problems(sweep(), load_rig(BENCH))
+    assert {"rig axes.insertion.lead_mm", "rig axes.linear.gear_ratio"} <= {
+        problem.where for problem in problems
+    }
+    assert all(problem.hint for problem in problems)
+
+
+def test_a_calibration_for_another_picture_size_cannot_run() -> None:
+    """A camera set to another size than its calibration's is refused with both sizes."""
+    size = (
+        "camera.width_px=640",
+        "camera.height_px=480",
+        "world.lens.width_px=640",
+        "world.lens.height_px=480",
+    )
+    messages = " ".join(problem.message for problem in find_problems(sweep(), simulated_rig(*size)))
+    assert "1280x720" in messages
+    assert "640x480" in messages
+
+
+def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
+    """Rig time and the number of pictures come out within a few percent."""
+    protocol = sweep()
+    assert isinstance(protocol, SteerabilityProtocol)
+    needs = estimate(protocol, simulated_rig())
+    with bench(tmp_path, protocol) as rig:
+        _, run = rig.conduct(protocol)
+        took_s = rig.opened.rig.clock.now_s()
+    assert len(run.frames) == needs.pictures
+    assert abs(took_s - needs.duration_s) < 0.05 * needs.duration_s
+    assert trials_planned(protocol) == 1
+    assert [move.axis for move in planned_moves(protocol)] == ["linear", "insertion", "insertion", "linear"]

@@ -1,0 +1,174 @@
+"""The sweep's procedure: what it moves, asks and records, and how it ends when something goes wrong."""
+
+from itertools import pairwise
+from pathlib import Path
+
+from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
+from tests.experiments.sessions import Watched, bench, sweep
+
+
+def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) -> None:
+    """After a success every axis is back at zero and the rig knows that no needle is in tissue."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        outcome, run = rig.conduct(protocol)
+        assert (outcome.exit_status, outcome.error) == ("success", None)
+        assert rig.opened.rig.state.needle_in_tissue is False
+        last = run.states.iloc[-1]
+        assert abs(last["insertion_mm"]) < 0.05
+        assert abs(last["linear_mm"]) < 0.05
+
+
+def test_the_operator_is_asked_in_the_order_of_the_bench(tmp_path: Path) -> None:
+    """Needle, zero, specimen, then each hole."""
+    protocol = sweep("insertions_per_specimen=2")
+    with bench(tmp_path, protocol) as rig:
+        watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator)
+        rig.conduct(protocol)
+    assert [type(request) for request in watched.asked] == [
+        MountNeedle,
+        ConfirmAxesAtZero,
+        PlaceSpecimen,
+        ShiftToHole,
+        ShiftToHole,
+    ]
+
+
+def test_states_are_recorded_ten_times_a_second_while_moving(tmp_path: Path) -> None:
+    """Between two states of one move a tenth of a second of rig time passes."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        _, run = rig.conduct(protocol)
+    inserting = run.states[(run.states["insertion_mm"] > 1) & (run.states["insertion_mm"] < 39)]
+    steps = [after - before for before, after in pairwise(inserting["t_s"].iloc[:300])]
+    assert max(abs(step - 0.1) for step in steps) < 1e-6
+
+
+def test_the_needle_advances_at_the_set_speed(tmp_path: Path) -> None:
+    """Positions read during the insertion lie on a line of 1 mm/s."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        _, run = rig.conduct(protocol)
+    inserting = run.states[(run.states["insertion_mm"] > 5) & (run.states["insertion_mm"] < 35)].iloc[:250]
+    speed = (inserting["insertion_mm"].iloc[-1] - inserting["insertion_mm"].iloc[0]) / (
+        inserting["t_s"].iloc[-1] - inserting["t_s"].iloc[0]
+    )
+    assert abs(speed - 1.0) < 0.01
+
+
+def test_pictures_on_the_way_are_taken_at_their_depths(tmp_path: Path) -> None:
+    """A picture every 5 mm, each at most a state period late, and paired with where the needle stood."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        _, run = rig.conduct(protocol)
+    depths = run.frame_table[run.frame_table["role"] == "advance"]["insertion_mm"].tolist()
+    assert len(depths) == 7
+    assert all(0 <= depth - 5 * (index + 1) < 0.15 for index, depth in enumerate(depths))
+
+
+def test_what_was_asked_and_what_was_sent_are_both_recorded(tmp_path: Path) -> None:
+    """A move's event holds the asked position and speed, the quadcounts and rpm sent, and the achieved speed."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        _, run = rig.conduct(protocol)
+    moves = run.events[(run.events["kind"] == "move") & (run.events["axis"] == "insertion")]
+    first = moves.iloc[0]
+    assert (first["asked_position"], first["asked_speed"]) == (40.0, 1.0)
+    assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
+    assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
+
+
+def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None:
+    """The needle stands still, the run is aborted, and the rig remembers the needle in tissue."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        clock = rig.opened.plant.clock
+
+        def after_ten_seconds() -> None:
+            if clock.now_s() > 10:
+                rig.opened.signal.name = "SIGINT"
+
+        clock.on_advance(after_ten_seconds)
+        outcome, run = rig.conduct(protocol)
+        assert outcome.exit_status == "aborted"
+        assert isinstance(outcome.error, InterruptedRunError)
+        assert rig.opened.rig.state.needle_in_tissue is True
+        stood = rig.opened.rig.read_states()["insertion"].position
+        clock.sleep(1.0)
+        assert rig.opened.rig.read_states()["insertion"].position == stood
+    assert 0 < stood < 40
+    assert run.manifest["exit_status"] == "aborted"
+    assert run.trials["exit_status"].tolist() == ["incomplete"]
+
+
+def test_a_fault_of_a_drive_fails_the_run_by_name(tmp_path: Path) -> None:
+    """A following error in the middle of an insertion ends it as failed, naming axis and fault."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        clock = rig.opened.plant.clock
+        struck: list[float] = []
+
+        def lag() -> None:
+            if clock.now_s() > 10 and not struck:
+                struck.append(clock.now_s())
+                rig.opened.plant.drives["insertion"].fail(0x8611)
+
+        clock.on_advance(lag)
+        outcome, run = rig.conduct(protocol)
+    assert outcome.exit_status == "failed"
+    assert isinstance(outcome.error, DriveError)
+    assert "insertion" in outcome.reason
+    assert "following error" in outcome.reason.lower()
+    assert run.manifest["exit_status"] == "failed"
+
+
+def test_a_drive_that_falls_silent_fails_the_run_and_the_record_is_closed(tmp_path: Path) -> None:
+    """When even stopping cannot be confirmed, the record says both and is closed all the same."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        clock = rig.opened.plant.clock
+
+        def unplug() -> None:
+            if clock.now_s() > 10:
+                rig.opened.plant.drives["insertion"].unplug()
+
+        clock.on_advance(unplug)
+        outcome, run = rig.conduct(protocol)
+    assert outcome.exit_status == "failed"
+    assert run.manifest["exit_status"] == "failed"
+    assert (run.path / "SHA256SUMS").is_file()
+
+
+def test_an_operator_who_says_no_ends_the_run(tmp_path: Path) -> None:
+    """A declined request aborts the run before the needle moves, and the answer is in the record."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=PlaceSpecimen)
+        outcome, run = rig.conduct(protocol)
+    assert outcome.exit_status == "aborted"
+    assert isinstance(outcome.error, SafetyStopError)
+    answers = run.events[run.events["kind"] == "operator"]
+    assert answers.iloc[-1]["confirmed"] in {False, 0.0}
+    assert run.trials.empty
+
+
+def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:
+    """A rig that remembers a needle in tissue asks for it before any axis is referenced; no ends the run."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        rig.opened.rig.mark_needle_in_tissue("an earlier run")
+        watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
+        outcome, run = rig.conduct(protocol)
+        assert rig.opened.rig.state.needle_in_tissue is True
+    assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]
+    assert outcome.exit_status == "aborted"
+    assert run.events[run.events["kind"] == "move"].empty
+
+
+def test_progress_only_goes_forward(tmp_path: Path) -> None:
+    """What is told as done never falls, and ends at the whole."""
+    protocol = sweep("insertions_per_specimen=2")
+    with bench(tmp_path, protocol) as rig:
+        rig.conduct(protocol)
+        assert rig.told.done == sorted(rig.told.done)

@@ -1,0 +1,5 @@
+"""`python -m labrig` is `labrig`."""
+
+from labrig.cli.main import main
+
+main()

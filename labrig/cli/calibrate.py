@@ -1,0 +1,206 @@
+"""`labrig calibrate`: the camera's intrinsics, the plane map, and taking over what a calibration run found."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labrig.cli.options import InsertionOption, RigOption, rig_file
+from labrig.cli.output import AsJson, print_json, say
+from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError, PictureError, RecordError
+
+app = typer.Typer(help="Calibrate the camera: intrinsics, plane map.", no_args_is_help=True)
+
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace an existing file, and write a refused calibration, which then says so."
+    ),
+]
+
+
+@app.command("intrinsics", help="Zhang's method: intrinsics and distortion from photographs of a chessboard.")
+def intrinsics(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
+    board: Annotated[str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")],
+    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    out: OutOption = None,
+    force: ForceOption = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 1 when the calibration is refused."""
+    from labrig.vision import calibrate_from_pictures, save_intrinsics
+
+    _refuse_existing(out, force)
+    columns, rows = _board_size(board)
+    if not square_mm > 0:
+        raise InputError(
+            f"--square-mm is {square_mm:g}, and has to be above 0", "measure the side of a square"
+        )
+    pictures = _read_all(images)
+    if not pictures:
+        raise InputError(f"none of the {len(images)} pictures can be read", "look at one in a viewer")
+    found = calibrate_from_pictures(pictures, columns, rows, square_mm)
+    if out is not None and (found.accepted or force):
+        save_intrinsics(out, found, _provenance(images))
+    document = found.to_json()
+    if as_json:
+        print_json(document)
+    else:
+        _print_intrinsics(document)
+    _say_whether_written(out, found.accepted, force)
+    return 0 if found.accepted else 1
+
+
+@app.command(
+    "plane", help="The map from pixels to mm in the steering plane, from one picture of graph paper."
+)
+def plane(
+    image: Annotated[
+        Path, typer.Argument(metavar="IMAGE", help="Picture of ruled paper in the steering plane.")
+    ],
+    origin_px: Annotated[
+        tuple[float, float], typer.Option(metavar="U V", help="Pixel of the plane's origin.")
+    ],
+    insertion: InsertionOption,
+    pitch_mm: Annotated[float, typer.Option(help="Distance of the finest lines.")] = 1.0,
+    intrinsics: Annotated[
+        Path | None,
+        typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
+    ] = None,
+    out: OutOption = None,
+    force: ForceOption = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 1 when the calibration is refused."""
+    from labrig.vision import calibrate_plane, load_intrinsics, read_picture, save_plane
+
+    _refuse_existing(out, force)
+    camera = None if intrinsics is None else load_intrinsics(intrinsics)
+    found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion)
+    if out is not None and (found.accepted or force):
+        save_plane(out, found, _provenance([image]))
+    document = found.to_json()
+    if as_json:
+        print_json(document)
+    else:
+        typer.echo("accepted" if found.accepted else "refused")
+        for reason in found.reasons:
+            typer.echo(f"  {reason}")
+        typer.echo(
+            f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
+            f"held out {document['holdout_rms_mm']:.4f} mm rms"
+        )
+    _say_whether_written(out, found.accepted, force)
+    return 0 if found.accepted else 1
+
+
+@app.command(
+    "adopt", help="Copy the calibration that a run of protocols/calibration.yaml found to the rig's files."
+)
+def adopt(
+    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibration run.")],
+    rig: RigOption = None,
+    force: ForceOption = False,
+    as_json: AsJson = False,
+) -> None:
+    """Refuse a calibration that was refused, and existing files, without --force."""
+    from labrig.analysis import load_result
+    from labrig.devices import load_rig
+    from labrig.record import open_run, write_atomically
+
+    result = load_result(open_run(run_path))
+    if result is None or not {"intrinsics.json", "plane.json"} <= {
+        path.name for path in result.path.iterdir()
+    }:
+        raise RecordError(f"{run_path} holds no calibration", "run protocols/calibration.yaml first")
+    if not result.document["accepted"] and not force:
+        raise CalibrationRefusedError(
+            f"the calibration of {run_path.name} was refused: {'; '.join(result.document['reasons'])}",
+            "calibrate again as the reasons say; --force takes it over all the same",
+        )
+    targets = load_rig(rig_file(rig)).calibration_paths()
+    for path in targets.values():
+        _refuse_existing(path, force)
+    for name, path in targets.items():
+        write_atomically(path, (result.path / name).read_bytes())
+    if as_json:
+        print_json({"run": str(run_path), "written": [str(path) for path in targets.values()]})
+    else:
+        for path in targets.values():
+            typer.echo(str(path))
+
+
+def _read_all(images: list[Path]) -> list[tuple[str, Any]]:
+    """Read every picture; one that cannot be read is named and left out."""
+    from labrig.vision import read_picture
+
+    pictures = []
+    for path in images:
+        try:
+            pictures.append((path.name, read_picture(path)))
+        except PictureError as error:
+            say(f"left out: {error.message}")
+    return pictures
+
+
+def _board_size(board: str) -> tuple[int, int]:
+    """Read `9x6` as nine columns and six rows of inner corners."""
+    columns, _, rows = board.lower().partition("x")
+    if columns.isdigit() and rows.isdigit() and int(columns) >= 3 and int(rows) >= 3:
+        return int(columns), int(rows)
+    raise InputError(
+        f"--board is {board!r}, and has to name inner corners, at least 3x3", "for example --board 9x6"
+    )
+
+
+def _refuse_existing(out: Path | None, force: bool) -> None:
+    if out is not None and out.exists() and not force:
+        raise OutputExistsError(f"{out} exists", "choose another name, or replace it with --force")
+
+
+def _say_whether_written(out: Path | None, accepted: bool, force: bool) -> None:
+    if out is not None and (accepted or force):
+        say(f"written: {out}" + ("" if accepted else " (a refused calibration; the file says so)"))
+    elif out is not None:
+        say(f"not written: {out}")
+
+
+def _provenance(images: list[Path]) -> dict[str, object]:
+    """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
+    import hashlib
+
+    from labrig.devices import SystemClock
+    from labrig.record import collect_provenance
+
+    return {
+        **collect_provenance(sys.argv),
+        "created": SystemClock().utc().isoformat(timespec="seconds"),
+        "pictures": {
+            path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in images if path.is_file()
+        },
+    }
+
+
+def _print_intrinsics(document: dict[str, Any]) -> None:
+    typer.echo("accepted" if document["accepted"] else "refused")
+    for reason in document["reasons"]:
+        typer.echo(f"  {reason}")
+    for name in ("fx", "fy", "cx", "cy"):
+        sigma = document["sigma"][name]
+        typer.echo(
+            f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (1 sigma)")
+        )
+    typer.echo("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
+    held_out = document["holdout_rms_px"]
+    typer.echo(
+        f"residual {document['rms_px']:.3f} px rms"
+        + ("" if held_out is None else f", held out {held_out:.3f} px rms")
+    )
+    for view in document["views"]:
+        state = f"{view['rms_px']:.3f} px" if view["used"] else f"left out: {view['reason']}"
+        typer.echo(f"  {view['image']}  {state}")

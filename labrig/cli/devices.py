@@ -1,0 +1,38 @@
+"""`labrig devices`: what the rig says of itself, and stopping it."""
+
+from dataclasses import asdict
+
+import typer
+
+from labrig.cli.options import RigOption, rig_file
+from labrig.cli.output import AsJson, print_json, say
+
+app = typer.Typer(help="Look after the rig: check it, stop it.", no_args_is_help=True)
+
+
+@app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
+def check(rig: RigOption = None, as_json: AsJson = False) -> int:
+    """Exit with 1 when a check failed."""
+    from labrig.devices import check_rig, load_rig
+
+    results = check_rig(load_rig(rig_file(rig)))
+    if as_json:
+        print_json([asdict(result) for result in results])
+    else:
+        for result in results:
+            typer.echo(f"{result.status:4}  {result.check}: {result.value}")
+            if result.solution:
+                typer.echo(f"      {result.solution}")
+    return 1 if any(result.status == "FAIL" for result in results) else 0
+
+
+@app.command("stop", help="Stop every axis of the rig now.")
+def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
+    """Open the bus and stop every node of the rig file."""
+    from labrig.devices import load_rig, stop_rig
+
+    done = stop_rig(load_rig(rig_file(rig)))
+    if as_json:
+        print_json({"done": list(done)})
+    for line in done:
+        say(line)

@@ -1,0 +1,172 @@
+"""`labrig import`: folders of loose pictures become runs."""
+
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.cli.mapping import plane_map
+from labrig.cli.output import say
+from labrig.devices import SystemClock
+from labrig.errors import InputError, PictureError
+from labrig.protocol import Direction, ImportProtocol, dump_yaml, model_of_values
+from labrig.record import Recorder, collect_provenance
+from labrig.vision import read_picture
+
+PICTURE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"}
+
+
+@dataclass(frozen=True)
+class ImportOrder:
+    """What is known of the pictures, and where the runs go."""
+
+    px_per_mm: float | None
+    origin_px: tuple[float, float] | None
+    insertion: Direction
+    intrinsics: Path | None
+    plane: Path | None
+    needle_diameter_mm: float
+    sheath_diameter_mm: float | None
+    title: str | None
+    runs_dir: Path
+    command_line: tuple[str, ...]
+
+
+def picture_folders(folder: Path) -> list[Path]:
+    """Return the folder itself where it holds pictures, and each folder directly in it that does, in order.
+
+    Raises
+    ------
+    InputError
+        When there is no such folder, or no picture in it.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder", "name a folder of pictures")
+    candidates = [folder, *sorted(path for path in folder.iterdir() if path.is_dir())]
+    found = [candidate for candidate in candidates if _pictures(candidate)]
+    if not found:
+        endings = " ".join(sorted(PICTURE_SUFFIXES))
+        raise InputError(f"no picture in {folder} or in a folder of it", f"pictures end in {endings}")
+    return found
+
+
+def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
+    """Copy the pictures of one folder, in the order of the numbers in their names, into a new run.
+
+    A picture that cannot be read is named in the run's events and left out.
+
+    Raises
+    ------
+    InputError
+        When no picture of the folder can be read, or the scale is not given.
+    OutputExistsError
+        When a run of that name exists.
+    """
+    plane_map(order.intrinsics, order.plane, order.px_per_mm, order.origin_px, order.insertion)
+    clock = SystemClock()
+    started = clock.utc()
+    protocol = _protocol(folder, order)
+    name = f"{started:%Y%m%d-%H%M%S}-{_folder_name(folder)}"
+    pictures = _readable(folder)
+    recorder = Recorder.create(
+        order.runs_dir,
+        name,
+        {
+            "experiment": protocol.experiment,
+            "title": protocol.title,
+            "operator": protocol.operator,
+            "seed": protocol.seed,
+            "started": started.isoformat(timespec="seconds"),
+            "trials_planned": 0,
+            "provenance": collect_provenance(order.command_line),
+            "devices": {},
+        },
+        dump_yaml(protocol),
+        None,
+        {
+            f"{kind}.json": path
+            for kind, path in (("intrinsics", order.intrinsics), ("plane", order.plane))
+            if path is not None
+        },
+    )
+    refused = _copy(pictures, recorder)
+    reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
+    recorder.close("success", reason, clock.utc())
+    return {"run": str(recorder.path), "ok": not refused, "reason": reason or None}
+
+
+def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:
+    """Record every picture that can be read, and an event for every one that cannot."""
+    refused = []
+    for number, path in enumerate(pictures):
+        try:
+            image = read_picture(path)
+        except PictureError as error:
+            refused.append(path)
+            say(f"left out: {error.message}")
+            recorder.event("picture_refused", float(number), source=path.name, reason=error.message)
+            continue
+        recorder.frame(
+            image,
+            float(number),
+            trial=None,
+            role="imported",
+            source=path.name,
+            source_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+        )
+    return refused
+
+
+def _readable(folder: Path) -> list[Path]:
+    """Return the pictures of a folder, refusing one of which nothing can be read."""
+    pictures = _pictures(folder)
+    for path in pictures:
+        try:
+            read_picture(path)
+        except PictureError:
+            continue
+        return pictures
+    raise InputError(
+        f"none of the {len(pictures)} pictures in {folder} can be read", "look at one in a viewer"
+    )
+
+
+def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
+    scale = None
+    if order.px_per_mm is not None and order.origin_px is not None:
+        scale = {
+            "px_per_mm": order.px_per_mm,
+            "origin_px": list(order.origin_px),
+            "insertion": order.insertion,
+        }
+    values = {
+        "schema_version": 1,
+        "experiment": "import",
+        "title": order.title or folder.resolve().name,
+        "seed": 0,
+        "needle": {"needle_id": "unknown", "diameter_mm": order.needle_diameter_mm},
+        "sheath_diameter_mm": order.sheath_diameter_mm,
+        "scale": scale,
+        "analysis": {
+            "window_start_mm": 4.0,
+            "window_end_mm": 2.0,
+            "min_window_mm": 15.0,
+            "max_radius_sigma_mm": 0.5,
+        },
+    }
+    return model_of_values(values, "labrig import", ImportProtocol)
+
+
+def _pictures(folder: Path) -> list[Path]:
+    found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()]
+    return sorted(found, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Order names as people do: picture2 before picture10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _folder_name(folder: Path) -> str:
+    """Return the folder's name with what a run's name may not hold replaced."""
+    return re.sub(r"[^\w.-]+", "-", folder.resolve().name).strip("-.") or "pictures"

@@ -1,0 +1,96 @@
+"""The `labrig` command: its commands, and how every failure leaves it."""
+
+import itertools
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from labrig import __version__
+from labrig.cli import calibrate, devices, measure, protocols, record, run
+from labrig.cli.output import print_failure
+from labrig.cli.signals import raise_on_signals
+from labrig.errors import DiskError, InputError, LabrigError
+
+app = typer.Typer(
+    name="labrig",
+    help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
+    epilog="Start with: labrig run protocols/steerability.yaml",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+run.register(app)
+protocols.register(app)
+record.register(app)
+app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(measure.app, name="measure")
+app.add_typer(devices.app, name="devices")
+
+GROUPS = (["calibrate"], ["measure"], ["devices"])
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"labrig {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version and leave.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run `labrig` and leave with the documented exit code; the entry point of the installed command."""
+    sys.exit(run_command(sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def run_command(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code: 0, 1, 2, 3, 4 or 130, as `design/interface.md` lists them."""
+    try:
+        with raise_on_signals():
+            return _invoke(arguments)
+    except BrokenPipeError:
+        # The reader of our output has gone (`labrig runs | head`): nothing more can be said to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except typer.TyperException as error:
+        failure: LabrigError = InputError(error.format_message(), _help_of(arguments))
+    except LabrigError as error:
+        failure = error
+    except OSError as error:
+        failure = _machine_failure(error)
+    if failure.message:  # empty where no command was named: its help has been printed
+        print_failure(failure, "--json" in arguments)
+    return failure.exit_code
+
+
+def _invoke(arguments: Sequence[str]) -> int:
+    try:
+        status = app(args=list(arguments), standalone_mode=False)
+    except typer.Exit as leaving:
+        return leaving.exit_code
+    return status if isinstance(status, int) else 0
+
+
+def _help_of(arguments: Sequence[str]) -> str:
+    """Return the command that shows how the one that was mistyped is used."""
+    words = itertools.takewhile(lambda word: not word.startswith("-"), arguments)
+    return " ".join(["see: labrig", *itertools.islice(words, 1 + (arguments[:1] in GROUPS)), "--help"])
+
+
+def _machine_failure(error: OSError) -> DiskError:
+    """Turn what the operating system refused into a sentence; it names the file where there is one."""
+    what = f"{error.filename}: " if error.filename else ""
+    return DiskError(f"{what}{error.strerror or error}", "check free space and permissions")

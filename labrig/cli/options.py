@@ -1,0 +1,64 @@
+"""Options that several commands share, and the files that they stand for."""
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from labrig.errors import InputError
+
+RigOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--rig",
+        metavar="FILE",
+        help="Rig file. Default: $LABRIG_RIG, else calibration/rig-simulated.yaml.",
+        show_default=False,
+    ),
+]
+RunsDirOption = Annotated[Path, typer.Option("--runs-dir", metavar="DIR", help="Folder that holds the runs.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a value of the protocol, or with the prefix rig. of the rig file; repeatable.",
+        show_default=False,
+    ),
+]
+SeedOption = Annotated[
+    int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
+]
+
+InsertionOption = Annotated[
+    Literal["right", "left", "up", "down"],
+    typer.Option("--insertion", help="Where the insertion points in the picture."),
+]
+
+DEFAULT_RUNS_DIR = Path("data/runs")
+SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
+_RIG_PREFIX = "rig."
+
+
+def rig_file(given: Path | None, protocol: Path | None = None) -> Path:
+    """Return the rig file: the one given, $LABRIG_RIG, or the simulated rig of this checkout.
+
+    The simulated rig is looked for below the working folder, then beside the folder of the protocol.
+    """
+    if given is not None:
+        return given
+    if os.environ.get("LABRIG_RIG"):
+        return Path(os.environ["LABRIG_RIG"])
+    beside = () if protocol is None else (protocol.resolve().parent.parent / SIMULATED_RIG,)
+    for candidate in (SIMULATED_RIG, *beside):
+        if candidate.is_file():
+            return candidate
+    raise InputError(f"no rig file given, and {SIMULATED_RIG} is not here", "name one with --rig FILE")
+
+
+def split_overrides(settings: list[str] | None) -> tuple[list[str], list[str]]:
+    """Split `--set` values into those of the protocol and those of the rig file (prefix `rig.`, taken off)."""
+    given = settings or []
+    rig = [setting.removeprefix(_RIG_PREFIX) for setting in given if setting.startswith(_RIG_PREFIX)]
+    return [setting for setting in given if not setting.startswith(_RIG_PREFIX)], rig

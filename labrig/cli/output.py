@@ -1,0 +1,103 @@
+"""How results and failures are printed: one JSON document or a text for people, and errors with their hints."""
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from labrig.errors import FileFormatError, LabrigError
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+
+
+def print_json(document: object) -> None:
+    """Print one JSON document; what is unknown or infinite has been made null before."""
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """Say something to the person at the terminal, on standard error."""
+    typer.echo(text, err=True)
+
+
+def failure_document(error: LabrigError) -> dict[str, object]:
+    """Return the JSON form of a failure: type, message and hint."""
+    return {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+
+
+def print_failure(error: LabrigError, as_json: bool) -> None:
+    """Print a failure: for people on standard error, and under --json as the document on standard output too."""
+    if as_json:
+        print_json({"error": failure_document(error)})
+    for line in failure_lines(error):
+        say(line)
+
+
+def failure_lines(error: LabrigError) -> list[str]:
+    """Return the lines that tell a person of a failure: each problem, and under it what to do."""
+    if not isinstance(error, FileFormatError):
+        return [f"error: {error.message}", *([f"hint: {error.hint}"] if error.hint else [])]
+    lines = []
+    for problem in error.problems:
+        lines.append(f"error: {problem.where}: {problem.message}")
+        if problem.hint:
+            lines.append(f"hint: {problem.hint}")
+    return lines
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print a table that fits an 80-column terminal; narrower ones get one `head: value` block a row."""
+    cells = [[_cell(value) for value in row] for row in rows]
+    widths = [
+        max(len(head), *(len(row[i]) for row in cells)) if cells else len(head)
+        for i, head in enumerate(heads)
+    ]
+    if sum(widths) + 2 * (len(widths) - 1) > _terminal_columns():
+        _print_blocks(heads, cells)
+        return
+    numeric = [
+        bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
+    ]
+    for line in (list(heads), *cells):
+        padded = [
+            c.rjust(w) if right else c.ljust(w) for c, w, right in zip(line, widths, numeric, strict=True)
+        ]
+        typer.echo("  ".join(padded).rstrip())
+
+
+def _print_blocks(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> None:
+    for row in cells:
+        for head, cell in zip(heads, row, strict=True):
+            typer.echo(f"{head}: {cell}")
+        typer.echo("")
+
+
+def _terminal_columns() -> int:
+    import shutil
+
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 1_000_000
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def number(value: object, digits: int = 3) -> str:
+    """Return a number with its digits, or a dash where it is unknown."""
+    return f"{value:.{digits}f}" if isinstance(value, int | float) else "-"
+
+
+def interval(value: object, digits: int = 2) -> str:
+    """Return a 95 % interval as `lo to hi`, or a dash where it is unknown."""
+    if isinstance(value, Sequence) and len(value) == 2:
+        return f"{number(value[0], digits)} to {number(value[1], digits)}"
+    return "-"
+
+
+def plural(count: int, noun: str) -> str:
+    """Return the count with its noun, in the plural where it needs one."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")

@@ -1,0 +1,52 @@
+"""The person at the bench, asked at the terminal."""
+
+import select
+from typing import TextIO
+
+from labrig.cli.output import say
+from labrig.cli.signals import SignalNote
+from labrig.devices import Answer, OperatorRequest
+from labrig.errors import InterruptedRunError, SafetyStopError
+
+
+class TerminalOperator:
+    """Prints what is to be done and waits for yes or no; the axes hold still meanwhile."""
+
+    def __init__(self, interrupted: SignalNote, terminal: TextIO) -> None:
+        self._interrupted = interrupted
+        self._terminal = terminal
+
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Ask until the answer is yes or no.
+
+        Raises
+        ------
+        SafetyStopError
+            When nobody can answer: standard input is closed or no terminal.
+        InterruptedRunError
+            When a signal arrives during the prompt.
+        """
+        if not self._terminal.isatty():
+            raise SafetyStopError(
+                f"nobody is there to answer: {request.text}",
+                "run labrig in a terminal; --yes never answers on a real rig",
+            )
+        while True:
+            say(f"\n>> {request.text}\n   yes, or no to stop the run: ")
+            answer = self._read_line().strip().lower()
+            if answer in {"y", "yes"}:
+                return Answer(confirmed=True, note=answer)
+            if answer in {"n", "no"}:
+                return Answer(confirmed=False, note=answer)
+
+    def _read_line(self) -> str:
+        """Wait for a line, looking for signals four times a second."""
+        while not select.select([self._terminal], [], [], 0.25)[0]:
+            if self._interrupted() is not None:
+                raise InterruptedRunError(f"interrupted by {self._interrupted()}")
+        line = self._terminal.readline()
+        if not line:
+            raise SafetyStopError(
+                "standard input ended before the operator answered", "run labrig in a terminal"
+            )
+        return line

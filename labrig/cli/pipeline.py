@@ -1,0 +1,129 @@
+"""The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from labrig.analysis import AnalysisResult, analyze_run
+from labrig.cli.output import say
+from labrig.cli.person import TerminalOperator
+from labrig.cli.progress import progress
+from labrig.cli.signals import SignalNote, note_signals
+from labrig.devices import Rig, RigDescription, SystemClock, open_rig
+from labrig.errors import FileFormatError, LabrigError
+from labrig.experiments import Outcome, Session, conduct, estimate, find_problems, trials_planned
+from labrig.protocol import AnyProtocol, dump_yaml
+from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
+from labrig.report import write_report
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be run: the protocol, on which rig, where the record goes, and the command that said so."""
+
+    protocol: AnyProtocol
+    rig: RigDescription
+    runs_dir: Path
+    run_name: str | None
+    command_line: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """How it ended; `result` and `report` are None where the run did not come to its end."""
+
+    run: Path
+    exit_status: str
+    reason: str
+    report: Path | None
+    result: Mapping[str, object] | None
+    error: LabrigError | None
+
+
+def perform(order: Order) -> Finished:
+    """Carry out an order.
+
+    Raises
+    ------
+    FileFormatError
+        When the rig cannot do what the protocol asks; nothing has moved and nothing has been written.
+    OutputExistsError, DiskError, BusError, DriveError, CameraError
+        When the run cannot begin.
+    """
+    problems = find_problems(order.protocol, order.rig)
+    if problems:
+        raise FileFormatError(problems)
+    needs = estimate(order.protocol, order.rig)
+    require_free_bytes(order.runs_dir, needs.disk_bytes)
+    with note_signals() as interrupted:
+        path, outcome = _record(order, interrupted, needs.work)
+    if outcome.error is not None:
+        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error)
+    result = analyze(path, order.command_line)
+    say("writing the report")
+    report = write_report(open_run(path), result, SystemClock().utc())
+    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None)
+
+
+def _record(order: Order, interrupted: SignalNote, work: float) -> tuple[Path, Outcome]:
+    """Open the rig and the record, conduct the experiment, and close both."""
+    with (
+        open_rig(
+            order.rig,
+            seed=order.protocol.seed,
+            person=TerminalOperator(interrupted, sys.stdin),
+            interrupted=interrupted,
+        ) as rig,
+        progress(order.protocol.experiment, work) as reporter,
+    ):
+        recorder = _open_record(order, rig)
+        outcome = conduct(order.protocol, Session(rig, recorder, reporter))
+    return recorder.path, outcome
+
+
+def _open_record(order: Order, rig: Rig) -> Recorder:
+    started = rig.clock.utc()
+    manifest = {
+        "experiment": order.protocol.experiment,
+        "title": order.protocol.title,
+        "operator": order.protocol.operator,
+        "seed": order.protocol.seed,
+        "started": started.isoformat(timespec="seconds"),
+        "trials_planned": trials_planned(order.protocol),
+        "provenance": collect_provenance(order.command_line),
+        "devices": rig.describe(),
+    }
+    return Recorder.create(
+        order.runs_dir,
+        order.run_name or _free_name(order.runs_dir, started, order.protocol.experiment),
+        manifest,
+        dump_yaml(order.protocol),
+        dump_yaml(order.rig),
+        order.rig.calibration_files(),
+        fsync_period_s=order.rig.recording.fsync_period_s,
+    )
+
+
+def _free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
+    """Return a name that no run has; two runs started in the same second get different ones."""
+    name = f"{started:%Y%m%d-%H%M%S}-{experiment}"
+    number = 1
+    while (runs_dir / name).exists():
+        number += 1
+        name = f"{started:%Y%m%d-%H%M%S}-{experiment}-{number}"
+    return name
+
+
+def analyze(path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = ()) -> AnalysisResult:
+    """Measure every picture of a run, with progress, into a new numbered result."""
+    run = open_run(path)
+    with progress(f"measuring {path.name}", float(max(len(run.frame_table), 1))) as reporter:
+        return analyze_run(
+            run,
+            overrides=overrides,
+            progress=lambda done, total: reporter(float(done), f"{done} of {total} pictures"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(command_line),
+        )

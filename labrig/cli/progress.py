@@ -1,0 +1,68 @@
+"""Progress of a run or a batch: a bar with elapsed and remaining time on a terminal, plain lines elsewhere."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+
+class Reporter(Protocol):
+    """Takes how much is done of the total, and what is being done."""
+
+    def __call__(self, done: float, doing: str) -> None:
+        """Take `done`, in the unit of the total, and a short sentence."""
+        ...
+
+
+@contextmanager
+def progress(title: str, total: float) -> Iterator[Reporter]:
+    """Show the progress of something that takes `total` (seconds of rig time, or pictures) on standard error."""
+    if sys.stderr.isatty():
+        with _bar(title, total) as reporter:
+            yield reporter
+    else:
+        yield _PlainLines(title, total)
+
+
+@contextmanager
+def _bar(title: str, total: float) -> Iterator[Reporter]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.percentage:>3.0f} %"),
+        BarColumn(bar_width=None),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=total)
+
+        def report(done: float, doing: str) -> None:
+            bar.update(task, completed=done, description=doing)
+
+        yield report
+
+
+class _PlainLines:
+    """One line at each tenth of the way, with elapsed and remaining time: for logs and pipes."""
+
+    def __init__(self, title: str, total: float) -> None:
+        from labrig.devices import SystemClock
+
+        self._title = title
+        self._total = max(total, 1e-9)
+        self._clock = SystemClock()
+        self._tenths = 0
+
+    def __call__(self, done: float, doing: str) -> None:
+        fraction = min(done / self._total, 1.0)
+        if int(10 * fraction) <= self._tenths:
+            return
+        self._tenths = int(10 * fraction)
+        elapsed_s = self._clock.now_s()
+        remaining_s = elapsed_s * (1 - fraction) / fraction
+        times = f"{elapsed_s:.0f} s elapsed, about {remaining_s:.0f} s left"
+        print(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})", file=sys.stderr, flush=True)

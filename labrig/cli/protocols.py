@@ -1,0 +1,94 @@
+"""`labrig check` and `labrig schema`: what a protocol says, before anything moves."""
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labrig.cli.options import RigOption, SeedOption, SetOption, rig_file, split_overrides
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
+from labrig.errors import FileFormatError, Problem
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `labrig`."""
+    app.command(
+        "check", help="Say whether a protocol can run on a rig, how long it takes and how much disk it needs."
+    )(check)
+    app.command("schema", help="Print the JSON Schema of protocol files, or of rig files.")(schema)
+
+
+def check(
+    protocol: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (YAML).")],
+    rig: RigOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
+    from labrig.devices import load_rig
+    from labrig.experiments import estimate, find_problems
+    from labrig.protocol import load_protocol
+
+    protocol_settings, rig_settings = split_overrides(settings)
+    try:
+        loaded = load_protocol(protocol, protocol_settings, seed)
+        description = load_rig(rig_file(rig, protocol), rig_settings)
+    except FileFormatError as error:
+        if not as_json:
+            raise
+        for line in failure_lines(error):
+            say(line)
+        _print_check(error.problems, None, None)
+        return error.exit_code
+    problems = find_problems(loaded, description)
+    needs = estimate(loaded, description)
+    if as_json:
+        _print_check(problems, needs.duration_s, needs.disk_bytes)
+    else:
+        for problem in problems:
+            typer.echo(
+                f"{problem.where}: {problem.message}" + (f"\n  hint: {problem.hint}" if problem.hint else "")
+            )
+        verdict = "cannot run" if problems else "can run"
+        typer.echo(
+            f"{protocol} {verdict} on rig {description.name}: {needs.duration_s / 60:.0f} min of motion, "
+            f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
+            f"{needs.disk_bytes / 1e6:.0f} MB"
+        )
+    return 1 if problems else 0
+
+
+def _print_check(problems: tuple[Problem, ...], duration_s: float | None, disk_bytes: int | None) -> None:
+    print_json(
+        {
+            "ok": not problems,
+            "problems": [asdict(problem) for problem in problems],
+            "duration_s": duration_s,
+            "disk_bytes": disk_bytes,
+        }
+    )
+
+
+class Of(StrEnum):
+    """Which schema."""
+
+    PROTOCOL = "protocol"
+    RIG = "rig"
+
+
+def schema(
+    of: Annotated[Of, typer.Argument(metavar="[protocol|rig]", help="Which files.")] = Of.PROTOCOL,
+    as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
+) -> None:
+    """Print the schema; editors that know it complete and check the YAML files."""
+    from labrig.protocol import protocol_schema, schema_text
+
+    if of is Of.PROTOCOL:
+        typer.echo(schema_text(protocol_schema()), nl=False)
+        return
+    from labrig.devices import rig_schema
+
+    typer.echo(schema_text(rig_schema()), nl=False)

@@ -1,0 +1,218 @@
+"""`labrig runs`, `reanalyze`, `report`, `view` and `import`: everything that reads a run, or makes one of pictures."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labrig.cli.options import DEFAULT_RUNS_DIR, InsertionOption, RunsDirOption
+from labrig.cli.output import AsJson, failure_lines, number, print_json, print_table, say
+from labrig.errors import InterruptedRunError, LabrigError
+
+RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `labrig`."""
+    app.command("runs", help="List the runs, newest first.")(runs)
+    app.command("report", help="Write the report page of runs again, from their newest result.")(report)
+    app.command("reanalyze", help="Measure the pictures of runs again, into a new numbered result.")(
+        reanalyze
+    )
+    app.command("view", help="Make view.rrd from the record and open it in the rerun viewer.")(view)
+    app.command("import", help="Turn folders of loose pictures into runs.")(import_)
+
+
+def runs(runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json: AsJson = False) -> None:
+    """List every run of a folder, damaged ones too."""
+    from dataclasses import asdict
+
+    from labrig.record import list_runs
+
+    found = list_runs(runs_dir)
+    if as_json:
+        print_json([{**asdict(summary), "run": str(summary.run)} for summary in found])
+        return
+    if not found:
+        say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
+        return
+    rows = [
+        [
+            summary.run.name,
+            summary.protocol,
+            summary.exit_status,
+            f"{summary.trials_done}/{summary.trials_planned}",
+        ]
+        for summary in found
+    ]
+    print_table(("run", "experiment", "exit status", "trials"), rows)
+
+
+def reanalyze(
+    run_paths: RunsArgument,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="analysis.KEY=VALUE", help="Override an analysis setting.", show_default=False
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
+    from labrig.analysis import load_result
+    from labrig.cli.pipeline import analyze
+    from labrig.record import open_run
+
+    def one(path: Path) -> dict[str, object]:
+        old = load_result(open_run(path))
+        new = analyze(path, tuple(sys.argv), tuple(settings or ()))
+        if not as_json:
+            _print_old_and_new(path, None if old is None else old.document, new.document)
+        return {"analysis": str(new.path), "reason": None}
+
+    return _each(run_paths, one, as_json, key="analysis")
+
+
+def _print_old_and_new(path: Path, old: object, new: object) -> None:
+    """Print the specimens' mean radii and the counts of pictures, old beside new."""
+    typer.echo(str(path))
+    rows = [
+        [name, number(before), number(after)]
+        for (name, before), (_, after) in zip(_summary(old, new), _summary(new, new), strict=True)
+    ]
+    print_table(("", "old", "new"), rows)
+
+
+def _summary(document: object, names_of: object) -> list[tuple[str, object]]:
+    names = _values(names_of)
+    values = _values(document)
+    return [(name, values.get(name)) for name in names]
+
+
+def _values(document: object) -> dict[str, object]:
+    if not isinstance(document, dict):
+        return {}
+    measured = document.get("measurements", ())
+    values: dict[str, object] = {
+        f"{specimen['name']}: mean radius mm": specimen["mean_radius_mm"]
+        for specimen in document.get("specimens", ())
+    }
+    values["pictures"] = len(measured)
+    values["shaft and tip found"] = sum(bool(one["found"]) for one in measured)
+    values["radius accepted"] = sum(bool(one["accepted"]) for one in measured)
+    return values
+
+
+def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
+    """Write RUN/report.html of each run; a run without a result gets a page that says so."""
+    from labrig.analysis import load_result
+    from labrig.devices import SystemClock
+    from labrig.record import open_run
+    from labrig.report import write_report
+
+    def one(path: Path) -> dict[str, object]:
+        loaded = open_run(path)
+        page = write_report(loaded, load_result(loaded), SystemClock().utc())
+        if not as_json:
+            typer.echo(str(page))
+        return {"report": str(page), "reason": None}
+
+    return _each(run_paths, one, as_json, key="report")
+
+
+def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str) -> int:
+    """Do the work for each run and go on after a refusal; exit with the first failure's code."""
+    rows: list[dict[str, object]] = []
+    exit_code = 0
+    for path in paths:
+        try:
+            rows.append({"run": str(path), "ok": True, **work(path)})
+        except InterruptedRunError:
+            raise
+        except LabrigError as error:
+            exit_code = exit_code or error.exit_code
+            rows.append({"run": str(path), key: None, "ok": False, "reason": error.message})
+            for line in failure_lines(error):
+                say(line)
+    if as_json:
+        print_json(rows)
+    return exit_code
+
+
+def view(
+    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    open_viewer: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
+    from labrig.analysis import load_result
+    from labrig.record import open_run
+    from labrig.report.rerun_view import open_view, write_view
+
+    run = open_run(run_path)
+    path = write_view(run, load_result(run))
+    if as_json:
+        print_json({"run": str(run_path), "view": str(path)})
+    else:
+        typer.echo(str(path))
+    if open_viewer:
+        open_view(path)
+
+
+def import_(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder of pictures, or of folders of pictures.")
+    ],
+    px_per_mm: Annotated[
+        float | None, typer.Option(help="Scale of rectified pictures.", show_default=False)
+    ] = None,
+    origin_px: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="U V", help="Pixel of the plane's origin.", show_default=False),
+    ] = None,
+    insertion: InsertionOption = "right",
+    intrinsics: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Intrinsics of the camera.", show_default=False)
+    ] = None,
+    plane: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Plane map of the camera.", show_default=False)
+    ] = None,
+    needle_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the needle.")] = 1.2,
+    sheath_diameter_mm: Annotated[
+        float | None,
+        typer.Option(help="Outer diameter of the sheath, where one is in the picture.", show_default=False),
+    ] = None,
+    title: Annotated[
+        str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
+    ] = None,
+    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    as_json: AsJson = False,
+) -> int:
+    """Copy the pictures into runs, one a folder, which reanalyze, report and view take like any other run."""
+    from labrig.cli.importing import ImportOrder, import_folder, picture_folders
+
+    order = ImportOrder(
+        px_per_mm=px_per_mm,
+        origin_px=origin_px,
+        insertion=insertion,
+        intrinsics=intrinsics,
+        plane=plane,
+        needle_diameter_mm=needle_diameter_mm,
+        sheath_diameter_mm=sheath_diameter_mm,
+        title=title,
+        runs_dir=runs_dir,
+        command_line=tuple(sys.argv),
+    )
+    rows = []
+    for source in picture_folders(folder):
+        imported = import_folder(source, order)
+        rows.append({"folder": str(source), **imported})
+        if not as_json:
+            typer.echo(f"{imported['run']}" + (f"  ({imported['reason']})" if imported["reason"] else ""))
+    if as_json:
+        print_json(rows)
+    return 0 if all(row["ok"] for row in rows) else 1

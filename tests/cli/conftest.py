@@ -1,0 +1,77 @@
+"""The command line as a user has it: arguments in; exit code, standard output and standard error out."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.cli.main import run_command
+
+ROOT = Path(__file__).parents[2]
+SWEEP = ROOT / "protocols" / "steerability.yaml"
+RIG = ROOT / "calibration" / "rig-simulated.yaml"
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command left behind."""
+
+    exit_code: int
+    out: str
+    err: str
+
+    def json(self) -> Any:
+        """Return standard output as the one JSON document that it has to be."""
+        return json.loads(self.out)
+
+
+Labrig = Callable[..., Done]
+
+
+@pytest.fixture
+def labrig(capsys: pytest.CaptureFixture[str]) -> Labrig:
+    """Run a command line in this process."""
+
+    def call(*arguments: object) -> Done:
+        capsys.readouterr()
+        exit_code = run_command([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return Done(exit_code, captured.out, captured.err)
+
+    return call
+
+
+SHORT_SWEEP = (
+    "--set",
+    "insertions_per_specimen=2",
+    "--set",
+    "specimens=[{name: gel-10, gelatin_percent: 10}, {name: gel-19, gelatin_percent: 19}]",
+)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A short sweep that was run once: its folder and what `labrig run --json` printed."""
+
+    run: Path
+    document: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
+    """Two insertions in each of two gels, run through the real command."""
+    import contextlib
+    import io
+
+    runs_dir = tmp_path_factory.mktemp("runs with spaces, é")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exit_code = run_command(
+            ["run", str(SWEEP), "--rig", str(RIG), "--runs-dir", str(runs_dir), "--json", *SHORT_SWEEP]
+        )
+    assert exit_code == 0
+    document = json.loads(printed.getvalue())
+    return Sweep(Path(document["run"]), document)

@@ -1,0 +1,146 @@
+"""First errors: one sentence that names the thing, a hint, the documented exit code, and no traceback."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.conftest import RIG, SWEEP, Labrig, Sweep
+
+
+def _protocol(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "protocol.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+BROKEN = {
+    "a tab in the indentation": "experiment: steerability\nneedle:\n\tneedle_id: N1\n",
+    "an unclosed bracket": "experiment: steerability\nspecimens: [\n",
+    "an empty file": "",
+    "a list": "- experiment: steerability\n",
+    "an unknown experiment": "schema_version: 1\nexperiment: steerabilty\n",
+    "a python tag": "experiment: !!python/object/apply:os.system ['true']\n",
+}
+
+
+@pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN.keys())
+def test_a_malformed_protocol_is_refused_with_its_place(text: str, labrig: Labrig, tmp_path: Path) -> None:
+    """Malformed YAML exits with 2 and names the file."""
+    done = labrig("run", _protocol(tmp_path, text), "--rig", RIG, "--runs-dir", tmp_path / "runs")
+    assert done.exit_code == 2
+    assert "protocol.yaml" in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_missing_protocol_is_refused(labrig: Labrig, tmp_path: Path) -> None:
+    """A protocol that is not there exits with 2 and names the path."""
+    done = labrig("run", tmp_path / "nowhere.yaml", "--json")
+    assert done.exit_code == 2
+    assert "nowhere.yaml" in done.json()["error"]["message"]
+
+
+def test_a_misspelt_key_gets_a_suggestion(labrig: Labrig, tmp_path: Path) -> None:
+    """An unknown key is named with its line, and the key that was probably meant."""
+    text = SWEEP.read_text(encoding="utf-8").replace("hole_spacing_mm:", "hole_spacing:")
+    done = labrig("check", _protocol(tmp_path, text), "--rig", RIG, "--json")
+    assert done.exit_code == 2
+    assert any("hole_spacing_mm" in problem["hint"] for problem in done.json()["problems"])
+
+
+def test_check_says_how_long_and_how_much(labrig: Labrig) -> None:
+    """The example protocol can run, and check tells motion time and disk."""
+    document = labrig("check", SWEEP, "--rig", RIG, "--json").json()
+    assert document["ok"] is True
+    assert document["problems"] == []
+    assert document["duration_s"] > 72 * 40
+    assert document["disk_bytes"] > 0
+
+
+def test_a_usage_error_is_json_too(labrig: Labrig) -> None:
+    """An unknown option under --json prints a JSON error and exits with 2."""
+    done = labrig("runs", "--no-such-option", "--json")
+    assert done.exit_code == 2
+    assert done.json()["error"]["message"]
+
+
+def test_a_folder_that_is_no_run_is_refused(labrig: Labrig, tmp_path: Path) -> None:
+    """A directory without a manifest is no run: exit code 4, under --json with the reason."""
+    done = labrig("report", tmp_path, "--json")
+    assert done.exit_code == 4
+    assert done.json()[0]["ok"] is False
+
+
+def test_a_picture_that_is_none_is_refused(labrig: Labrig, tmp_path: Path) -> None:
+    """A text file given as a picture exits with 2 and is named."""
+    fake = tmp_path / "picture.png"
+    fake.write_text("no picture")
+    done = labrig("measure", "curvature", fake, "--px-per-mm", 5, "--origin-px", 10, 10, "--json")
+    assert done.exit_code == 2
+    assert "picture.png" in done.json()["error"]["message"]
+
+
+def test_a_batch_goes_on_after_a_bad_picture(labrig: Labrig, tmp_path: Path, sweep: Sweep) -> None:
+    """One unreadable picture among good ones is listed as refused and the exit code is 1."""
+    bad = tmp_path / "bad.png"
+    bad.write_bytes(b"\x89PNG\r\n")
+    good = sweep.run / "frames" / "000009.png"
+    calibration = sweep.run / "calibration"
+    done = labrig(
+        "measure", "curvature", good, bad, "--intrinsics", calibration / "intrinsics.json", "--plane",
+        calibration / "plane.json", "--sheath-diameter-mm", 2, "--json",
+    )  # fmt: skip
+    rows = done.json()
+    assert done.exit_code == 1
+    assert [row["accepted"] for row in rows] == [True, False]
+    assert "bad.png" in rows[1]["reason"]
+
+
+def test_a_calibration_for_another_size_is_refused(labrig: Labrig, tmp_path: Path, sweep: Sweep) -> None:
+    """Pictures of another size than the calibration's are refused with both sizes."""
+    import cv2
+
+    small = tmp_path / "small.png"
+    cv2.imwrite(str(small), np.full((480, 640), 128, np.uint8))
+    calibration = sweep.run / "calibration"
+    done = labrig(
+        "measure", "curvature", small, "--intrinsics", calibration / "intrinsics.json", "--plane",
+        calibration / "plane.json", "--json",
+    )  # fmt: skip
+    assert done.exit_code == 2
+    message = done.json()["error"]["message"]
+    assert "640" in message
+    assert "1280" in message
+
+
+def test_a_missing_camera_is_one_clear_error(labrig: Labrig, tmp_path: Path) -> None:
+    """The bench rig on a machine without a bench fails its check with what to enter, and no traceback."""
+    done = labrig("devices", "check", "--rig", RIG.with_name("rig-bench.yaml"), "--json")
+    rows = done.json()
+    assert done.exit_code == 1
+    assert any(
+        row["status"] == "FAIL" and "lead" in f"{row['check']} {row['value']} {row['solution']}"
+        for row in rows
+    )
+    assert "Traceback" not in done.err
+
+
+def test_an_existing_calibration_is_not_replaced(labrig: Labrig, tmp_path: Path) -> None:
+    """An existing --out is refused with exit code 2 before any work, and stays as it was."""
+    out = tmp_path / "intrinsics.json"
+    out.write_text("precious")
+    done = labrig(
+        "calibrate",
+        "intrinsics",
+        tmp_path / "a.png",
+        "--board",
+        "9x6",
+        "--square-mm",
+        25,
+        "--out",
+        out,
+        "--json",
+    )
+    assert done.exit_code == 2
+    assert out.read_text() == "precious"

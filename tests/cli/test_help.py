@@ -1,0 +1,55 @@
+"""What `labrig --help` shows, and what it does not load."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+COMMANDS = (
+    "run",
+    "check",
+    "reanalyze",
+    "import",
+    "report",
+    "view",
+    "runs",
+    "schema",
+    "calibrate",
+    "measure",
+    "devices",
+)
+HEAVY = ("numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "ruamel")
+
+
+def _python(code: str, columns: int = 80) -> str:
+    environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "dumb"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment, timeout=60
+    )
+    return done.stdout
+
+
+def test_help_names_every_command() -> None:
+    """`labrig --help` lists the commands that others rely on."""
+    text = _python("from labrig.cli.main import run_command; run_command(['--help'])")
+    assert [command for command in COMMANDS if f" {command} " not in text] == []
+
+
+@pytest.mark.parametrize("columns", [80, 40])
+def test_help_fits_the_terminal(columns: int) -> None:
+    """No line of the help is wider than the terminal."""
+    text = _python("from labrig.cli.main import run_command; run_command(['--help'])", columns)
+    assert max(len(line) for line in text.splitlines()) <= columns
+
+
+def test_help_loads_no_heavy_package() -> None:
+    """Help starts without numpy, OpenCV, pandas and the rest, so that it answers at once."""
+    code = (
+        "import sys, io, contextlib, json\n"
+        "from labrig.cli.main import run_command\n"
+        "with contextlib.redirect_stdout(io.StringIO()): run_command(['--help'])\n"
+        f"print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))"
+    )
+    assert json.loads(_python(code)) == []

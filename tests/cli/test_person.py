@@ -1,0 +1,67 @@
+"""What the person at the bench is asked, at a real pseudo-terminal."""
+
+import io
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TextIO
+
+import pytest
+
+from labrig.cli.person import TerminalOperator
+from labrig.cli.signals import SignalNote
+from labrig.devices import PlaceSpecimen
+from labrig.errors import InterruptedRunError, SafetyStopError
+
+REQUEST = PlaceSpecimen("gel 10 %", 10)
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Both ends of a pseudo-terminal: what labrig reads, and where the person types."""
+
+    stream: TextIO
+    keyboard: int
+
+    def type(self, text: str) -> None:
+        """Type ahead."""
+        os.write(self.keyboard, text.encode())
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    """Open a pseudo-terminal."""
+    keyboard, screen = os.openpty()
+    with os.fdopen(screen, "r", encoding="utf-8") as stream:
+        yield Terminal(stream, keyboard)
+    os.close(keyboard)
+
+
+@pytest.mark.parametrize(
+    ("typed", "confirmed"), [("yes\n", True), ("Y\n", True), ("no\n", False), ("n\n", False)]
+)
+def test_yes_and_no_are_taken(typed: str, confirmed: bool, terminal: Terminal) -> None:
+    """Yes and no, long or short, are the answers."""
+    terminal.type(typed)
+    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST).confirmed is confirmed
+
+
+def test_anything_else_is_asked_again(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mistyped answer, or only the return key, repeats the question."""
+    terminal.type("maybe\n\nyes\n")
+    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST).confirmed
+    assert capsys.readouterr().err.count("gel 10 %") == 3
+
+
+def test_a_signal_ends_the_question(terminal: Terminal) -> None:
+    """A signal that arrives while nobody answers interrupts the run."""
+    note = SignalNote()
+    note.take(15, None)
+    with pytest.raises(InterruptedRunError, match="SIGTERM"):
+        TerminalOperator(note, terminal.stream).ask(REQUEST)
+
+
+def test_a_pipe_cannot_confirm() -> None:
+    """What is piped in never answers for a person: no terminal, no confirmation."""
+    with pytest.raises(SafetyStopError, match="nobody is there"):
+        TerminalOperator(SignalNote(), io.StringIO("yes\n")).ask(REQUEST)

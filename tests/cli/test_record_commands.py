@@ -1,0 +1,100 @@
+"""Commands that read runs: list, reanalyze, report, import, view."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import ROOT, Labrig, Sweep
+
+REAL = ROOT.parent / "shared" / "data" / "real_insertions"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+def test_runs_lists_the_run(labrig: Labrig, sweep: Sweep) -> None:
+    """A finished sweep is listed with its status and its trials."""
+    (row,) = labrig("runs", "--runs-dir", sweep.run.parent, "--json").json()
+    assert Path(row["run"]) == sweep.run
+    assert (row["exit_status"], row["trials_done"], row["trials_planned"]) == ("success", 4, 4)
+
+
+def test_a_folder_without_runs_says_how_to_make_one(labrig: Labrig, tmp_path: Path) -> None:
+    """No runs yet is no error: the list is empty and the first command is named."""
+    done = labrig("runs", "--runs-dir", tmp_path)
+    assert done.exit_code == 0
+    assert "labrig run" in done.err
+
+
+def test_reanalyzing_gives_the_same_numbers_in_a_new_result(
+    labrig: Labrig, sweep: Sweep, tmp_path: Path
+) -> None:
+    """Unchanged settings give identical numbers; the result is a new one and the frames are untouched."""
+    run = shutil.copytree(sweep.run, tmp_path / "copy")
+    before = {path.name: path.read_bytes() for path in (run / "frames").iterdir()}
+    (row,) = labrig("reanalyze", run, "--json").json()
+    assert row["ok"] is True
+    assert Path(row["analysis"]).name == "002"
+    import json
+
+    old = json.loads((run / "analysis" / "001" / "result.json").read_text())
+    new = json.loads((run / "analysis" / "002" / "result.json").read_text())
+    assert new["specimens"] == old["specimens"]
+    assert {path.name: path.read_bytes() for path in (run / "frames").iterdir()} == before
+
+
+def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+    """report writes the page again, and nothing in it is fetched from anywhere."""
+    run = shutil.copytree(sweep.run, tmp_path / "copy")
+    (run / "report.html").unlink()
+    (row,) = labrig("report", run, "--json").json()
+    page = Path(row["report"]).read_text(encoding="utf-8")
+    assert re.findall(r"""(?:src|href)=["'](?:https?:)?//[^"']*""", page) == []
+    assert "27.6" in page
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed, so the page is not opened")
+def test_a_browser_shows_the_page_without_an_error(sweep: Sweep, tmp_path: Path) -> None:
+    """Headless Chromium loads the report and its figures and writes a picture of it."""
+    picture = tmp_path / "page.png"
+    command = [
+        str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={picture}", "--window-size=1200,3000",
+        (sweep.run / "report.html").as_uri(),
+    ]  # fmt: skip
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    assert picture.stat().st_size > 50_000
+
+
+def test_the_view_is_made_from_the_record(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+    """view makes RUN/view.rrd without opening anything when told so."""
+    run = shutil.copytree(sweep.run, tmp_path / "copy")
+    document = labrig("view", run, "--no-open", "--json").json()
+    assert Path(document["view"]).stat().st_size > 100_000
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="../shared/data/real_insertions is not here")
+def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path: Path) -> None:
+    """A folder of real pictures is imported and measured: tips are found, and no radius is stated."""
+    folder = REAL / "DC_0_feedbackfinal_alvo1"
+    (imported,) = labrig(
+        "import", folder, "--px-per-mm", 5.607, "--origin-px", 70, 50, "--insertion", "down", "--needle-diameter-mm", 1,
+        "--runs-dir", tmp_path, "--json",
+    ).json()  # fmt: skip
+    assert imported["ok"] is True
+    done = labrig("reanalyze", imported["run"], "--json")
+    assert done.exit_code == 0
+    import json
+
+    result = json.loads((Path(done.json()[0]["analysis"]) / "result.json").read_text())
+    assert sum(one["found"] for one in result["measurements"]) >= 15
+    assert not any(one["accepted"] for one in result["measurements"])
+
+
+def test_a_folder_without_pictures_is_refused(labrig: Labrig, tmp_path: Path) -> None:
+    """Importing an empty folder exits with 2 and names it."""
+    done = labrig("import", tmp_path, "--px-per-mm", 5, "--origin-px", 0, 0, "--json")
+    assert done.exit_code == 2
+    assert str(tmp_path) in done.json()["error"]["message"]

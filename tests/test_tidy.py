@@ -1,0 +1,142 @@
+"""House rules that no linter holds, read off the source."""
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted((ROOT / "labrig").rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
+LONGEST_FUNCTION = 40
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+
+
+def _room(path: Path) -> str:
+    return path.relative_to(ROOT / "labrig").parts[0]
+
+
+def _local_imports(path: Path) -> list[int]:
+    return [
+        inner.lineno
+        for function in _functions(_tree(path))
+        for inner in ast.walk(function)
+        if isinstance(inner, ast.Import | ast.ImportFrom)
+    ]
+
+
+def _imported_modules(path: Path) -> set[str]:
+    modules = set()
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            modules.add(node.module.split(".")[0])
+    return modules
+
+
+def test_imports_inside_functions_stand_in_cli_alone() -> None:
+    """Only cli/ imports inside functions, for its start-up time."""
+    offenders = [
+        f"{path}:{line}" for path in SOURCES if _room(path) != "cli" for line in _local_imports(path)
+    ]
+    assert offenders == []
+
+
+def test_no_import_hides_from_the_running_program() -> None:
+    """TYPE_CHECKING is used nowhere: the imports that are checked are the imports that run."""
+    assert [str(path) for path in SOURCES if "TYPE_CHECKING" in path.read_text(encoding="utf-8")] == []
+
+
+def test_only_devices_know_the_time() -> None:
+    """No room but devices/ imports the time module; clocks are injected."""
+    offenders = [
+        str(path) for path in SOURCES if _room(path) != "devices" and "time" in _imported_modules(path)
+    ]
+    assert offenders == []
+
+
+def test_a_room_is_entered_through_its_door() -> None:
+    """Another room is imported by its name, never by a file inside it; the rerun view is the one exception."""
+    allowed = {("cli", "labrig.report.rerun_view"), ("__main__.py", "labrig.cli.main")}
+    offenders = []
+    for path in SOURCES:
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("labrig."):
+                inside = node.module.split(".")
+                if len(inside) > 2 and inside[1] != _room(path) and (_room(path), node.module) not in allowed:
+                    offenders.append(f"{path}:{node.lineno} {node.module}")
+    assert offenders == []
+
+
+def _body_lines(function: ast.FunctionDef) -> int:
+    """Count a function's lines without its signature, which for a command holds its options, and its docstring."""
+    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+    return (function.end_lineno or 0) - body[0].lineno + 1 if body else 0
+
+
+def test_functions_fit_on_a_screen() -> None:
+    """No function of labrig is longer than forty lines, its signature and docstring left out."""
+    lengths = {
+        f"{path}:{function.lineno} {function.name}": _body_lines(function)
+        for path in SOURCES
+        for function in _functions(_tree(path))
+    }
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FUNCTION} == {}
+
+
+def test_every_test_states_a_behaviour() -> None:
+    """Each test function has a docstring: the behaviour, in a sentence."""
+    offenders = [
+        f"{path}:{function.lineno} {function.name}"
+        for path in TESTS
+        for function in _functions(_tree(path))
+        if function.name.startswith("test_") and not ast.get_docstring(function)
+    ]
+    assert offenders == []
+
+
+def test_every_room_says_what_it_is_in_its_first_line() -> None:
+    """The docstring of each room starts with its name and its one sentence."""
+    for door in sorted((ROOT / "labrig").glob("*/__init__.py")):
+        docstring = ast.get_docstring(_tree(door)) or ""
+        assert docstring.startswith(f"{door.parent.name}: "), door
+
+
+@pytest.mark.parametrize(
+    ("what", "pattern"),
+    [
+        ("an address of a package registry", r"pypi\.o[r]g|pythonhosted\.o[r]g|registry\.npmj[s]"),
+        ("a broad except", r"except (Base)?Exceptio[n]\b|except[:]"),
+        ("a real sleep in a test", r"time\.slee[p]\("),
+        ("a patched object", r"mock\.patc[h]|monkeypatch\.setatt[r]"),
+    ],
+)
+def test_tracked_files_hold_none_of_these(what: str, pattern: str) -> None:
+    """No tracked file holds a registry address, a broad except, a sleep in a test or a patched object."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout, so the tracked files are not known")
+    skip_devices = what == "a real sleep in a test"
+    offenders = []
+    for name in listed.stdout.splitlines():
+        path = ROOT / name
+        if (
+            not path.is_file()
+            or path.suffix in {".png", ".npz"}
+            or (skip_devices and name.startswith("labrig/devices/"))
+        ):
+            continue
+        if re.search(pattern, path.read_text(encoding="utf-8", errors="replace")):
+            offenders.append(name)
+    assert offenders == [], what

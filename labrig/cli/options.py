@@ -50,8 +50,10 @@ def rig_file(given: Path | None, protocol: Path | None = None) -> Path:
         return given
     if os.environ.get("LABRIG_RIG"):
         return Path(os.environ["LABRIG_RIG"])
-    beside = () if protocol is None else (protocol.resolve().parent.parent / SIMULATED_RIG,)
-    for candidate in (SIMULATED_RIG, *beside):
+    candidates = [SIMULATED_RIG]
+    if protocol is not None:
+        candidates.append(protocol.resolve().parent.parent / SIMULATED_RIG)
+    for candidate in candidates:
         if candidate.is_file():
             return candidate
     raise InputError(f"no rig file given, and {SIMULATED_RIG} is not here", "name one with --rig FILE")

@@ -1,5 +1,6 @@
 """Where a page's numbers come from: code, inputs, settings, calibration, devices."""
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -23,9 +24,9 @@ class Section:
 def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
     """Return every section that has something to say."""
     devices = run.manifest.get("devices")
+    measured = () if result is None else _code(result.content.provenance)
     sections = (
-        Section("Recorded with", _rows(run.manifest.get("provenance"))),
-        Section("Measured with", () if result is None else _rows(result.content.provenance)),
+        *_code_sections(_code(run.manifest.get("provenance")), measured),
         Section("Analysis", () if result is None else _analysis(result)),
         Section("Calibration", calibration),
         Section("SHA-256 of what was used", _hashes(run, result)),
@@ -33,6 +34,13 @@ def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows =
         Section("Devices", tuple(row for row in _rows(devices) if not row[0].startswith(_CAMERA_SETTINGS))),
     )
     return tuple(section for section in sections if section.rows)
+
+
+def _code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
+    """Return one section where the same command recorded and measured, else two."""
+    if recorded == measured:
+        return (Section("Recorded and measured with", recorded),)
+    return Section("Recorded with", recorded), Section("Measured with", measured)
 
 
 def _analysis(result: AnalysisResult) -> Rows:
@@ -66,14 +74,17 @@ def _camera(devices: object) -> Rows:
 
 
 def _rows(document: object) -> Rows:
+    return tuple(flattened(document)) if isinstance(document, Mapping) else ()
+
+
+def _code(document: object) -> Rows:
+    """Return what `collect_provenance` noted; packages and command each on one line."""
     if not isinstance(document, Mapping):
         return ()
-    packages = document.get("packages")
-    if not isinstance(packages, Mapping):
-        return tuple(flattened(document))
-    # One line: a row a package would fill half a page.
-    listed = ", ".join(f"{name} {version}" for name, version in packages.items())
-    return (
-        *flattened({key: value for key, value in document.items() if key != "packages"}),
-        ("packages", listed),
-    )
+    return _rows({key: _one_line(value) for key, value in document.items()})
+
+
+def _one_line(value: object) -> object:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {version}" for name, version in value.items())
+    return shlex.join(map(str, value)) if isinstance(value, list | tuple) else value

@@ -48,7 +48,7 @@ def flattened(value: object, path: str = "") -> list[tuple[str, str]]:
     if isinstance(value, list | tuple) and any(isinstance(item, Mapping | list | tuple) for item in value):
         return [row for i, inner in enumerate(value) for row in flattened(inner, f"{path}[{i}]")]
     if isinstance(value, list | tuple):
-        return [(path, ", ".join(map(shown, value)))]
+        return [(path, ", ".join(map(shown, value)) or UNKNOWN)]
     return [(path, shown(value))]
 
 

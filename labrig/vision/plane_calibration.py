@@ -1,4 +1,10 @@
-"""The plane map from one picture of graph paper."""
+"""The plane map from one picture of graph paper.
+
+The homography is the least-squares one over all crossings (some thousands), so that the map is far better than one
+crossing: on drawn pictures at 15 px/mm crossings scatter by 0.007 mm and the map is right to 0.001 mm. What is left
+out is only what is a quarter of a pitch or more off; the rest, be it the lens or paper that is not flat, shows in the
+residuals, over the picture in `residual_field_mm`, and decides whether the map is accepted.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -81,12 +87,7 @@ def calibrate_plane(
     _check_inputs(pitch_mm, origin, size)
     if intrinsics is not None:
         require_size(image, intrinsics.image_size, "the lens's calibration")
-    try:
-        found = find_crossings(image)
-        ideal = undistorted(intrinsics, found.pixels)
-        ideal_origin = undistorted(intrinsics, np.array([origin]))
-    except MeasurementRefusedError as refusal:
-        raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
+    found, ideal, ideal_origin = _seen(image, intrinsics, origin)
     paper = np.asarray(found.indices * float(pitch_mm), dtype=np.float64)
     fit = _fitted(ideal, paper, _GROSS * pitch_mm)
     framed, turn = _framed(fit.homography, ideal_origin, direction)
@@ -110,6 +111,17 @@ def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int,
             f"origin ({origin[0]:g}, {origin[1]:g}) px is outside the picture of {size[0]} x {size[1]}",
             "give a pixel of the picture",
         )
+
+
+def _seen(
+    image: Picture, intrinsics: Intrinsics | None, origin: tuple[float, float]
+) -> tuple[Crossings, _FloatArray, _FloatArray]:
+    """Return the paper's crossings, their ideal pixels (N, 2), and the origin's (1, 2)."""
+    try:
+        found = find_crossings(image)
+        return found, undistorted(intrinsics, found.pixels), undistorted(intrinsics, np.array([origin]))
+    except MeasurementRefusedError as refusal:
+        raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
 
 
 def _fitted(ideal: _FloatArray, paper: _FloatArray, gross_mm: float) -> _Fit:

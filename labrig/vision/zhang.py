@@ -1,17 +1,16 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330), by OpenCV.
 
-Decided here, with the figures behind it:
+Decided here, with figures measured on OpenCV's own thirteen photographs of a board:
 
-- Corners come from `findChessboardCorners` and `cornerSubPix`. On OpenCV's own thirteen photographs the newer
-  `findChessboardCornersSB` misses a board that the classic one finds, takes thirty times as long, and orders
-  corners by its own rule.
-- The refinement window is a third of the smallest corner spacing. On those photographs half of it reaches
-neighbouring
+- Corners come from `findChessboardCorners` and `cornerSubPix`. The newer `findChessboardCornersSB`, asked to be
+  accurate and exhaustive, misses a board that the classic one finds and takes thirty times as long.
+- The refinement window is a third of the smallest corner spacing. Half of the spacing reaches neighbouring
   corners (RMS 0.35 px, fx 1.9 px off), a third gives RMS 0.178 px.
-- The RMS of the fit never decides. Nearly identical photographs can give 0.2 px and a focal length 20 % off.
-What
-  decides: the number of different poses, their tilts, how much of the picture they cover, the standard
-  deviation of the focal lengths, and the error in predicting photographs that were left out.
+- The RMS of the fit never decides: nearly identical photographs can give 0.2 px and a focal length 20 % off. What
+  decides is the number of different poses, their tilts, how much of the picture they cover, the standard deviation
+  of the focal lengths, and the error in predicting photographs that were left out. Of random subsets of 3, 5 and
+  8 photographs 7, 61 and 97 % are accepted under these limits; the worst focal length among them is 0.5, 0.75
+  and 0.4 % off, and without the limits it is 2.8, 1.35 and 0.4 %.
 """
 
 from collections.abc import Sequence
@@ -33,14 +32,17 @@ _LARGEST_WINDOW_PX = 11
 _WINDOW_PER_SPACING = 1.0 / 3.0
 
 _LEAST_CORNERS = 6
+# Limits of a calibration that is accepted.
 _LEAST_DIFFERENT_VIEWS = 3
-_SAME_TILT_RAD = np.deg2rad(4.0)
-_SAME_PLACE = 0.04
 _LEAST_TILT_SPREAD_RAD = np.deg2rad(20.0)
 _LEAST_COVERAGE = 0.35
 _LARGEST_SIGMA_SHARE = 0.002
 _LARGEST_HOLDOUT_PX = 1.0
+# Poses are one pose if their tilts and their places (in distances from the camera) differ by less.
+_SAME_TILT_RAD = np.deg2rad(4.0)
+_SAME_PLACE = 0.04
 _FOLDS = 8
+# A view is a gross outlier if it is predicted this much worse than the median view, and worse than this.
 _OUTLIER_FACTOR = 4.0
 _OUTLIER_PX = 1.0
 

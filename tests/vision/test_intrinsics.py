@@ -226,7 +226,7 @@ def test_views_may_show_different_corners():
         ([BOARD[:3]], [BOARD[:3]], "3 corners"),
         ([BOARD], [np.where(BOARD > 20.0, np.nan, BOARD)], "not finite"),
         ([BOARD[:9]], [BOARD[:9]], "one line"),
-        ([BOARD], [BOARD + (1250.0, 0.0)], "outside the picture of 1280 x 720"),
+        ([BOARD], [BOARD + np.array([1250.0, 0.0])], "outside the picture of 1280 x 720"),
     ],
 )
 def test_refuses_lists_that_do_not_make_views(boards, pixels, said):

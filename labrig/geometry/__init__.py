@@ -1,4 +1,4 @@
-"""Frames, signs, units and symbols; and the circle through points.
+"""geometry: frames, signs, units and symbols; and the circle through points.
 
 This is the one page of conventions. Every other room follows it and repeats none of it.
 

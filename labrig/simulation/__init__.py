@@ -1,4 +1,4 @@
-"""The world that simulated devices live in: gel, needle, sheath, light and lens; it knows no device.
+"""simulation: the world that simulated devices live in: gel, needle, sheath, light and lens; it knows no device.
 
 What is decided here
 --------------------

@@ -1,5 +1,6 @@
 """Measuring many pictures, in worker processes, in an order that does not depend on them."""
 
+import ctypes
 import hashlib
 import multiprocessing
 import os
@@ -27,6 +28,8 @@ Progress = Callable[[int, int], None]
 DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
 # Enough to keep a worker busy between two messages, few enough for a steady progress bar.
 _PICTURES_A_MESSAGE = 4
+# linux/prctl.h
+_PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ def _mapping(workers: int) -> Iterator[MapInOrder]:
     # Workers are forked: they start in milliseconds and share what is loaded. OpenCV's threads do not
     # survive a fork, and a worker that waited for them would wait for ever; they are ended first.
     cv2.setNumThreads(1)
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _leave_signals_to_the_parent)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _depend_on_the_parent)
     try:
         yield partial(pool.map, chunksize=_PICTURES_A_MESSAGE)
     except BrokenProcessPool as error:
@@ -102,12 +105,14 @@ def _mapping(workers: int) -> Iterator[MapInOrder]:
         cv2.setNumThreads(threads)
 
 
-def _leave_signals_to_the_parent() -> None:
+def _depend_on_the_parent() -> None:
     # Ctrl+C reaches every process of the terminal, and the parent ends its workers. A signal sent to one
     # worker ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    # A parent that is killed ends nobody; its workers would wait for pictures for ever.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _measure(plane: PlaneMap, settings: CurvatureSettings, file: PictureFile) -> Measured:

@@ -16,7 +16,6 @@ from labrig.errors import FileFormatError, LabrigError
 from labrig.experiments import Outcome, Session, conduct, estimate, find_problems, trials_planned
 from labrig.protocol import AnyProtocol, dump_yaml
 from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
-from labrig.report import write_report
 
 
 @dataclass(frozen=True)
@@ -62,6 +61,9 @@ def perform(order: Order) -> Finished:
     if outcome.error is not None:
         return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error)
     result = analyze(path, order.command_line)
+    # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
+    from labrig.report import write_report
+
     say("writing the report")
     report = write_report(open_run(path), result, SystemClock().utc())
     return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None)

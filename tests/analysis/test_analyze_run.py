@@ -3,6 +3,10 @@
 import csv
 import hashlib
 import json
+import os
+import select
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -88,6 +92,32 @@ def test_the_result_is_the_same_for_any_number_of_workers(measured: Measured, wo
     assert parallel.content.specimens == measured.content.specimens
     for name in ("measurements.csv", "specimens.csv"):
         assert (parallel.result.path / name).read_bytes() == (measured.result.path / name).read_bytes()
+
+
+def test_workers_end_with_a_parent_that_was_killed(measured: Measured) -> None:
+    """After SIGKILL to the measuring process none of its workers is left waiting."""
+    script = """
+import os, signal, sys
+from labrig.analysis import analyze_run
+from labrig.record import open_run
+from tests.analysis.synthetic import NOW
+
+def die(done, total):
+    print(open(f"/proc/self/task/{os.getpid()}/children").read(), flush=True)
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+analyze_run(open_run(sys.argv[1]), workers=2, progress=die, created=NOW, provenance={})
+"""
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-c", script, str(measured.run.path)]
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        workers = [os.pidfd_open(int(pid)) for pid in parent.stdout.readline().split()]
+        parent.kill()
+    assert len(workers) == 2
+    for worker in workers:
+        assert select.select([worker], [], [], 30.0)[0] == [worker]
+        os.close(worker)
 
 
 def test_progress_is_told_after_each_picture(measured: Measured) -> None:

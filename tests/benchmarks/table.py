@@ -32,12 +32,20 @@ def measure(command: Sequence[str]) -> Measured:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     root = psutil.Process(process.pid)
     peak = 0
-    while process.poll() is None:
+    while _still_runs(process):
         peak = max(peak, _memory(root))
-        time.sleep(0.05)
     wall_s = time.perf_counter() - started
     assert process.stdout is not None
     return Measured(wall_s, peak / 1e6, process.returncode, process.stdout.read())
+
+
+def _still_runs(process: subprocess.Popen[str]) -> bool:
+    """Wait for a twentieth of a second and return whether the process still runs."""
+    try:
+        process.wait(timeout=0.05)
+    except subprocess.TimeoutExpired:
+        return True
+    return False
 
 
 def _memory(root: psutil.Process) -> int:

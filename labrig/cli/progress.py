@@ -46,8 +46,11 @@ def _bar(title: str, total: float) -> Iterator[Reporter]:
         yield report
 
 
+LEAST_PAUSE_S = 2.0
+
+
 class _PlainLines:
-    """One line at each tenth of the way, with elapsed and remaining time: for logs and pipes."""
+    """One line at each tenth of the way, two seconds apart or more, with elapsed and remaining time."""
 
     def __init__(self, title: str, total: float) -> None:
         from labrig.devices import SystemClock
@@ -56,13 +59,14 @@ class _PlainLines:
         self._total = max(total, 1e-9)
         self._clock = SystemClock()
         self._tenths = 0
+        self._said_s = 0.0
 
     def __call__(self, done: float, doing: str) -> None:
         fraction = min(done / self._total, 1.0)
-        if int(10 * fraction) <= self._tenths:
-            return
-        self._tenths = int(10 * fraction)
         elapsed_s = self._clock.now_s()
+        if int(10 * fraction) <= self._tenths or elapsed_s < self._said_s + LEAST_PAUSE_S:
+            return
+        self._tenths, self._said_s = int(10 * fraction), elapsed_s
         remaining_s = elapsed_s * (1 - fraction) / fraction
         times = f"{elapsed_s:.0f} s elapsed, about {remaining_s:.0f} s left"
         print(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})", file=sys.stderr, flush=True)

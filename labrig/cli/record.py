@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import DEFAULT_RUNS_DIR, InsertionOption, RunsDirOption
-from labrig.cli.output import AsJson, failure_lines, number, print_json, print_table, say
+from labrig.cli.output import AsJson, failure_lines, print_json, print_table, say
 from labrig.errors import InterruptedRunError, LabrigError
 
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
@@ -79,7 +79,7 @@ def _print_old_and_new(path: Path, old: object, new: object) -> None:
     """Print the specimens' mean radii and the counts of pictures, old beside new."""
     typer.echo(str(path))
     rows = [
-        [name, number(before), number(after)]
+        [name, before, after]
         for (name, before), (_, after) in zip(_summary(old, new), _summary(new, new), strict=True)
     ]
     print_table(("", "old", "new"), rows)

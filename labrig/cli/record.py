@@ -43,7 +43,7 @@ def runs(runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json: AsJson = False) ->
             summary.run.name,
             summary.protocol,
             summary.exit_status,
-            f"{summary.trials_done}/{summary.trials_planned}",
+            f"{summary.trials_done} of {summary.trials_planned}" if summary.trials_planned else None,
         ]
         for summary in found
     ]

@@ -121,11 +121,11 @@ def _free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
 def analyze(path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = ()) -> AnalysisResult:
     """Measure every picture of a run, with progress, into a new numbered result."""
     run = open_run(path)
-    with progress(f"measuring {path.name}", float(max(len(run.frame_table), 1))) as reporter:
+    with progress(f"measuring {path.name}", 1.0) as reporter:
         return analyze_run(
             run,
             overrides=overrides,
-            progress=lambda done, total: reporter(float(done), f"{done} of {total} pictures"),
+            progress=lambda done, total: reporter(done / total, f"{done} of {total} pictures"),
             created=SystemClock().utc(),
             provenance=collect_provenance(command_line),
         )

@@ -10,8 +10,9 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `analysis` turns a run into a result, with uncertainty
 - `record` is a run on disk
 - `protocol` turns YAML into frozen, validated protocols
+- `needle` is what the needle is: the design of its hinges
 - `vision` turns pixels into mm
-- `geometry` holds frames, arcs and circle fits
+- `geometry` holds frames, signs, units, and circle fits
 - `errors` and `clock` are the error tree and what a clock is
 
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.

@@ -19,6 +19,7 @@ What is decided here:
   marker too.
 """
 
+from labrig.report.design_figure import hinge_figure, hinge_table
 from labrig.report.page import write_report
 
-__all__ = ["write_report"]
+__all__ = ["hinge_figure", "hinge_table", "write_report"]

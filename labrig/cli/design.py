@@ -1,0 +1,91 @@
+"""`labrig design`: what to cut for a radius."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labrig.cli.output import AsJson, print_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `labrig`."""
+    app.command("design", help="What to cut for a steering radius, by the paper and by our own search.")(
+        design
+    )
+
+
+def design(
+    radius_mm: Annotated[float, typer.Option(help="Steering radius wanted.")] = 30.0,
+    clearance_mm: Annotated[float, typer.Option(help="Width that the laser cuts.")] = 0.025,
+    outer_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the tube.")] = 1.2,
+    inner_diameter_mm: Annotated[float, typer.Option(help="Inner diameter of the tube.")] = 0.7,
+    link_length_mm: Annotated[float, typer.Option(help="Length of a link, from hinge to hinge.")] = 3.0,
+    clearance_tolerance_mm: Annotated[float, typer.Option(help="How sure the laser's width is.")] = 0.003,
+    cut_tolerance_deg: Annotated[float, typer.Option(help="How sure the inclination is.")] = 0.1,
+    tip_length_mm: Annotated[
+        float | None, typer.Option(help="Length of the tip: how many links fit it.", show_default=False)
+    ] = None,
+    measured_radius_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Radius that a needle was measured at: its effective clearance.", show_default=False
+        ),
+    ] = None,
+    from_run: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", help="Take the measured radius from this run's result.", show_default=False
+        ),
+    ] = None,
+    beta_cut_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Inclination that the measured needle was cut at. Default: the one of equation (3).",
+            show_default=False,
+        ),
+    ] = None,
+    grid_points: Annotated[
+        int, typer.Option(min=3, max=25, help="Points of the searched grid, along each of its two sides.")
+    ] = 7,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw figure 3: .png, .svg or .pdf.", show_default=False),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the searched grid as a table.", show_default=False),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Print both answers; the search takes ten to thirty seconds."""
+    from labrig.cli.designing import (
+        DesignOrder,
+        Measured,
+        Tolerances,
+        carry_out,
+        measured_radius,
+        print_design,
+        require_writable,
+    )
+    from labrig.needle import Tube
+
+    require_writable(figure, csv, force)
+    radius = measured_radius(measured_radius_mm, from_run, beta_cut_deg)
+    order = DesignOrder(
+        tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),
+        radius_mm=radius_mm,
+        clearance_mm=clearance_mm,
+        tolerances=Tolerances(clearance_tolerance_mm, cut_tolerance_deg),
+        tip_length_mm=tip_length_mm,
+        measured=None if radius is None else Measured(radius, beta_cut_deg, from_run),
+        grid_points=grid_points,
+        figure=figure,
+        csv=csv,
+    )
+    document = carry_out(order)
+    if as_json:
+        print_json(document)
+    else:
+        print_design(document)

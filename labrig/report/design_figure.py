@@ -1,0 +1,151 @@
+"""Figure 3 of the paper on our own contour, and its table."""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from labrig.needle import EQUATION_3, Cell, RotationPlane
+
+_SETTINGS: dict[Any, Any] = {
+    "svg.hashsalt": "labrig",
+    "text.parse_math": False,
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
+# Okabe and Ito (2008).
+_SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
+_MARKERS = "osD^vPX"
+_COLUMNS = (
+    "clearance_mm",
+    "beta_cut_deg",
+    "beta_a_deg",
+    "beta_b_deg",
+    "beta_rot_deg",
+    "plane_deg",
+    "residual_deg",
+    "equation_3_deg",
+)
+
+
+def hinge_figure(cells: Sequence[Cell], plane: RotationPlane, picture_format: str) -> bytes:
+    """Return figure 3: the searched rotations with both planes, and what our plane leaves.
+
+    Parameters
+    ----------
+    cells : sequence of Cell
+        The searched grid.
+    plane : RotationPlane
+        Fitted to it.
+    picture_format : str
+        ``png``, ``svg`` or ``pdf``.
+    """
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(10.5, 4.8), layout="constrained")
+        grid = figure.add_gridspec(1, 2, width_ratios=(1.25, 1))
+        rotations = figure.add_subplot(grid[0], projection="3d")
+        _draw_rotations(rotations, cells, plane)
+        _draw_residuals(figure.add_subplot(grid[1]), cells, plane)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=picture_format, dpi=160, metadata=_no_date(picture_format))
+        return buffer.getvalue()
+
+
+def _no_date(picture_format: str) -> dict[str, None]:
+    """Return metadata without the time, so that the same data give the same bytes."""
+    return {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(picture_format, {})
+
+
+def _draw_rotations(axes: Any, cells: Sequence[Cell], plane: RotationPlane) -> None:
+    """Draw into axes of the projection "3d", for which matplotlib has no types."""
+    clearances_mm, cuts_deg = np.meshgrid(
+        sorted({cell.clearance_mm for cell in cells}), sorted({cell.beta_cut_deg for cell in cells})
+    )
+    axes.set_title("Rotation of two adjacent hinges")
+    for colour, shown, name in ((_FITTED, plane, "our contour"), (_PAPER, EQUATION_3, "equation (3)")):
+        heights_deg = shown.a * cuts_deg + shown.b * clearances_mm + shown.c
+        axes.plot_wireframe(clearances_mm, cuts_deg, heights_deg, color=colour, linewidth=0.8)
+        axes.plot([], [], [], color=colour, label=f"{name}: {_formula(shown)}")
+    axes.scatter(
+        [cell.clearance_mm for cell in cells],
+        [cell.beta_cut_deg for cell in cells],
+        [cell.beta_rot_deg for cell in cells],
+        color=_SEARCHED,
+        s=14,
+        depthshade=False,
+        label="searched on our contour",
+    )
+    axes.locator_params(axis="x", nbins=4)
+    axes.set_xlabel("clearance d [mm]", labelpad=8)
+    axes.set_ylabel("inclination β_cut [°]")
+    axes.set_zlabel("β_rot [°]")
+    axes.view_init(elev=20, azim=-125)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02))
+
+
+def _formula(plane: RotationPlane) -> str:
+    sign = "-" if plane.c < 0 else "+"
+    return f"{plane.a:.2f} β_cut + {plane.b:.0f} d {sign} {abs(plane.c):.3f}, RMSE {plane.rmse_deg:.3f}°"
+
+
+def _draw_residuals(axes: Axes, cells: Sequence[Cell], plane: RotationPlane) -> None:
+    axes.set_title("Searched less fitted")
+    clearances_mm = sorted({cell.clearance_mm for cell in cells})
+    colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.9, len(clearances_mm)))
+    for colour, marker, clearance_mm in zip(colours, _MARKERS, clearances_mm, strict=False):
+        row = [cell for cell in cells if cell.clearance_mm == clearance_mm]
+        axes.plot(
+            [cell.beta_cut_deg for cell in row],
+            [_residual_deg(cell, plane) for cell in row],
+            color=colour,
+            marker=marker,
+            markersize=4.5,
+            linewidth=1,
+            label=f"{clearance_mm:.3f} mm",
+        )
+    axes.axhline(0.0, color="#888888", linewidth=0.7)
+    axes.set_xlabel("inclination β_cut [°]")
+    axes.set_ylabel("residual of β_rot [°]")
+    axes.legend(title="clearance d", loc="upper center", ncols=2)
+
+
+def _residual_deg(cell: Cell, plane: RotationPlane) -> float:
+    return cell.beta_rot_deg - plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)
+
+
+def hinge_table(cells: Sequence[Cell], plane: RotationPlane) -> bytes:
+    """Return the searched grid as CSV, one line a cell, both planes beside it."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for cell in cells:
+        fitted_deg = plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)
+        writer.writerow(
+            [
+                f"{cell.clearance_mm:.6g}",
+                f"{cell.beta_cut_deg:.6g}",
+                *(
+                    f"{value:.4f}"
+                    for value in (
+                        cell.beta_a_deg,
+                        cell.beta_b_deg,
+                        cell.beta_rot_deg,
+                        fitted_deg,
+                        cell.beta_rot_deg - fitted_deg,
+                        EQUATION_3.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm),
+                    )
+                ),
+            ]
+        )
+    return text.getvalue().encode("utf-8")

@@ -1,0 +1,161 @@
+"""Equations (1) to (3), their inverses and tolerances."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.errors import AnswerIsNoError, InputError
+from labrig.needle import (
+    EQUATION_3,
+    TABLE_1,
+    RotationPlane,
+    Tube,
+    links_in,
+    radius_mm,
+    radius_tolerance,
+    rotation_for_radius_deg,
+)
+
+CUTS_DEG = st.floats(0.0, 20.0)
+CLEARANCES_MM = st.floats(0.001, 0.08)
+
+
+def test_equation_1_gives_the_rotation_of_table_1() -> None:
+    """A radius of 30 mm from links of 3 mm needs the 11.46 degrees of table I."""
+    beta_rot_deg = rotation_for_radius_deg(TABLE_1.radius_mm, TABLE_1.tube.link_length_mm)
+    assert round(beta_rot_deg, 2) == TABLE_1.beta_rot_deg
+
+
+def test_equation_3_inverted_is_a_hundredth_off_table_1() -> None:
+    """Equation (3) solved for the inclination gives 4.12 degrees, where table I prints 4.13."""
+    beta_rot_deg = rotation_for_radius_deg(TABLE_1.radius_mm, TABLE_1.tube.link_length_mm)
+    beta_cut_deg = EQUATION_3.beta_cut_deg(beta_rot_deg, TABLE_1.clearance_mm)
+    assert round(beta_cut_deg, 2) == 4.12
+    assert beta_cut_deg == pytest.approx(TABLE_1.beta_cut_deg, abs=0.01)
+
+
+def test_the_measured_mean_radius_means_a_wider_clearance() -> None:
+    """27.6 mm, cut as table I says, means 12.46 degrees and an effective clearance of 0.0283 mm."""
+    beta_rot_deg = rotation_for_radius_deg(27.6, 3.0)
+    assert round(beta_rot_deg, 2) == 12.46
+    assert round(EQUATION_3.clearance_mm(beta_rot_deg, TABLE_1.beta_cut_deg), 4) == 0.0283
+
+
+@given(radius=st.floats(4.0, 10_000.0))
+def test_equation_1_and_its_inverse_undo_each_other(radius: float) -> None:
+    """Radius to rotation to radius is the same radius."""
+    assert radius_mm(rotation_for_radius_deg(radius, 3.0), 3.0) == pytest.approx(radius, rel=1e-12)
+
+
+@given(beta_cut_deg=CUTS_DEG, clearance_mm=CLEARANCES_MM)
+def test_a_plane_and_its_inverses_undo_each_other(beta_cut_deg: float, clearance_mm: float) -> None:
+    """Solving a plane for the inclination or the clearance gives back what went in."""
+    plane = RotationPlane(1.09, 296.0, 0.0, 0.0)
+    beta_rot_deg = plane.beta_rot_deg(beta_cut_deg, clearance_mm)
+    assert plane.beta_cut_deg(beta_rot_deg + 1e-9, clearance_mm) == pytest.approx(beta_cut_deg, abs=1e-6)
+    assert plane.clearance_mm(beta_rot_deg + 1e-9, beta_cut_deg) == pytest.approx(clearance_mm, abs=1e-6)
+
+
+@given(beta_cut_deg=st.floats(2.0, 15.0), clearance_mm=st.floats(0.01, 0.05))
+def test_slopes_are_those_of_the_radius(beta_cut_deg: float, clearance_mm: float) -> None:
+    """The slopes agree with central differences of equations (1) and (3)."""
+    beta_rot_deg = EQUATION_3.beta_rot_deg(beta_cut_deg, clearance_mm)
+    found = radius_tolerance(
+        EQUATION_3, beta_rot_deg, 3.0, clearance_tolerance_mm=0.003, cut_tolerance_deg=0.1
+    )
+
+    def radius(cut_deg: float, d_mm: float) -> float:
+        return radius_mm(EQUATION_3.beta_rot_deg(cut_deg, d_mm), 3.0)
+
+    by_clearance = (
+        radius(beta_cut_deg, clearance_mm + 1e-6) - radius(beta_cut_deg, clearance_mm - 1e-6)
+    ) / 2e-6
+    by_degree = (radius(beta_cut_deg + 1e-4, clearance_mm) - radius(beta_cut_deg - 1e-4, clearance_mm)) / 2e-4
+    assert found.per_clearance == pytest.approx(by_clearance, rel=1e-5)
+    assert found.per_degree_mm == pytest.approx(by_degree, rel=1e-5)
+    assert found.low_mm == pytest.approx(radius(beta_cut_deg + 0.1, clearance_mm + 0.003))
+    assert found.high_mm == pytest.approx(radius(beta_cut_deg - 0.1, clearance_mm - 0.003))
+
+
+def test_the_laser_moves_the_papers_radius_by_millimetres() -> None:
+    """A laser that is 0.003 mm off turns the paper's 30 mm into anything from 27.8 to 32.5 mm."""
+    found = radius_tolerance(EQUATION_3, 11.459, 3.0, clearance_tolerance_mm=0.003, cut_tolerance_deg=0.0)
+    assert (round(found.low_mm, 1), round(found.high_mm or math.nan, 1)) == (27.8, 32.5)
+
+
+def test_a_radius_that_may_be_infinite_has_no_upper_end() -> None:
+    """Where the tolerances allow hinges that do not turn, the upper end of the radius is unknown."""
+    found = radius_tolerance(EQUATION_3, 0.9, 3.0, clearance_tolerance_mm=0.003, cut_tolerance_deg=0.1)
+    assert found.high_mm is None
+
+
+@pytest.mark.parametrize(("tip_mm", "link_mm", "links"), [(40.0, 3.0, 13), (0.9, 0.3, 3), (6.0, 3.0, 2)])
+def test_whole_links_are_counted(tip_mm: float, link_mm: float, links: int) -> None:
+    """A tip holds as many links as fit whole, and rounding loses none."""
+    assert links_in(tip_mm, link_mm) == links
+
+
+@pytest.mark.parametrize(
+    ("clearance_mm", "cut_deg"), [(3.0, 0.1), (-0.003, 0.1), (0.003, -0.1), (0.003, 45.0)]
+)
+def test_impossible_tolerances_are_refused(clearance_mm: float, cut_deg: float) -> None:
+    """A tolerance is no less than nothing, and no laser is that bad."""
+    with pytest.raises(InputError, match="tolerance is"):
+        radius_tolerance(
+            EQUATION_3, 11.5, 3.0, clearance_tolerance_mm=clearance_mm, cut_tolerance_deg=cut_deg
+        )
+
+
+def test_a_tip_below_two_links_is_refused() -> None:
+    """Equation (1) speaks of two links."""
+    with pytest.raises(InputError, match="at least 6 mm"):
+        links_in(5.9, 3.0)
+
+
+def test_a_radius_that_no_inclination_gives_is_a_no() -> None:
+    """When the clearance alone turns the hinges further, the answer is no, with the rotation that it allows."""
+    with pytest.raises(AnswerIsNoError, match=r"0\.025 mm alone allows 6\.967"):
+        EQUATION_3.beta_cut_deg(rotation_for_radius_deg(200.0, 3.0), 0.025)
+
+
+def test_a_radius_that_no_clearance_explains_is_a_no() -> None:
+    """When the inclination alone turns the hinges further, no clearance explains the measured radius."""
+    with pytest.raises(AnswerIsNoError, match="no clearance gives"):
+        EQUATION_3.clearance_mm(rotation_for_radius_deg(200.0, 3.0), 4.13)
+
+
+@pytest.mark.parametrize(
+    ("radius", "said", "hint"),
+    [
+        (0.03, "at least 3.82 mm", "0.03 m is 30 mm"),
+        (30_000.0, "at most 1e+04 mm", "30000 µm is 30 mm"),
+        (0.0, "at least", "give a value"),
+        (-30.0, "at least", "give a value"),
+        (math.nan, "nan", "give a value"),
+        (math.inf, "at most", "give a value"),
+    ],
+)
+def test_impossible_radii_are_refused(radius: float, said: str, hint: str) -> None:
+    """A radius beyond its limits is refused with the limit, and with the unit that was probably meant."""
+    with pytest.raises(InputError, match=said.replace("+", r"\+")) as refused:
+        rotation_for_radius_deg(radius, 3.0)
+    assert hint in refused.value.hint
+
+
+@pytest.mark.parametrize(
+    ("tube", "said"),
+    [
+        ((0.7, 1.2, 3.0), "below the outer diameter"),
+        ((1.2, 1.2, 3.0), "below the outer diameter"),
+        ((1200.0, 0.7, 3.0), "outer diameter is 1200 mm"),
+        ((1.2, -0.7, 3.0), "inner diameter is -0.7 mm"),
+        ((1.2, 0.7, 0.0), "link length is 0 mm"),
+        ((math.nan, 0.7, 3.0), "outer diameter is nan mm"),
+    ],
+)
+def test_impossible_tubes_are_refused(tube: tuple[float, float, float], said: str) -> None:
+    """A tube that no needle is made of is refused with the value."""
+    with pytest.raises(InputError, match=said):
+        Tube(*tube)

@@ -1,0 +1,97 @@
+"""The contour of a hinge."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.errors import InputError
+from labrig.needle import Hinge, HingeView, Tube, interference_mm2, largest_rotation, widest_clearance_mm
+
+PAPER = Hinge(Tube(), 0.025, 4.13)
+
+hinges = st.builds(
+    lambda outer, bore, share, cut: Hinge(
+        Tube(outer, bore * outer, 3 * outer), share * widest_clearance_mm(Tube(outer, bore * outer), cut), cut
+    ),
+    outer=st.floats(0.6, 3.0),
+    bore=st.floats(0.4, 0.8),
+    share=st.floats(0.1, 0.95),
+    cut=st.floats(0.0, 8.0),
+)
+
+
+@given(hinge=hinges)
+@settings(max_examples=40)
+def test_links_at_rest_are_a_clearance_apart(hinge: Hinge) -> None:
+    """Both links are sound polygons, and nowhere closer than the laser's width, but for the chords of arcs."""
+    links = hinge.links
+    assert links.knuckle.is_valid
+    assert links.socket.is_valid
+    chord_mm = 0.001 * hinge.knuckle_radius_mm
+    assert links.knuckle.distance(links.socket) == pytest.approx(hinge.clearance_mm, abs=chord_mm)
+
+
+@given(hinge=hinges)
+@settings(max_examples=20)
+def test_links_are_mirror_images_of_themselves(hinge: Hinge) -> None:
+    """Both links look the same from both sides, so one direction of rotation is enough."""
+    for link in (hinge.links.knuckle, hinge.links.socket):
+        mirrored = shapely.transform(link, lambda points: points * (-1, 1))
+        assert shapely.symmetric_difference(link, mirrored).area < 1e-9
+
+
+@given(hinge=hinges)
+@settings(max_examples=20)
+def test_the_lips_hold_the_knuckle(hinge: Hinge) -> None:
+    """The links come apart by `pull_out_mm`, no further, in both views."""
+    play_mm = hinge.pull_out_mm
+    for view in (hinge.hinge_a(), hinge.hinge_b()):
+        poses = np.array([[0.0, 0.0], [0.0, 0.0], [0.98 * play_mm, 1.02 * play_mm]])
+        shared = interference_mm2(view, poses)
+        assert shared[0] == 0.0
+        assert shared[1] > 0.0
+
+
+def test_a_clearance_wider_than_the_socket_holds_is_refused_as_micrometres() -> None:
+    """30 in place of 0.030 mm is refused with the limit, and the hint says what was meant."""
+    with pytest.raises(
+        InputError, match=r"laser clearance is 30 mm, and has to be at most 0\.07292 mm"
+    ) as refused:
+        Hinge(Tube(), 30.0, 4.0)
+    assert "30 µm is 0.03 mm" in refused.value.hint
+
+
+@pytest.mark.parametrize("clearance_mm", [0.0, -0.025, 0.0005, math.nan, math.inf])
+def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
+    """No laser cuts nothing, and none cuts half a micrometre."""
+    with pytest.raises(InputError, match="laser clearance"):
+        Hinge(Tube(), clearance_mm, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("beta_cut_deg", "said"), [(30.0, "at most 29"), (-1.0, "at least 0"), (math.nan, "nan")]
+)
+def test_an_inclination_that_cuts_the_lips_through_is_refused(beta_cut_deg: float, said: str) -> None:
+    """The inclination is limited by what it leaves of the lips."""
+    with pytest.raises(InputError, match=f"cutting inclination.*{said}"):
+        Hinge(Tube(), 0.025, beta_cut_deg)
+
+
+def test_a_link_too_short_for_both_hinges_is_refused() -> None:
+    """Socket and knuckle of one link must leave a wall's thickness between them."""
+    with pytest.raises(InputError, match=r"link length is 0\.8 mm, and has to be at least 0\.928 mm"):
+        Hinge(Tube(link_length_mm=0.8), 0.025, 4.0)
+
+
+def test_two_sections_decide_hinge_b() -> None:
+    """Thirty sections more change the rotation of hinge b by less than 0.005 degrees."""
+    view = PAPER.hinge_b()
+    depths_mm = np.linspace(0.001, 0.59, 30)
+    denser = HingeView((*view.sections, *(PAPER.section(float(depth)) for depth in depths_mm)), view.reach)
+    assert largest_rotation(denser).rotation_deg == pytest.approx(
+        largest_rotation(view).rotation_deg, abs=0.005
+    )

@@ -1,0 +1,90 @@
+"""The grid, the plane through it, and the design by search."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from labrig.errors import AnswerIsNoError, InputError
+from labrig.needle import (
+    EQUATION_3,
+    Cell,
+    RotationPlane,
+    Tube,
+    allowed_rotation,
+    fit_plane,
+    grid_of_hinges,
+    search_cells,
+    search_design,
+)
+
+
+@pytest.fixture(scope="module")
+def cells() -> tuple[Cell, ...]:
+    """Return a grid of 3 x 3 points."""
+    with ThreadPoolExecutor(1) as executor:
+        return search_cells(grid_of_hinges(Tube(), 0.025, points=3), executor)
+
+
+def test_the_grid_lies_around_the_papers_design() -> None:
+    """The grid of the paper's needle has 7 x 7 points, from 0.010 to 0.040 mm and from 0 to 8 degrees."""
+    hinges = grid_of_hinges(Tube(), 0.025)
+    assert len(hinges) == 49
+    assert (hinges[0].clearance_mm, hinges[0].beta_cut_deg) == (pytest.approx(0.010), 0.0)
+    assert (hinges[-1].clearance_mm, hinges[-1].beta_cut_deg) == (pytest.approx(0.040), 8.0)
+
+
+def test_the_grid_stops_where_the_knuckle_would_slip_out() -> None:
+    """For a wide clearance the grid ends at the widest that still holds the knuckle, and every hinge can be made."""
+    assert grid_of_hinges(Tube(), 0.08)[-1].clearance_mm < 0.08
+
+
+def test_cells_are_in_order_with_progress(cells: tuple[Cell, ...]) -> None:
+    """Each cell belongs to its hinge, for any executor, and progress counts to the end."""
+    told: list[tuple[int, int]] = []
+    hinges = grid_of_hinges(Tube(), 0.025, points=3)[:2]
+    with ThreadPoolExecutor(2) as executor:
+        again = search_cells(hinges, executor, lambda done, total: told.append((done, total)))
+    assert again == cells[:2]
+    assert told == [(1, 2), (2, 2)]
+
+
+def test_a_plane_is_found_exactly() -> None:
+    """Rotations that lie in a plane give back its numbers and an RMSE of zero."""
+    flat = [
+        Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 1.0, 1.0)
+        for d in (0.01, 0.02, 0.03)
+        for cut in (0.0, 4.0, 8.0)
+    ]
+    plane = fit_plane(flat)
+    assert (plane.a, plane.b, plane.c) == pytest.approx((EQUATION_3.a, EQUATION_3.b, EQUATION_3.c), abs=1e-9)
+    assert plane.rmse_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_our_contour_has_the_form_of_equation_3_but_not_its_slope_with_clearance(
+    cells: tuple[Cell, ...],
+) -> None:
+    """Inclination counts about once, as in the paper; clearance counts 10 to 20 % more; the constant is negative."""
+    plane = fit_plane(cells)
+    assert plane.a == pytest.approx(EQUATION_3.a, abs=0.03)
+    assert 1.10 < plane.b / EQUATION_3.b < 1.20
+    assert -1.0 < plane.c < EQUATION_3.c
+
+
+def test_a_searched_design_turns_as_asked(cells: tuple[Cell, ...]) -> None:
+    """The hinge that is found gives the radius that was asked for."""
+    found = search_design(Tube(), 30.0, 0.025, fit_plane(cells))
+    assert found.rotation.beta_rot_deg == pytest.approx(11.459, abs=0.005)
+    assert found.rotation == allowed_rotation(found.hinge)
+
+
+def test_a_radius_that_needs_no_inclination_is_a_no() -> None:
+    """When the clearance alone turns the hinges too far, the search says no, whatever the plane promises."""
+    promising = RotationPlane(1.0, 0.0, 0.0, 0.0)
+    with pytest.raises(AnswerIsNoError, match="no inclination gives"):
+        search_design(Tube(), 100.0, 0.025, promising)
+
+
+def test_a_radius_that_cuts_the_link_through_is_refused() -> None:
+    """A radius of 8 mm would need an inclination that leaves no lips."""
+    with pytest.raises(InputError, match="cuts the socket's lips through"):
+        search_design(Tube(), 8.0, 0.025, EQUATION_3)

@@ -1,5 +1,5 @@
 """`python -m labrig` is `labrig`."""
 
-from labrig.cli.main import main
+from labrig.cli.start import main
 
 main()

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.options import InsertionOption, RigOption, rig_file
-from labrig.cli.output import AsJson, print_json, say
+from labrig.cli.output import AsJson, failure_lines, print_json, say
 from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError, PictureError, RecordError
 
 app = typer.Typer(help="Calibrate the camera: intrinsics, plane map.", no_args_is_help=True)
@@ -35,7 +35,7 @@ def intrinsics(
     """Exit with 1 when the calibration is refused."""
     from labrig.vision import calibrate_from_pictures, save_intrinsics
 
-    _refuse_existing(out, force)
+    _require_writable(out, force)
     columns, rows = _board_size(board)
     if not square_mm > 0:
         raise InputError(
@@ -44,7 +44,10 @@ def intrinsics(
     pictures = _read_all(images)
     if not pictures:
         raise InputError(f"none of the {len(images)} pictures can be read", "look at one in a viewer")
-    found = calibrate_from_pictures(pictures, columns, rows, square_mm)
+    try:
+        found = calibrate_from_pictures(pictures, columns, rows, square_mm)
+    except CalibrationRefusedError as refusal:
+        return _refuse(refusal, NO_INTRINSICS, as_json)
     if out is not None and (found.accepted or force):
         save_intrinsics(out, found, _provenance(images))
     document = found.to_json()
@@ -79,9 +82,12 @@ def plane(
     """Exit with 1 when the calibration is refused."""
     from labrig.vision import calibrate_plane, load_intrinsics, read_picture, save_plane
 
-    _refuse_existing(out, force)
+    _require_writable(out, force)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
-    found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion)
+    try:
+        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion)
+    except CalibrationRefusedError as refusal:
+        return _refuse(refusal, NO_PLANE, as_json)
     if out is not None and (found.accepted or force):
         save_plane(out, found, _provenance([image]))
     document = found.to_json()
@@ -125,7 +131,9 @@ def adopt(
         )
     targets = load_rig(rig_file(rig)).calibration_paths()
     for path in targets.values():
-        _refuse_existing(path, force)
+        _require_writable(
+            path, force, "replace the old calibration with --force; the run that made it keeps it"
+        )
     for name, path in targets.items():
         write_atomically(path, (result.path / name).read_bytes())
     if as_json:
@@ -158,9 +166,35 @@ def _board_size(board: str) -> tuple[int, int]:
     )
 
 
-def _refuse_existing(out: Path | None, force: bool) -> None:
-    if out is not None and out.exists() and not force:
-        raise OutputExistsError(f"{out} exists", "choose another name, or replace it with --force")
+NO_INTRINSICS: dict[str, object] = {
+    **dict.fromkeys(("fx", "fy", "cx", "cy", "sigma", "distortion", "rms_px", "holdout_rms_px")),
+    "views": [],
+}
+NO_PLANE: dict[str, object] = dict.fromkeys(("rms_mm", "holdout_rms_mm", "mm_per_px"))
+
+
+def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_json: bool) -> int:
+    """Tell a calibration of which there are not even numbers; what is unknown is null."""
+    if as_json:
+        print_json({"accepted": False, "reasons": [refusal.message], **nothing})
+    for line in failure_lines(refusal):
+        say(line)
+    return refusal.exit_code
+
+
+_ANOTHER_NAME = "choose another name, or replace it with --force"
+
+
+def _require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -> None:
+    """Refuse a file that exists or cannot be written, before any work is done."""
+    if out is None:
+        return
+    if out.is_dir():
+        raise InputError(f"{out} is a folder", "name a file in it")
+    if not out.parent.is_dir():
+        raise InputError(f"there is no folder {out.parent} for {out.name}", "make the folder first")
+    if out.exists() and not force:
+        raise OutputExistsError(f"{out} exists", hint)
 
 
 def _say_whether_written(out: Path | None, accepted: bool, force: bool) -> None:

@@ -22,7 +22,7 @@ class ImportOrder:
 
     px_per_mm: float | None
     origin_px: tuple[float, float] | None
-    insertion: Direction
+    insertion: Direction | None
     intrinsics: Path | None
     plane: Path | None
     needle_diameter_mm: float
@@ -120,15 +120,15 @@ def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:
 def _readable(folder: Path) -> list[Path]:
     """Return the pictures of a folder, refusing one of which nothing can be read."""
     pictures = _pictures(folder)
+    refusals = []
     for path in pictures:
         try:
             read_picture(path)
-        except PictureError:
+        except PictureError as error:
+            refusals.append(error)
             continue
         return pictures
-    raise InputError(
-        f"none of the {len(pictures)} pictures in {folder} can be read", "look at one in a viewer"
-    )
+    raise InputError(f"no picture in {folder} can be read: {refusals[0].message}", refusals[0].hint)
 
 
 def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:

@@ -1,8 +1,6 @@
 """The `labrig` command: its commands, and how every failure leaves it."""
 
 import itertools
-import os
-import sys
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -11,8 +9,8 @@ import typer
 from labrig import __version__
 from labrig.cli import calibrate, design, devices, measure, protocols, record, run
 from labrig.cli.output import print_failure
-from labrig.cli.signals import raise_on_signals
-from labrig.errors import DiskError, InputError, LabrigError
+from labrig.cli.signals import Interruption, raise_on_signals
+from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
 
 app = typer.Typer(
     name="labrig",
@@ -52,22 +50,15 @@ def _root(
     pass
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run `labrig` and leave with the documented exit code; the entry point of the installed command."""
-    sys.exit(run_command(sys.argv[1:] if arguments is None else list(arguments)))
-
-
 def run_command(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code: 0, 1, 2, 3, 4 or 130, as `design/interface.md` lists them."""
+    """Run one command line and return its exit code: 0, 1, 2, 3, 4 or 130, as README lists them."""
     try:
         with raise_on_signals():
             return _invoke(arguments)
-    except BrokenPipeError:
-        # The reader of our output has gone (`labrig runs | head`): nothing more can be said to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except Interruption as interruption:
+        failure: LabrigError = InterruptedRunError(f"interrupted by {interruption}")
     except typer.TyperException as error:
-        failure: LabrigError = InputError(error.format_message(), _help_of(arguments))
+        failure = InputError(error.format_message(), _help_of(arguments))
     except LabrigError as error:
         failure = error
     except OSError as error:
@@ -82,13 +73,20 @@ def _invoke(arguments: Sequence[str]) -> int:
         status = app(args=list(arguments), standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
+    except SystemExit:
+        # typer's answer to a reader of our output that has gone, as in `labrig runs | head`: nothing is wrong.
+        return 0
     return status if isinstance(status, int) else 0
 
 
 def _help_of(arguments: Sequence[str]) -> str:
     """Return the command that shows how the one that was mistyped is used."""
-    words = itertools.takewhile(lambda word: not word.startswith("-"), arguments)
-    return " ".join(["see: labrig", *itertools.islice(words, 1 + (arguments[:1] in GROUPS)), "--help"])
+    commands = {command.name for command in app.registered_commands} | {
+        group.name for group in app.registered_groups
+    }
+    words = list(itertools.takewhile(lambda word: not word.startswith("-"), arguments))
+    known = words[: 1 + (words[:1] in GROUPS)] if words[:1] and words[0] in commands else []
+    return " ".join(["see: labrig", *known, "--help"])
 
 
 def _machine_failure(error: OSError) -> DiskError:

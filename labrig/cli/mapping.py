@@ -12,25 +12,48 @@ def plane_map(
     plane: Path | None,
     px_per_mm: float | None,
     origin_px: tuple[float, float] | None,
-    insertion: Direction,
+    insertion: Direction | None,
 ) -> PlaneMap:
     """Return the plane map that the options describe.
 
     Raises
     ------
     InputError
-        When the options describe none, or two at once.
+        When the options describe none, or two at once, or a calibration that was refused.
     """
-    if plane is not None and px_per_mm is None:
-        return load_plane(plane, None if intrinsics is None else load_intrinsics(intrinsics))
-    if plane is None and px_per_mm is not None:
-        if origin_px is None:
+    if plane is not None and px_per_mm is not None:
+        raise InputError("--plane and --px-per-mm both turn pixels into mm", "give one of them")
+    if plane is not None:
+        return _calibrated(intrinsics, plane, insertion)
+    if px_per_mm is None:
+        raise InputError(
+            "pixels cannot be turned into mm: neither --plane nor --px-per-mm is given",
+            "--intrinsics FILE --plane FILE for a calibrated camera; "
+            "--px-per-mm S --origin-px U V --insertion DIR for rectified pictures",
+        )
+    if origin_px is None:
+        raise InputError(
+            "--px-per-mm needs --origin-px U V", "name the pixel at which the needle enters the gel"
+        )
+    if insertion is None:
+        raise InputError(
+            "--px-per-mm needs --insertion", "say where the insertion points: right, left, up or down"
+        )
+    return PlaneMap.from_scale(px_per_mm, origin_px, insertion)
+
+
+def _calibrated(intrinsics: Path | None, plane: Path, insertion: Direction | None) -> PlaneMap:
+    lens = None if intrinsics is None else load_intrinsics(intrinsics)
+    found = load_plane(plane, lens)
+    for path, calibration in ((intrinsics, lens), (plane, found)):
+        if calibration is not None and not calibration.accepted:
+            reasons = "; ".join(calibration.reasons)
             raise InputError(
-                "--px-per-mm needs --origin-px U V", "name the pixel at which the needle enters the gel"
+                f"{path} was refused when it was made: {reasons}", "calibrate again as this says"
             )
-        return PlaneMap.from_scale(px_per_mm, origin_px, insertion)
-    raise InputError(
-        "pixels cannot be turned into mm: give either --plane or --px-per-mm",
-        "--intrinsics FILE --plane FILE for a calibrated camera; "
-        "--px-per-mm S --origin-px U V --insertion DIR for rectified pictures",
-    )
+    if insertion is not None and insertion != found.insertion:
+        raise InputError(
+            f"--insertion is {insertion}, and {plane} was made for {found.insertion}",
+            "leave --insertion out, or calibrate the plane for that direction",
+        )
+    return found

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import InsertionOption
+from labrig.cli.options import OptionalInsertion
 from labrig.cli.output import AsJson, interval, number, print_json, print_table, say
 from labrig.errors import InputError, PictureError
 
@@ -35,7 +35,7 @@ def curvature(
         tuple[float, float] | None,
         typer.Option(metavar="U V", help="Pixel of the plane's origin.", show_default=False),
     ] = None,
-    insertion: InsertionOption = "right",
+    insertion: OptionalInsertion = None,
     needle_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the needle.")] = 1.2,
     sheath_diameter_mm: Annotated[
         float | None,
@@ -57,18 +57,16 @@ def curvature(
         window_end_mm=window_end_mm,
     )
     rows: list[dict[str, object]] = []
-    usable = 0
+    refusals: list[PictureError] = []
     for path in images:
         try:
             measured = measure_curvature(read_picture(path), mapping, settings)
             rows.append({"image": str(path), **measured.to_json()})
-            usable += 1
         except PictureError as error:
             rows.append({"image": str(path), **NOTHING, "reason": error.message})
-    if not usable:
-        raise InputError(
-            f"none of the {len(images)} pictures can be used: {rows[0]['reason']}", "look at one in a viewer"
-        )
+            refusals.append(error)
+    if len(refusals) == len(images):
+        raise InputError(f"no picture can be used: {refusals[0].message}", refusals[0].hint)
     if as_json:
         print_json(rows)
     else:

@@ -1,12 +1,15 @@
 """Options that several commands share, and the files that they stand for."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from labrig.errors import InputError
+from labrig.errors import FileFormatError, InputError
 
 RigOption = Annotated[
     Path | None,
@@ -35,6 +38,12 @@ InsertionOption = Annotated[
     Literal["right", "left", "up", "down"],
     typer.Option("--insertion", help="Where the insertion points in the picture."),
 ]
+OptionalInsertion = Annotated[
+    Literal["right", "left", "up", "down"] | None,
+    typer.Option(
+        "--insertion", help="Where the insertion points in the picture; with --px-per-mm.", show_default=False
+    ),
+]
 
 DEFAULT_RUNS_DIR = Path("data/runs")
 SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
@@ -57,6 +66,19 @@ def rig_file(given: Path | None, protocol: Path | None = None) -> Path:
         if candidate.is_file():
             return candidate
     raise InputError(f"no rig file given, and {SIMULATED_RIG} is not here", "name one with --rig FILE")
+
+
+@contextmanager
+def rig_settings_as_typed() -> Iterator[None]:
+    """Tell faults of rig overrides as they were typed, with the prefix that `split_overrides` took off."""
+    try:
+        yield
+    except FileFormatError as error:
+        typed = (
+            replace(one, where=one.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
+            for one in error.problems
+        )
+        raise FileFormatError(tuple(typed)) from error
 
 
 def split_overrides(settings: list[str] | None) -> tuple[list[str], list[str]]:

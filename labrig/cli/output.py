@@ -1,8 +1,10 @@
 """How results and failures are printed: one JSON document or a text for people, and errors with their hints."""
 
+import io
 import json
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -17,9 +19,37 @@ def print_json(document: object) -> None:
     typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+class Talk(io.TextIOBase):
+    """Standard error as far as it still has a reader.
+
+    Progress and remarks must not end a run with a needle in tissue because a log, a pipe or a terminal has gone.
+    """
+
+    def write(self, text: str) -> int:
+        """Write what can be written."""
+        with suppress(OSError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush what can be flushed."""
+        with suppress(OSError):
+            sys.stderr.flush()
+
+    def isatty(self) -> bool:
+        """Return whether a person looks at it."""
+        return sys.stderr.isatty()
+
+    def fileno(self) -> int:
+        """Return the descriptor, by which a terminal's width is asked."""
+        return sys.stderr.fileno()
+
+
 def say(text: str) -> None:
     """Say something to the person at the terminal, on standard error."""
-    typer.echo(text, err=True)
+    talk = Talk()
+    talk.write(f"{text}\n")
+    talk.flush()
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
@@ -30,7 +60,9 @@ def failure_document(error: LabrigError) -> dict[str, object]:
 def print_failure(error: LabrigError, as_json: bool) -> None:
     """Print a failure: for people on standard error, and under --json as the document on standard output too."""
     if as_json:
-        print_json({"error": failure_document(error)})
+        # Where standard output is what failed, standard error says it alone.
+        with suppress(OSError):
+            print_json({"error": failure_document(error)})
     for line in failure_lines(error):
         say(line)
 

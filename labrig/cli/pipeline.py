@@ -10,9 +10,9 @@ from labrig.analysis import AnalysisResult, analyze_run
 from labrig.cli.output import say
 from labrig.cli.person import TerminalOperator
 from labrig.cli.progress import progress
-from labrig.cli.signals import SignalNote, note_signals
+from labrig.cli.signals import Interruption, SignalNote, note_signals
 from labrig.devices import Rig, RigDescription, SystemClock, open_rig
-from labrig.errors import FileFormatError, LabrigError
+from labrig.errors import FileFormatError, InputError, InterruptedRunError, LabrigError, MachineError
 from labrig.experiments import Outcome, Session, conduct, estimate, find_problems, trials_planned
 from labrig.protocol import AnyProtocol, dump_yaml
 from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
@@ -31,7 +31,10 @@ class Order:
 
 @dataclass(frozen=True)
 class Finished:
-    """How it ended; `result` and `report` are None where the run did not come to its end."""
+    """How it ended; `result` and `report` are None where it was not measured.
+
+    `needle` says where the needle was left, and is empty where it is out.
+    """
 
     run: Path
     exit_status: str
@@ -39,6 +42,7 @@ class Finished:
     report: Path | None
     result: Mapping[str, object] | None
     error: LabrigError | None
+    needle: str
 
 
 def perform(order: Order) -> Finished:
@@ -51,26 +55,39 @@ def perform(order: Order) -> Finished:
     OutputExistsError, DiskError, BusError, DriveError, CameraError
         When the run cannot begin.
     """
+    if order.runs_dir.exists() and not order.runs_dir.is_dir():
+        raise InputError(f"--runs-dir {order.runs_dir} is a file", "name a folder")
     problems = find_problems(order.protocol, order.rig)
     if problems:
         raise FileFormatError(problems)
     needs = estimate(order.protocol, order.rig)
     require_free_bytes(order.runs_dir, needs.disk_bytes)
     with note_signals() as interrupted:
-        path, outcome = _record(order, interrupted, needs.work)
+        path, outcome, needle = _record(order, interrupted, needs.work)
     if outcome.error is not None:
-        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error)
-    result = analyze(path, order.command_line)
-    # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
-    from labrig.report import write_report
+        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, needle)
+    if interrupted() is not None:
+        return _unmeasured(path, interrupted())
+    try:
+        result = analyze(path, order.command_line)
+        # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
+        from labrig.report import write_report
 
-    say("writing the report")
-    report = write_report(open_run(path), result, SystemClock().utc())
-    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None)
+        say("writing the report")
+        report = write_report(open_run(path), result, SystemClock().utc())
+    except Interruption as interruption:
+        return _unmeasured(path, str(interruption))
+    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None, "")
 
 
-def _record(order: Order, interrupted: SignalNote, work: float) -> tuple[Path, Outcome]:
-    """Open the rig and the record, conduct the experiment, and close both."""
+def _unmeasured(path: Path, signal_name: str | None) -> Finished:
+    """Return what is known of a run that came to its end and was then interrupted."""
+    message = f"interrupted by {signal_name} when the run had ended; it is recorded, and was not measured"
+    return Finished(path, "success", message, None, None, InterruptedRunError(message), "")
+
+
+def _record(order: Order, interrupted: SignalNote, work: float) -> tuple[Path, Outcome, str]:
+    """Open the rig and the record, conduct the experiment, and close both; tell where the needle was left."""
     with (
         open_rig(
             order.rig,
@@ -82,11 +99,30 @@ def _record(order: Order, interrupted: SignalNote, work: float) -> tuple[Path, O
     ):
         recorder = _open_record(order, rig)
         outcome = conduct(order.protocol, Session(rig, recorder, reporter))
-    return recorder.path, outcome
+        needle = _needle_left(rig)
+    return recorder.path, outcome, needle
+
+
+def _needle_left(rig: Rig) -> str:
+    """Say that the needle is in tissue, where and what to do; empty where it is known to be out."""
+    if rig.state.needle_in_tissue is False:
+        return ""
+    try:
+        states = rig.read_states()
+        where = f"insertion {states['insertion'].position:.1f} mm, sheath {states['linear'].position:.1f} mm"
+    except MachineError as error:
+        where = f"where is not known: {error.message}"
+    return (
+        f"the needle is in tissue ({where}); the axes stand still and hold nothing once labrig has ended. "
+        "Withdraw needle and sheath by hand or with the drives' own tool; the next run asks whether they are out."
+    )
 
 
 def _open_record(order: Order, rig: Rig) -> Recorder:
     started = rig.clock.utc()
+    name = order.run_name
+    if name is None:
+        name = _free_name(order.runs_dir, started, order.protocol.experiment)
     manifest = {
         "experiment": order.protocol.experiment,
         "title": order.protocol.title,
@@ -99,7 +135,9 @@ def _open_record(order: Order, rig: Rig) -> Recorder:
     }
     return Recorder.create(
         order.runs_dir,
-        order.run_name or _free_name(order.runs_dir, started, order.protocol.experiment),
+        order.run_name
+        if order.run_name is not None
+        else _free_name(order.runs_dir, started, order.protocol.experiment),
         manifest,
         dump_yaml(order.protocol),
         dump_yaml(order.rig),

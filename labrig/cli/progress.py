@@ -3,7 +3,9 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import IO, Protocol, cast
+
+from labrig.cli.output import Talk, say
 
 
 class Reporter(Protocol):
@@ -37,7 +39,7 @@ def _bar(title: str, total: float) -> Iterator[Reporter]:
         TimeRemainingColumn(),
         TextColumn("{task.description}", markup=False),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=Console(file=cast("IO[str]", Talk()))) as bar:
         task = bar.add_task(title, total=total)
 
         def report(done: float, doing: str) -> None:
@@ -69,4 +71,4 @@ class _PlainLines:
         self._tenths, self._said_s = int(10 * fraction), elapsed_s
         remaining_s = elapsed_s * (1 - fraction) / fraction
         times = f"{elapsed_s:.0f} s elapsed, about {remaining_s:.0f} s left"
-        print(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})", file=sys.stderr, flush=True)
+        say(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})")

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import RigOption, SeedOption, SetOption, rig_file, split_overrides
+from labrig.cli.options import (
+    RigOption,
+    SeedOption,
+    SetOption,
+    rig_file,
+    rig_settings_as_typed,
+    split_overrides,
+)
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
 from labrig.errors import FileFormatError, Problem
 
@@ -35,7 +42,8 @@ def check(
     protocol_settings, rig_settings = split_overrides(settings)
     try:
         loaded = load_protocol(protocol, protocol_settings, seed)
-        description = load_rig(rig_file(rig, protocol), rig_settings)
+        with rig_settings_as_typed():
+            description = load_rig(rig_file(rig, protocol), rig_settings)
     except FileFormatError as error:
         if not as_json:
             raise

@@ -1,15 +1,15 @@
 """`labrig runs`, `reanalyze`, `report`, `view` and `import`: everything that reads a run, or makes one of pictures."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, InsertionOption, RunsDirOption
+from labrig.cli.options import DEFAULT_RUNS_DIR, OptionalInsertion, RunsDirOption
 from labrig.cli.output import AsJson, failure_lines, print_json, print_table, say
-from labrig.errors import InterruptedRunError, LabrigError
+from labrig.errors import LabrigError, RecordError
 
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 
@@ -61,18 +61,42 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.analysis import load_result
     from labrig.cli.pipeline import analyze
-    from labrig.record import open_run
 
     def one(path: Path) -> dict[str, object]:
-        old = load_result(open_run(path))
+        old = _old_document(path)
         new = analyze(path, tuple(sys.argv), tuple(settings or ()))
         if not as_json:
-            _print_old_and_new(path, None if old is None else old.document, new.document)
-        return {"analysis": str(new.path), "reason": None}
+            _print_old_and_new(path, old, new.document)
+        return {"analysis": str(new.path), "reason": _nothing_found(new.document)}
 
     return _each(run_paths, one, as_json, key="analysis")
+
+
+def _old_document(path: Path) -> Mapping[str, Any] | None:
+    """Return the newest result so far; a damaged one is named and does not keep a new one from being made."""
+    from labrig.analysis import load_result
+    from labrig.record import open_run
+
+    run = open_run(path)
+    try:
+        old = load_result(run)
+    except RecordError as error:
+        say(f"note: {error.message}; a new result is made")
+        return None
+    return None if old is None else old.document
+
+
+def _nothing_found(document: Mapping[str, Any]) -> str | None:
+    """Return a sentence where no picture shows a needle, as when a folder of other pictures was imported."""
+    measured = document.get("measurements", ())
+    if not measured or any(one["found"] for one in measured):
+        return None
+    reason = (
+        f"shaft and tip were found in none of {len(measured)} pictures; the first: {measured[0]['reason']}"
+    )
+    say(f"note: {reason}")
+    return reason
 
 
 def _print_old_and_new(path: Path, old: object, new: object) -> None:
@@ -129,8 +153,6 @@ def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json:
     for path in paths:
         try:
             rows.append({"run": str(path), "ok": True, **work(path)})
-        except InterruptedRunError:
-            raise
         except LabrigError as error:
             exit_code = exit_code or error.exit_code
             rows.append({"run": str(path), key: None, "ok": False, "reason": error.message})
@@ -174,7 +196,7 @@ def import_(
         tuple[float, float] | None,
         typer.Option(metavar="U V", help="Pixel of the plane's origin.", show_default=False),
     ] = None,
-    insertion: InsertionOption = "right",
+    insertion: OptionalInsertion = None,
     intrinsics: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Intrinsics of the camera.", show_default=False)
     ] = None,

@@ -14,6 +14,7 @@ from labrig.cli.options import (
     SeedOption,
     SetOption,
     rig_file,
+    rig_settings_as_typed,
     split_overrides,
 )
 from labrig.cli.output import (
@@ -60,7 +61,8 @@ def run(
 
     protocol_settings, rig_settings = split_overrides(settings)
     loaded = load_protocol(protocol, protocol_settings, seed)
-    description = load_rig(rig_file(rig, protocol), rig_settings)
+    with rig_settings_as_typed():
+        description = load_rig(rig_file(rig, protocol), rig_settings)
     if yes and description.kind != "simulated":
         say("note: --yes does not answer on a real rig; every question is asked")
     finished = perform(Order(loaded, description, runs_dir, run_name, tuple(sys.argv)))
@@ -75,6 +77,8 @@ def run(
         document["error"] = failure_document(finished.error)
         for line in failure_lines(finished.error):
             say(line)
+        if finished.needle:
+            say(f"note: {finished.needle}")
         say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
     if as_json:
         print_json(document)

@@ -1,4 +1,4 @@
-"""INT, TERM and HUP: raised as one error, or noted while a rig is open so that its axes are stopped first.
+"""INT, TERM and HUP: raised wherever the program stands, or noted while a rig is open so that its axes stop first.
 
 A shell starts background jobs with INT ignored, and `nohup` ignores HUP; both are taken here all the same, because a
 needle may be in tissue. While a rig is open the signal is only noted: the rig asks for it between two bus
@@ -6,13 +6,19 @@ transactions, stops the axes and raises `InterruptedRunError` itself.
 """
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from labrig.errors import InterruptedRunError
-
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_Handler = Callable[[int, FrameType | None], None]
+
+
+class Interruption(BaseException):
+    """A signal, by name, raised where the program stood.
+
+    Not an `Exception`: libraries catch those around imports and go on, and the signal would be lost.
+    """
 
 
 class SignalNote:
@@ -30,28 +36,40 @@ class SignalNote:
         self._name = signal.Signals(number).name
 
 
+def raise_from_now_on() -> None:
+    """Raise `Interruption` at every signal until the program ends."""
+    for number in _SIGNALS:
+        signal.signal(number, _raise)
+
+
+def ignore_from_now_on() -> None:
+    """Take no more signals: everything is done and said, and the exit code stands."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def raise_on_signals() -> Iterator[None]:
-    """Raise `InterruptedRunError` wherever the program stands when a signal arrives."""
-
-    def interrupt(number: int, _frame: FrameType | None) -> None:
-        raise InterruptedRunError(f"interrupted by {signal.Signals(number).name}")
-
-    with _handlers(interrupt):
+    """Raise `Interruption` wherever the program stands when a signal arrives."""
+    with _handlers(_raise):
         yield
 
 
 @contextmanager
 def note_signals() -> Iterator[SignalNote]:
-    """Note signals instead of raising, for as long as a rig is open."""
+    """Note signals instead of raising, for as long as a rig is open; ask the note again afterwards."""
     note = SignalNote()
     with _handlers(note.take):
         yield note
 
 
+def _raise(number: int, _frame: FrameType | None) -> None:
+    raise Interruption(signal.Signals(number).name)
+
+
 @contextmanager
-def _handlers(handler: object) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in _SIGNALS}  # type: ignore[arg-type]
+def _handlers(handler: _Handler) -> Iterator[None]:
+    before = {number: signal.signal(number, handler) for number in _SIGNALS}
     try:
         yield
     finally:

@@ -76,7 +76,19 @@ def test_a_picture_that_is_none_is_refused(labrig: Labrig, tmp_path: Path) -> No
     """A text file given as a picture exits with 2 and is named."""
     fake = tmp_path / "picture.png"
     fake.write_text("no picture")
-    done = labrig("measure", "curvature", fake, "--px-per-mm", 5, "--origin-px", 10, 10, "--json")
+    done = labrig(
+        "measure",
+        "curvature",
+        fake,
+        "--px-per-mm",
+        5,
+        "--origin-px",
+        10,
+        10,
+        "--insertion",
+        "right",
+        "--json",
+    )
     assert done.exit_code == 2
     assert "picture.png" in done.json()["error"]["message"]
 

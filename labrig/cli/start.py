@@ -1,0 +1,40 @@
+"""The entry point: takes signals and mends missing streams before anything slow is imported."""
+
+import os
+import sys
+
+from labrig.cli.signals import Interruption, ignore_from_now_on, raise_from_now_on
+
+INTERRUPTED = 130
+
+
+def main() -> None:
+    """Run `labrig` with the arguments of the process and leave with the documented exit code."""
+    _replace_closed_streams()
+    try:
+        raise_from_now_on()
+        from labrig.cli.main import run_command
+
+        exit_code = run_command(sys.argv[1:])
+    except Interruption as interruption:
+        sys.stderr.write(f"error: interrupted by {interruption}\n")
+        exit_code = INTERRUPTED
+    ignore_from_now_on()
+    _flush()
+    sys.exit(exit_code)
+
+
+def _replace_closed_streams() -> None:
+    """Give a program started with `>&-` somewhere to write; Python sets such streams to None."""
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the end
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123 - open until the end
+
+
+def _flush() -> None:
+    """Flush what is printed; where the reader has gone, Python would complain of it while it ends."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -1,0 +1,104 @@
+"""Standard streams that are closed, full or without a reader, and signals: never a traceback, never a lost run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labrig.cli.signals import Interruption, note_signals, raise_on_signals
+from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Sweep
+
+LABRIG = f'"{sys.executable}" -m labrig'
+
+
+def _shell(command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
+    """`labrig runs >&-` says nothing and exits with 0."""
+    done = _shell(f"{LABRIG} schema >&-")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_closed_standard_error_does_not_keep_a_run_from_succeeding(tmp_path: Path) -> None:
+    """With standard error closed from the start a sweep succeeds all the same."""
+    settings = " ".join(f"'{word}'" for word in SHORT_SWEEP)
+    done = _shell(f"{LABRIG} run '{SWEEP}' --rig '{RIG}' --runs-dir '{tmp_path}' {settings} --json 2>&-")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["exit_status"] == "success"
+
+
+def test_a_full_standard_output_is_one_line(tmp_path: Path) -> None:
+    """Writing to a full device exits with 3 and says so without a traceback."""
+    done = _shell(f"{LABRIG} schema >/dev/full")
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert "error:" in done.stderr
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    """`labrig schema | true` exits with 0 and complains of nothing."""
+    done = _shell(f"{LABRIG} schema | true; exit ${{PIPESTATUS[0]}}")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_log_that_dies_does_not_end_a_run(tmp_path: Path) -> None:
+    """When nobody reads the progress any more, the needle is still withdrawn and the run succeeds."""
+    command = [
+        sys.executable,
+        "-m",
+        "labrig",
+        "run",
+        str(SWEEP),
+        "--rig",
+        str(RIG),
+        "--runs-dir",
+        str(tmp_path),
+    ]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*command, *SHORT_SWEEP, "--json"], stdout=subprocess.PIPE, stderr=writer, check=False
+    )
+    os.close(writer)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["exit_status"] == "success"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.Signals) -> None:
+    """A signal is no Exception, so that an import guarded against all of them cannot swallow it."""
+
+    def guarded() -> None:
+        try:
+            os.kill(os.getpid(), number)
+        except ValueError:
+            pytest.fail("swallowed")
+
+    assert not issubclass(Interruption, Exception)
+    with raise_on_signals(), pytest.raises(Interruption, match=number.name):
+        guarded()
+
+
+def test_a_signal_is_only_noted_while_a_rig_is_open() -> None:
+    """Between two bus transactions nothing is raised; the note holds the name, and still does afterwards."""
+    with note_signals() as note:
+        assert note() is None
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert note() == "SIGTERM"
+
+
+def test_a_damaged_result_can_be_made_again(sweep: Sweep, tmp_path: Path) -> None:
+    """A result that cannot be read is named, and reanalyze makes the next one."""
+    done = _shell(
+        f"cp -r '{sweep.run}' '{tmp_path}/copy' && echo '{{' > '{tmp_path}/copy/analysis/001/result.json' && "
+        f"{LABRIG} reanalyze '{tmp_path}/copy' --json"
+    )
+    assert done.returncode == 0
+    assert json.loads(done.stdout)[0]["analysis"].endswith("002")
+    assert "note:" in done.stderr

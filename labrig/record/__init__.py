@@ -21,8 +21,9 @@ Decided here:
 - Files of lines and single pictures instead of one container: after SIGKILL each of them opens, and people
   can look at them without labrig. HDF5 and rerun files lost whole streams in the same trial.
 - Each line ends with a CRC-32 of its content, so a flipped bit is refused with file and line. The one thing
-  that is forgiven is a last line without its newline, which is how a cut record ends: it is dropped and
-  reported in `Run.problems`. The manifest carries the same checksum over its content.
+  that is forgiven is a torn last line of a run that was never closed, which is how a killed process ends: it
+  is dropped and reported in `Run.problems`. Whatever else is missing or changed, of a closed run also a last
+  line, is in `Run.damage`. The manifest carries the same checksum over its content.
 - A line is handed to the kernel in one write before the call returns, a picture is complete under its name
   before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
   lines of the last `fsync_period_s` of rig time; see `Recorder`.
@@ -34,7 +35,7 @@ from labrig.record.catalogue import RunSummary, list_runs
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.provenance import collect_provenance
-from labrig.record.reader import Frames, Run, open_run
+from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
 from labrig.record.writer import Recorder
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "encode_document",
     "list_runs",
     "open_run",
+    "read_recorded_picture",
     "require_free_bytes",
     "write_atomically",
 ]

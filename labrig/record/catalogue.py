@@ -6,7 +6,7 @@ from pathlib import Path
 from labrig.errors import InputError, RecordError
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import EVENT_LINES, MANIFEST, inside
-from labrig.record.manifest import read_manifest
+from labrig.record.manifest import is_newer, read_document, read_manifest
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,12 @@ class RunSummary:
     protocol : str
         Which experiment: `steerability`, `camera-calibration`, `import` ...
     exit_status : str
-        `success`, `aborted`, `failed`, `incomplete`; or `damaged`, where the manifest or the events cannot be
-        read.
+        `success`, `aborted`, `failed`, `incomplete`; `newer`, where a newer labrig wrote the run; or `damaged`,
+        where the manifest or the events cannot be read.
     started : str
         When, ISO 8601 in UTC.
     trials_done, trials_planned : int
-        Trials that came to their end, and those that the protocol asks for.
+        Trials that came to their end, and those that the protocol asks for; both None where either is unknown.
     """
 
     run: Path
@@ -64,6 +64,10 @@ def list_runs(runs_dir: Path) -> list[RunSummary]:
 
 def _summary(run: Path) -> RunSummary:
     try:
+        document = read_document(run)
+        if is_newer(document):
+            # Its other members may mean something else by now.
+            return RunSummary(run, _text(document.get("experiment")), "newer", None, None, None)
         return _intact_summary(run, read_manifest(run))
     except RecordError:
         return RunSummary(run, None, "damaged", None, None, None)
@@ -72,13 +76,15 @@ def _summary(run: Path) -> RunSummary:
 def _intact_summary(run: Path, manifest: dict[str, object]) -> RunSummary:
     exit_status = str(manifest.get("exit_status"))
     done = _trials_done(run) if exit_status == "incomplete" else _whole(manifest.get("trials_done"))
+    planned = _whole(manifest.get("trials_planned"))
+    known = done is not None and planned is not None
     return RunSummary(
         run=run,
         protocol=_text(manifest.get("experiment")),
         exit_status=exit_status,
         started=_text(manifest.get("started")),
-        trials_done=done,
-        trials_planned=_whole(manifest.get("trials_planned")),
+        trials_done=done if known else None,
+        trials_planned=planned if known else None,
     )
 
 

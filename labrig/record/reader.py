@@ -1,7 +1,9 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
 import hashlib
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import overload
@@ -18,6 +20,7 @@ from labrig.record.layout import (
     CALIBRATION,
     EVENT_LINES,
     FRAME_LINES,
+    FRAMES,
     PROTOCOL,
     SHA256SUMS,
     STATE_LINES,
@@ -66,9 +69,16 @@ def open_run(path: Path | str) -> "Run":
     manifest = read_manifest(folder)
     lines = _line_files(folder)
     torn = tuple(problem for file in lines.values() for problem in check_lines(file))
-    cut = () if manifest.get("exit_status") == "incomplete" else _changed_since_closing(folder, lines)
-    problems = (*manifest_problems(manifest), *_changed_since_start(folder, manifest), *torn, *cut)
-    return Run(folder, manifest, problems)
+    damage = (
+        *manifest_problems(manifest),
+        *_changed_since_start(folder, manifest),
+        *_missing_pictures(folder, lines[FRAME_LINES]),
+    )
+    if manifest.get("exit_status") == "incomplete":
+        return Run(folder, manifest, damage, torn)
+    # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
+    cut = tuple(replace(problem, hint=_COPY_HINT) for problem in torn)
+    return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, lines)))
 
 
 class Run:
@@ -80,14 +90,24 @@ class Run:
         Its folder.
     manifest : dict
         What manifest.json says.
+    damage : tuple of Problem
+        What is missing or was changed after it had been written. A changed picture is found when it is read.
     problems : tuple of Problem
-        What is missing or was changed; empty for a run that is as it was written.
+        All that a reader should know: the damage, and the torn last lines of a run that was killed, which are
+        forgiven. Empty for a run that is as it was written.
     """
 
-    def __init__(self, path: Path, manifest: dict[str, object], problems: tuple[Problem, ...]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        manifest: dict[str, object],
+        damage: tuple[Problem, ...],
+        torn: tuple[Problem, ...] = (),
+    ) -> None:
         self.path = path
         self.manifest = manifest
-        self.problems = problems
+        self.damage = damage
+        self.problems = (*damage, *torn)
 
     @cached_property
     def protocol(self) -> AnyProtocol:
@@ -245,7 +265,29 @@ class Frames(Sequence[NDArray[np.uint8]]):
         if isinstance(index, slice):
             return Frames(self._run, self._sha256, self._numbers[index])
         number = self._numbers[index]
-        return _read_picture(inside(self._run, picture_file(number)), self._sha256[number])
+        return read_recorded_picture(inside(self._run, picture_file(number)), self._sha256[number])
+
+
+def read_recorded_picture(path: Path, sha256: str) -> NDArray[np.uint8]:
+    """Return a picture of a run, an array (H, W) or (H, W, 3) of uint8, if it is the one that was recorded.
+
+    Parameters
+    ----------
+    sha256 : str
+        What frames.jsonl says of it; compared before anything is decoded.
+
+    Raises
+    ------
+    RecordError
+        When it is missing, or was changed.
+    """
+    content = _read_bytes(path)
+    if _sha256(content) != sha256:
+        raise RecordError(f"{path} is damaged: its SHA-256 does not fit {FRAME_LINES}", _COPY_HINT)
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise RecordError(f"{path} is no picture", _COPY_HINT)
+    return picture.astype(np.uint8, copy=False)
 
 
 def _line_files(run: Path) -> dict[str, Path]:
@@ -263,6 +305,18 @@ def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Proble
     )
 
 
+def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
+    """Name each picture that has a line and no file; a picture stands in its place before its line does."""
+    folder = inside(run, FRAMES)
+    present = set(os.listdir(folder)) if folder.is_dir() else set()
+    listed = map(picture_file, range(len(read_lines(frame_lines))))
+    return tuple(
+        Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT)
+        for name in listed
+        if name.rpartition("/")[2] not in present
+    )
+
+
 def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Problem, ...]:
     """Compare the line files of a closed run with SHA256SUMS; this finds whole lines that were cut off."""
     sums_file = inside(run, SHA256SUMS)
@@ -276,16 +330,6 @@ def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Proble
         for name in _COLUMNS
         if sums.get(name) != present.get(name)
     )
-
-
-def _read_picture(path: Path, sha256: str) -> NDArray[np.uint8]:
-    content = _read_bytes(path)
-    if _sha256(content) != sha256:
-        raise RecordError(f"{path} is damaged: its SHA-256 does not fit frames.jsonl", _COPY_HINT)
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        raise RecordError(f"{path} is no picture", _COPY_HINT)
-    return picture.astype(np.uint8, copy=False)
 
 
 def _read_bytes(path: Path) -> bytes:

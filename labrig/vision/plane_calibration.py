@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.limits import above, below
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.plane import PICTURE_AXES, Insertion, PlaneMap, checked_frame, projected, undistorted
 
@@ -218,12 +219,14 @@ def _paper_reasons(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> 
     coverage = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / (size[0] * size[1])
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the paper's lines cover {coverage:.0%} of the picture, {_LEAST_COVERAGE:.0%} are needed: "
+            f"the paper's lines cover {below(100.0 * coverage, 1)} % of the picture, "
+            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: "
             "use a larger sheet, evenly lit"
         )
     if gross > _LARGEST_GROSS_SHARE:
         reasons.append(
-            f"{gross:.0%} of the crossings fit no plane, the limit is {_LARGEST_GROSS_SHARE:.0%}: "
+            f"{above(100.0 * gross, 1)} % of the crossings fit no plane, "
+            f"the limit is {100.0 * _LARGEST_GROSS_SHARE:.0f} %: "
             "lay the paper flat, and take what is not paper out of the picture"
         )
     return reasons
@@ -239,11 +242,11 @@ def _fit_reasons(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
             "lay the paper flat" if bare.intrinsics else "give the lens's calibration, or lay the paper flat"
         )
         reasons.append(
-            f"the crossings are {rms_mm:.3f} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
+            f"the crossings are {above(rms_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
         )
     if turn_rad > _LARGEST_TURN_RAD:
         reasons.append(
-            f"the lines are turned by {np.rad2deg(turn_rad):.0f} degrees from {bare.insertion!r}, "
+            f"the lines are turned by {above(np.rad2deg(turn_rad), 1)} degrees from {bare.insertion!r}, "
             f"the limit is {np.rad2deg(_LARGEST_TURN_RAD):.0f}: lay the paper along the insertion"
         )
     return reasons

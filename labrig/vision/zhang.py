@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError, PictureError
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.limits import above, below
 from labrig.vision.picture import Picture, as_grey, size_of
 
 _FloatArray = NDArray[np.float64]
@@ -158,8 +159,9 @@ def calibrate_from_pictures(
             missed[index] = ViewResidual(name, None, used=False, reason=f"{refusal.message}: {refusal.hint}")
     if not names:
         raise CalibrationRefusedError(
-            f"no board of {columns} x {rows} inner corners in any of {len(pictures)} pictures",
-            "count inner corners, not squares, and show the whole board with its white margin",
+            f"no board of {columns} x {rows} inner corners was found in any of {len(pictures)} pictures: "
+            "show the whole board, flat and sharp, with its white margin",
+            "count inner corners, not squares",
         )
     found = calibrate_intrinsics([board] * len(names), pixels, size, names)
     rest = iter(found.views)
@@ -391,13 +393,13 @@ def _pose_reasons(views: Sequence[_View], fit: _Fit, size: tuple[int, int]) -> l
     spread = float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
     if spread < _LEAST_TILT_SPREAD_RAD:
         reasons.append(
-            f"the board's tilts differ by {np.rad2deg(spread):.0f} degrees at most, "
+            f"the board's tilts differ by {below(np.rad2deg(spread), 1)} degrees at most, "
             f"{np.rad2deg(_LEAST_TILT_SPREAD_RAD):.0f} are needed: tilt it by 30 to 45 degrees, both ways"
         )
     coverage = _coverage(views, size)
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the boards cover {coverage:.0%} of the picture, {_LEAST_COVERAGE:.0%} are needed: "
+            f"the boards cover {below(100.0 * coverage, 1)} % of the picture, {100.0 * _LEAST_COVERAGE:.0f} % are needed: "
             "photograph the board near the picture's corners, or closer"
         )
     return reasons
@@ -436,15 +438,15 @@ def _number_reasons(found: Intrinsics) -> list[str]:
     for name, focal in (("fx", found.fx), ("fy", found.fy)):
         sigma = found.sigma[name]
         if sigma is None or sigma > _LARGEST_SIGMA_SHARE * focal:
-            known = "is unknown" if sigma is None else f"is {sigma:.2f} px"
+            known = "is unknown" if sigma is None else f"is {above(sigma, 2)} px"
             reasons.append(
                 f"the standard deviation of {name} {known}, "
-                f"the limit is {_LARGEST_SIGMA_SHARE * focal:.2f} px "
+                f"the limit is {below(_LARGEST_SIGMA_SHARE * focal, 2)} px "
                 f"({_LARGEST_SIGMA_SHARE:.1%}): add views that are closer and more tilted"
             )
     holdout = found.holdout_rms_px
     if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
-        known = "cannot be checked" if holdout is None else f"are predicted to {holdout:.2f} px"
+        known = "cannot be checked" if holdout is None else f"are predicted to {above(holdout, 2)} px"
         reasons.append(
             f"views left out of the fit {known}, the limit is {_LARGEST_HOLDOUT_PX:.2f} px: "
             "add sharp views, and check that the board is flat"

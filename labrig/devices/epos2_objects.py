@@ -67,12 +67,24 @@ DEVICE_TYPE = Entry(0x1000, 0, "device type", "I", "ro", 0x00020192)
 ERROR_REGISTER = Entry(0x1001, 0, "error register", "B", "ro")
 ERROR_COUNT = Entry(0x1003, 0, "number of errors", "B", highest=0)
 LAST_ERROR = Entry(0x1003, 1, "error history 1", "I", "ro")
+CONSUMER_HEARTBEAT = Entry(0x1016, 1, "consumer heartbeat", "I")
+PRODUCER_HEARTBEAT = Entry(0x1017, 0, "producer heartbeat time", "H")
 VENDOR_ID = Entry(0x1018, 1, "vendor id", "I", "ro", 0xFB)
 PRODUCT_CODE = Entry(0x1018, 2, "product code", "I", "ro", 0x62200000)
 REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21100000)
 SERIAL_NUMBER = Entry(0x1018, 4, "serial number", "I", "ro")
+CONFIGURATION_DATE = Entry(0x1020, 1, "verify configuration: date", "I")
+CONFIGURATION_TIME = Entry(0x1020, 2, "verify configuration: time", "I")
+RECEIVE_PDO_COB_IDS = tuple(
+    Entry(0x1400 + i, 1, f"COB-ID of receive PDO {i + 1}", "I", default=0x80000000) for i in range(4)
+)
+TRANSMIT_PDO_COB_IDS = tuple(
+    Entry(0x1800 + i, 1, f"COB-ID of transmit PDO {i + 1}", "I", default=0x80000000) for i in range(4)
+)
 SOFTWARE_VERSION = Entry(0x2003, 1, "software version", "H", "ro", 0x2110)
 HARDWARE_VERSION = Entry(0x2003, 2, "hardware version", "H", "ro", 0x6220)
+LIMIT_EXECUTION_MASK = Entry(0x2071, 4, "digital input execution mask", "H", default=0x0008)
+CURRENT_THRESHOLD = Entry(0x2080, 0, "current threshold homing", "H", default=500)
 HOME_POSITION = Entry(0x2081, 0, "home position", "i")
 ENCODER_PULSES = Entry(0x2210, 1, "encoder pulses per turn", "H", default=500)
 CONTROLWORD = Entry(0x6040, 0, "controlword", "H")
@@ -213,6 +225,13 @@ def _entries(value: object) -> Iterator[Entry]:
             yield from _entries(part)
 
 
+HOMING_SPEED_SWITCH = Entry(0x6099, 1, "homing speed for the switch search", "I", default=100, lowest=1)
+HOMING_SPEED_INDEX = Entry(0x6099, 2, "homing speed for the index search", "I", default=10, lowest=1)
+HOMING_ACCELERATION = Entry(0x609A, 0, "homing acceleration", "I", default=1000, lowest=1)
+CONTINUOUS_CURRENT = Entry(0x6410, 1, "continuous current limit", "H", default=5000)
+MAX_CURRENT = Entry(0x6410, 2, "output current limit", "H", default=10000)
+
+_PDOS = (*RECEIVE_PDO_COB_IDS, *TRANSMIT_PDO_COB_IDS)
 NUMBERS: tuple[Entry, ...] = tuple(
     {entry.place: entry for value in tuple(globals().values()) for entry in _entries(value)}.values()
 )

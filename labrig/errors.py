@@ -83,7 +83,10 @@ class FileFormatError(InputError):
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         first = problems[0]
-        lines = [f"{p.where}: {p.message}" + (f" ({p.hint})" if p.hint and p is not first else "") for p in problems]
+        lines = [
+            f"{p.where}: {p.message}" + (f" ({p.hint})" if p.hint and p is not first else "")
+            for p in problems
+        ]
         super().__init__("\n".join(lines), first.hint)
         self.problems = problems
 

@@ -75,12 +75,6 @@ REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21100000)
 SERIAL_NUMBER = Entry(0x1018, 4, "serial number", "I", "ro")
 CONFIGURATION_DATE = Entry(0x1020, 1, "verify configuration: date", "I")
 CONFIGURATION_TIME = Entry(0x1020, 2, "verify configuration: time", "I")
-RECEIVE_PDO_COB_IDS = tuple(
-    Entry(0x1400 + i, 1, f"COB-ID of receive PDO {i + 1}", "I", default=0x80000000) for i in range(4)
-)
-TRANSMIT_PDO_COB_IDS = tuple(
-    Entry(0x1800 + i, 1, f"COB-ID of transmit PDO {i + 1}", "I", default=0x80000000) for i in range(4)
-)
 SOFTWARE_VERSION = Entry(0x2003, 1, "software version", "H", "ro", 0x2110)
 HARDWARE_VERSION = Entry(0x2003, 2, "hardware version", "H", "ro", 0x6220)
 LIMIT_EXECUTION_MASK = Entry(0x2071, 4, "digital input execution mask", "H", default=0x0008)
@@ -116,11 +110,7 @@ STORE = Entry(0x1010, 1, "store all parameters", "I", default=1)
 RESTORE = Entry(0x1011, 1, "restore all default parameters", "I", default=1)
 RESTORE_PDO_IDS = Entry(0x1011, 5, "restore default PDO COB-IDs", "I", default=1)
 EMERGENCY_ID = Entry(0x1014, 0, "COB-ID EMCY", "I", "ro", 0x80)
-HEARTBEAT_CONSUMER_1 = Entry(0x1016, 1, "consumer heartbeat 1", "I")
-HEARTBEAT_CONSUMER_2 = Entry(0x1016, 2, "consumer heartbeat 2", "I")
-HEARTBEAT_PRODUCER = Entry(0x1017, 0, "producer heartbeat time", "H")
-CONFIGURATION_DATE = Entry(0x1020, 1, "verify configuration, date", "I")
-CONFIGURATION_TIME = Entry(0x1020, 2, "verify configuration, time", "I")
+CONSUMER_HEARTBEAT_2 = Entry(0x1016, 2, "consumer heartbeat 2", "I")
 SDO_REQUEST_ID = Entry(0x1200, 1, "COB-ID SDO client to server", "I", "ro", 0x600)
 SDO_RESPONSE_ID = Entry(0x1200, 2, "COB-ID SDO server to client", "I", "ro", 0x580)
 ERROR_HISTORY = (LAST_ERROR, *(Entry(0x1003, n, f"error history {n}", "I", "ro") for n in range(2, 6)))
@@ -129,14 +119,14 @@ ERROR_HISTORY = (LAST_ERROR, *(Entry(0x1003, n, f"error history {n}", "I", "ro")
 PDO_INVALID = 0x80000000
 """The bit of a PDO's COB-ID that switches it off."""
 
-RPDO_COB_IDS = tuple(
+RECEIVE_PDO_COB_IDS = tuple(
     Entry(0x1400 + n, 1, f"RxPDO {n + 1} COB-ID", "I", default=0x200 + 0x100 * n | (PDO_INVALID if n else 0))
     for n in range(4)
 )
 RPDO_TYPES = tuple(
     Entry(0x1400 + n, 2, f"RxPDO {n + 1} transmission type", "B", default=255) for n in range(4)
 )
-TPDO_COB_IDS = tuple(
+TRANSMIT_PDO_COB_IDS = tuple(
     Entry(
         0x1800 + n,
         1,
@@ -186,10 +176,6 @@ INPUTS = tuple(
 INPUT_STATE = Entry(0x2071, 1, "digital inputs, state", "H", "ro")
 INPUT_MASK = Entry(0x2071, 2, "digital inputs, mask", "H", default=0xFFFF)
 INPUT_POLARITY = Entry(0x2071, 3, "digital inputs, polarity", "H")
-INPUT_EXECUTION = Entry(0x2071, 4, "digital inputs, execution mask", "H", default=0x0008)
-"""A limit switch is an error only where its bit is set here; by default it does nothing."""
-
-HOMING_CURRENT = Entry(0x2080, 0, "current threshold of homing", "H", default=500)
 FOLLOWING_ERROR_ACTUAL = Entry(0x20F4, 0, "following error actual", "h", "ro")
 SENSOR_TYPE = Entry(0x2210, 2, "position sensor type", "H", default=1)
 SENSOR_POLARITY = Entry(0x2210, 4, "position sensor polarity", "H", highest=3)
@@ -210,7 +196,6 @@ POSITION_GAINS = tuple(Entry(0x60FB, n, f"position gain {n}", "h") for n in (1, 
 TARGET_VELOCITY = Entry(0x60FF, 0, "target velocity", "i")
 MOTOR_TYPE = Entry(0x6402, 0, "motor type", "H", default=10)
 CONTINUOUS_CURRENT = Entry(0x6410, 1, "continuous current limit", "H", default=5000)
-CURRENT_LIMIT = Entry(0x6410, 2, "output current limit", "H", default=10000)
 POLE_PAIRS = Entry(0x6410, 3, "pole pairs", "B", default=1, lowest=1)
 MAX_MOTOR_SPEED = Entry(0x6410, 4, "maximal motor speed", "I", default=25000, lowest=1)
 THERMAL_TIME = Entry(0x6410, 5, "thermal time constant of the winding", "H", default=40)
@@ -225,13 +210,8 @@ def _entries(value: object) -> Iterator[Entry]:
             yield from _entries(part)
 
 
-HOMING_SPEED_SWITCH = Entry(0x6099, 1, "homing speed for the switch search", "I", default=100, lowest=1)
-HOMING_SPEED_INDEX = Entry(0x6099, 2, "homing speed for the index search", "I", default=10, lowest=1)
-HOMING_ACCELERATION = Entry(0x609A, 0, "homing acceleration", "I", default=1000, lowest=1)
-CONTINUOUS_CURRENT = Entry(0x6410, 1, "continuous current limit", "H", default=5000)
 MAX_CURRENT = Entry(0x6410, 2, "output current limit", "H", default=10000)
 
-_PDOS = (*RECEIVE_PDO_COB_IDS, *TRANSMIT_PDO_COB_IDS)
 NUMBERS: tuple[Entry, ...] = tuple(
     {entry.place: entry for value in tuple(globals().values()) for entry in _entries(value)}.values()
 )

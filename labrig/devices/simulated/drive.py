@@ -191,6 +191,11 @@ class SimulatedDrive:
         """Have another encoder resolution than before, as if somebody had changed the settings."""
         self.node.objects.set_fixed(od.ENCODER_PULSES, pulses)
 
+    def press(self, inputs: int) -> None:
+        """Hold switches closed: the bits of 0x2071:01."""
+        self.forced_inputs |= inputs
+        self.tick()
+
     def unplug(self) -> None:
         """Leave the bus without a word; what moves goes on moving."""
         self.node.leave()

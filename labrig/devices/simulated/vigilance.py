@@ -64,7 +64,8 @@ class Vigilance:
     def tick(self, now_s: float) -> None:
         """Send the beats that are due, and give up a master that has been silent for too long."""
         while self._next_beat_s <= now_s:
-            self._next_beat_s += self._objects.values[od.PRODUCER_HEARTBEAT] / 1000
+            period_s = self._objects.values[od.PRODUCER_HEARTBEAT] / 1000
+            self._next_beat_s = round(self._next_beat_s + period_s, 6)
             if not self.mute:
                 self._answer(0)
         for node, heard_s in tuple(self._heard_s.items()):

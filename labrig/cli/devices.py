@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import typer
 
+from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, rig_file
 from labrig.cli.output import AsJson, print_json, say
 
@@ -36,3 +37,9 @@ def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
         print_json({"done": list(done)})
     for line in done:
         say(line)
+
+
+app.command(
+    "simulate",
+    help="Serve simulated EPOS2 drives on a CAN bus until interrupted, for any CANopen client.",
+)(simulate)

@@ -44,6 +44,7 @@ from labrig.devices.rig_file import (
     rig_schema,
     unknown_entries,
 )
+from labrig.devices.simulated.serving import ServedBus, serve_drives
 from labrig.devices.state import RigState
 from labrig.devices.stop import stop_rig
 
@@ -71,6 +72,7 @@ __all__ = [
     "Rig",
     "RigDescription",
     "RigState",
+    "ServedBus",
     "Setpoint",
     "ShiftToHole",
     "SimulatedClock",
@@ -81,6 +83,7 @@ __all__ = [
     "load_rig",
     "open_rig",
     "rig_schema",
+    "serve_drives",
     "stop_rig",
     "unknown_entries",
 ]

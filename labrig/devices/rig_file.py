@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr
 
+from labrig.devices.fault_script import FaultDescription
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.protocol import Conflict, JsonSchema, Model, Name, load_yaml_model, model_schema
@@ -233,6 +234,10 @@ class RigDescription(Model):
         None, description="What a simulated rig lives in; none on a bench."
     )
 
+    faults: tuple[FaultDescription, ...] = Field(
+        (), description="What is to go wrong on a simulated rig, and when; none on a bench."
+    )
+
     _folder: Path = PrivateAttr(default=Path())
 
     def conflicts(self) -> Iterable[Conflict]:
@@ -244,6 +249,8 @@ class RigDescription(Model):
         for key, chosen in (("can.interface", self.can.interface), ("camera.driver", self.camera.driver)):
             if (chosen == ONLY_SIMULATED) != simulated:
                 yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
+        if self.faults and not simulated:
+            yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
         if not simulated and self.state_file is None:
             yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
         if self.world is not None:

@@ -7,12 +7,89 @@ import canopen
 
 from labrig.devices.bus import CanLink
 
+_BUS_OFF_ID = 0x040
+"""COB-ID of the error frame by which SocketCAN tells of bus off."""
+
 
 class InProcessWire:
-    """What the endpoints of one bus share."""
+    """What the endpoints of one bus share, and what can go wrong on the way between them."""
 
     def __init__(self) -> None:
         self.endpoints: list[InProcessBus] = []
+        self._now_s = 0.0
+        self._losses = self._copies = self._delays = 0
+        self._delay_s = 0.0
+        self._late: list[tuple[float, InProcessBus, can.Message]] = []
+        self._dead = self._unplugged = False
+
+    def lose(self, frames: int) -> None:
+        """Let the next frames vanish."""
+        self._losses += frames
+
+    def duplicate(self, frames: int) -> None:
+        """Let each of the next frames arrive twice."""
+        self._copies += frames
+
+    def delay(self, frames: int, delay_s: float) -> None:
+        """Let the next frames arrive late, and so perhaps behind later ones."""
+        self._delays, self._delay_s = self._delays + frames, delay_s
+
+    def bus_off(self) -> None:
+        """Let nothing pass any more; the adapter tells by an error frame."""
+        self._dead = True
+        frame = can.Message(
+            arbitration_id=_BUS_OFF_ID, is_error_frame=True, is_extended_id=False, data=bytes(8)
+        )
+        for endpoint in tuple(self.endpoints):
+            if endpoint.is_adapter:
+                endpoint.take(frame)
+
+    def unplug(self) -> None:
+        """Pull the adapter: its sends fail, and nothing reaches it."""
+        self._unplugged = True
+
+    def restore(self) -> None:
+        """Mend the bus."""
+        self._dead = self._unplugged = False
+        self._losses = self._copies = self._delays = 0
+
+    def carry(self, sender: "InProcessBus", message: can.Message) -> None:
+        """Take a frame from one endpoint to all others.
+
+        Raises
+        ------
+        can.CanOperationError
+            When the sender is an adapter that has been unplugged.
+        """
+        if self._unplugged and sender.is_adapter:
+            raise can.CanOperationError("the adapter has been unplugged")
+        if self._dead:
+            return
+        if self._losses:
+            self._losses -= 1
+        elif self._delays:
+            self._delays -= 1
+            self._late.append((self._now_s + self._delay_s, sender, message))
+        else:
+            self._deliver(sender, message)
+            if self._copies:
+                self._copies -= 1
+                self._deliver(sender, message)
+
+    def tick(self, now_s: float) -> None:
+        """Deliver the late frames that are due."""
+        self._now_s = now_s
+        if self._late:
+            due = [held for held in self._late if held[0] <= now_s]
+            self._late = [held for held in self._late if held[0] > now_s]
+            for _, sender, message in due:
+                if not self._dead:
+                    self._deliver(sender, message)
+
+    def _deliver(self, sender: "InProcessBus", message: can.Message) -> None:
+        for endpoint in tuple(self.endpoints):
+            if endpoint is not sender and not (self._unplugged and endpoint.is_adapter):
+                endpoint.take(message)
 
 
 class InProcessBus(can.BusABC):
@@ -24,21 +101,24 @@ class InProcessBus(can.BusABC):
         The wire.
     receive : callable
         Takes each frame that another endpoint sends, while that one is sending.
+    is_adapter : bool
+        Whether this is the computer's end, which notices bus off and can be unplugged.
     """
 
     channel_info = "bus inside the process"
 
-    def __init__(self, wire: InProcessWire, receive: Callable[[can.Message], None]) -> None:
+    def __init__(
+        self, wire: InProcessWire, receive: Callable[[can.Message], None], *, is_adapter: bool = False
+    ) -> None:
         super().__init__(channel="in-process")
+        self.is_adapter = is_adapter
+        self.take = receive
         self._wire = wire
-        self._receive = receive
         wire.endpoints.append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - never waits
         """Deliver a frame to every other endpoint."""
-        for endpoint in tuple(self._wire.endpoints):
-            if endpoint is not self:
-                endpoint._receive(msg)  # noqa: SLF001 - an endpoint of the same wire
+        self._wire.carry(self, msg)
 
     def shutdown(self) -> None:
         """Leave the wire."""
@@ -55,5 +135,5 @@ def attach(wire: InProcessWire) -> CanLink:
         if not (message.is_error_frame or message.is_remote_frame):
             network.notify(message.arbitration_id, message.data, 0.0)
 
-    network.bus = InProcessBus(wire, receive)
+    network.bus = InProcessBus(wire, receive, is_adapter=True)
     return CanLink(network, response_timeout_s=0.0)

@@ -3,12 +3,18 @@
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.rig_file import RigDescription, require_complete
+from labrig.devices.rig_file import AxisDescription, RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.camera import SimulatedSource
 from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.units import AxisScale
 from labrig.simulation import World, WorldDescription
+
+_STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
+"""How far beyond the limits of an axis that travels its hard stops and limit switches stand [mm]."""
 
 
 class SimulatedPlant:
@@ -42,12 +48,15 @@ class SimulatedPlant:
                 axis.node_id,
                 self.clock,
                 encoder_pulses=self._scales[name].encoder_pulses_per_turn,
+                mechanics=_mechanics(axis, self._scales[name]),
             )
             for name, axis in rig.axes.items()
         }
         self._positions = (0.0, 0.0, 0.0)
         for drive in self.drives.values():
             self.clock.on_advance(drive.tick)
+        self.faults = FaultScript(self.wire, self.drives, self.clock, rig.faults)
+        self.clock.on_advance(self.faults.tick)
         self.clock.on_advance(self._move_world)
 
     def open_link(self) -> CanLink:
@@ -75,3 +84,17 @@ class SimulatedPlant:
         if (insertion, rotation, linear) != self._positions:
             self._positions = (insertion, rotation, linear)
             self.world.advance(insertion, rotation, linear)
+
+
+def _mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
+    """Return the stops and switches of an axis, whose shaft stands at zero when the rig is new; none if it turns."""
+    if axis.unit == "rad":
+        return Mechanics()
+    low, high = axis.limits
+
+    def shaft(*positions: float) -> list[float]:
+        return sorted(float(scale.to_quadcounts(position)) for position in positions)
+
+    lower_stop, upper_stop = shaft(low - _STOP_BEYOND, high + _STOP_BEYOND)
+    negative, positive = shaft(low - _SWITCH_BEYOND, high + _SWITCH_BEYOND)
+    return Mechanics(lower_stop, upper_stop, negative, positive)

@@ -1,19 +1,31 @@
-"""The serving side of CANopen's SDO protocol (CiA 301): expedited, and segmented reading of longer values."""
+"""The serving side of CANopen's SDO protocol (CiA 301): expedited and segmented; the EPOS2 has no block transfer."""
 
 import struct
 from collections.abc import Callable
 
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<BHBI")
+_LONGEST = 64
+"""No object of an EPOS2 that can be written is longer [bytes]."""
 
 TOGGLE = 0x05030000
 COMMAND_UNKNOWN = 0x05040001
+MEMORY = 0x05040005
 READ_ONLY = 0x06010002
 NO_OBJECT = 0x06020000
+NOT_MAPPABLE = 0x06040041
+PDO_LENGTH = 0x06040042
 LENGTH = 0x06070010
 NO_SUBINDEX = 0x06090011
+OUT_OF_RANGE = 0x06090030
 TOO_HIGH = 0x06090031
 TOO_LOW = 0x06090032
+MAXIMUM_BELOW_MINIMUM = 0x06090036
+GENERAL = 0x08000000
+NOT_STORED = 0x08000020
+WRONG_STATE = 0x08000022
+CAN_ID = 0x0F00FFB9
+NMT_STATE = 0x0F00FFC0
 
 
 class SdoAbortError(Exception):
@@ -38,45 +50,81 @@ class SdoServer:
     def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
         self._read = read
         self._write = write
-        self._rest = b""
+        self._place = (0, 0)
+        self._rest: bytes | None = None
+        self._taken: bytearray | None = None
         self._toggle = 0
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response to a request of eight bytes; None where the client wants none."""
+        """Return the response to a request; None where the client wants none."""
+        if len(request) != 8:
+            return None
         command, index, subindex = _HEAD.unpack_from(request)
+        if command >> 5 not in {0, 3}:
+            self._place, self._rest, self._taken = (index, subindex), None, None
         try:
-            match command >> 5:
-                case 2:
-                    return self._upload(index, subindex)
-                case 1:
-                    return self._download(command, index, subindex, request)
-                case 3:
-                    return self._upload_segment(command)
-                case 4:
-                    return None
-            raise SdoAbortError(COMMAND_UNKNOWN)
+            return self._dispatch(command, request)
         except SdoAbortError as refusal:
-            return _ABORT.pack(0x80, index, subindex, refusal.code)
+            self._rest = self._taken = None
+            return _ABORT.pack(0x80, *self._place, refusal.code)
 
-    def _upload(self, index: int, subindex: int) -> bytes:
-        data = self._read(index, subindex)
+    def _dispatch(self, command: int, request: bytes) -> bytes | None:
+        match command >> 5:
+            case 0:
+                return self._download_segment(command, request)
+            case 1:
+                return self._download(command, request)
+            case 2:
+                return self._upload()
+            case 3:
+                return self._upload_segment(command)
+            case 4:
+                return None
+        raise SdoAbortError(COMMAND_UNKNOWN)
+
+    def _upload(self) -> bytes:
+        data = self._read(*self._place)
         if len(data) <= 4:
-            return _HEAD.pack(0x43 | (4 - len(data)) << 2, index, subindex) + data.ljust(4, b"\0")
+            return _HEAD.pack(0x43 | (4 - len(data)) << 2, *self._place) + data.ljust(4, b"\0")
         self._rest, self._toggle = data, 0
-        return _HEAD.pack(0x41, index, subindex) + struct.pack("<I", len(data))
+        return _HEAD.pack(0x41, *self._place) + struct.pack("<I", len(data))
 
     def _upload_segment(self, command: int) -> bytes:
-        if command & 0x10 != self._toggle:
-            raise SdoAbortError(TOGGLE)
-        segment, self._rest = self._rest[:7], self._rest[7:]
-        answer = self._toggle | (7 - len(segment)) << 1 | (not self._rest)
+        if self._rest is None:
+            raise SdoAbortError(COMMAND_UNKNOWN)
+        self._check_toggle(command)
+        segment, rest = self._rest[:7], self._rest[7:]
+        answer = self._toggle | (7 - len(segment)) << 1 | (not rest)
         self._toggle ^= 0x10
+        self._rest = rest or None
         return bytes([answer]) + segment.ljust(7, b"\0")
 
-    def _download(self, command: int, index: int, subindex: int, request: bytes) -> bytes:
-        if not command & 0x02:
-            # No object of an EPOS2 that labrig knows and may write is longer than four bytes.
+    def _download(self, command: int, request: bytes) -> bytes:
+        if command & 0x02:
+            size = 4 - (command >> 2 & 0x3) if command & 0x01 else self._size()
+            self._write(*self._place, bytes(request[4 : 4 + size]))
+        else:
+            self._taken, self._toggle = bytearray(), 0
+        return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"
+
+    def _size(self) -> int:
+        """Return how long the object is, for a client that did not say how much it sends."""
+        return min(4, len(self._read(*self._place)))
+
+    def _download_segment(self, command: int, request: bytes) -> bytes:
+        if self._taken is None:
             raise SdoAbortError(COMMAND_UNKNOWN)
-        size = 4 - (command >> 2 & 0x3) if command & 0x01 else 4
-        self._write(index, subindex, bytes(request[4 : 4 + size]))
-        return _HEAD.pack(0x60, index, subindex) + b"\0\0\0\0"
+        self._check_toggle(command)
+        self._taken += request[1 : 8 - (command >> 1 & 0x7)]
+        if len(self._taken) > _LONGEST:
+            raise SdoAbortError(MEMORY)
+        answer = bytes([0x20 | self._toggle]) + bytes(7)
+        self._toggle ^= 0x10
+        if command & 0x01:
+            data, self._taken = bytes(self._taken), None
+            self._write(*self._place, data)
+        return answer
+
+    def _check_toggle(self, command: int) -> None:
+        if command & 0x10 != self._toggle:
+            raise SdoAbortError(TOGGLE)

@@ -85,6 +85,25 @@ def moving(t_s: float, position: float, velocity: float, target: float, limits: 
     return _chain(t_s, position, velocity, [(duration, direction * a) for duration, a in phases], target)
 
 
+def running(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
+    """Return the profile that changes to a velocity, `speed` with its sign, and keeps it for ever.
+
+    It ends at infinity; its last segment starts when the velocity is reached.
+    """
+    if speed == 0.0:
+        return braking(t_s, position, velocity, limits.deceleration)
+    if velocity * speed < 0:
+        first = braking(t_s, position, velocity, limits.deceleration)
+        rest = running(first.end_s, first.end_position, 0.0, speed, limits)
+        return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
+    faster = abs(speed) >= abs(velocity)
+    rate = math.copysign(limits.acceleration if faster else limits.deceleration, speed - velocity)
+    ramp = Segment(t_s, (speed - velocity) / rate, position, velocity, rate)
+    start_s = t_s + ramp.duration_s
+    cruise = Segment(start_s, math.inf, ramp.at(start_s)[0], speed, 0.0)
+    return Profile((ramp, cruise), math.inf, math.copysign(math.inf, speed))
+
+
 def _phases(distance: float, velocity: float, limits: Limits) -> list[tuple[float, float]]:
     """Return (duration, acceleration) of speeding up (or down to the limit), cruising and braking."""
     up, down = limits.acceleration, limits.deceleration

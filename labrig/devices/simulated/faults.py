@@ -1,0 +1,98 @@
+"""Carrying out the faults that a rig file or a test scripts."""
+
+from collections.abc import Callable, Iterable, Mapping
+
+from labrig.clock import Clock
+from labrig.devices.fault_script import FaultDescription
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.drive import SimulatedDrive
+
+_NEGATIVE, _POSITIVE = 0x0001, 0x0002
+
+
+class FaultScript:
+    """Lets each fault happen when it is due.
+
+    Parameters
+    ----------
+    wire : InProcessWire
+        The bus.
+    drives : mapping of str to SimulatedDrive
+        The drives by their axes.
+    clock : Clock
+        Rig time; `tick` is to be called whenever it advances.
+    faults : iterable of FaultDescription
+        What is to happen.
+    """
+
+    def __init__(
+        self,
+        wire: InProcessWire,
+        drives: Mapping[str, SimulatedDrive],
+        clock: Clock,
+        faults: Iterable[FaultDescription],
+    ) -> None:
+        self._wire = wire
+        self._drives = drives
+        self._clock = clock
+        self._waiting = list(faults)
+        self.happened: list[tuple[float, FaultDescription]] = []
+        """What has happened, each with its rig time."""
+        self.tick()
+
+    def tick(self) -> None:
+        """Let happen what is due."""
+        if not self._waiting:
+            return
+        due = [fault for fault in self._waiting if self._is_due(fault)]
+        self._waiting = [fault for fault in self._waiting if fault not in due]
+        for fault in due:
+            self.inject(fault)
+
+    def inject(self, fault: FaultDescription) -> None:
+        """Let a fault happen now."""
+        self.happened.append((self._clock.now_s(), fault))
+        if fault.axis is None:
+            self._of_bus(fault)[fault.fault]()
+        else:
+            self._of_drive(fault, self._drives[fault.axis])[fault.fault]()
+
+    def _is_due(self, fault: FaultDescription) -> bool:
+        if self._clock.now_s() < fault.at_s:
+            return False
+        if fault.axis is None or fault.once == "any":
+            return True
+        drive = self._drives[fault.axis]
+        doing = "homing" if drive.is_homing else "moving" if drive.is_moving else "idle"
+        return fault.once == doing
+
+    def _of_bus(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
+        wire = self._wire
+        return {
+            "bus-off": wire.bus_off,
+            "lost-frames": lambda: wire.lose(fault.count),
+            "duplicated-frames": lambda: wire.duplicate(fault.count),
+            "late-frames": lambda: wire.delay(fault.count, fault.delay_s),
+            "unplugged": wire.unplug,
+        }
+
+    def _of_drive(self, fault: FaultDescription, drive: SimulatedDrive) -> dict[str, Callable[[], object]]:
+        return {
+            "silent": drive.mute,
+            "deaf": drive.deafen,
+            "boot-up": drive.restart,
+            "emergency": lambda: drive.fail(fault.code or 0),
+            "sdo-abort": lambda: drive.abort_next(fault.code or 0),
+            "sdo-timeout": lambda: drive.ignore_next(fault.count),
+            "following-error": drive.block,
+            "node-id-clash": lambda: self._clash(drive),
+            "encoder-resolution": lambda: drive.set_encoder(fault.encoder_pulses_per_turn),
+            "emergency-stop": drive.cut_power_stage,
+            "heartbeat-stops": drive.stop_heartbeat,
+            "negative-limit-switch": lambda: drive.press(_NEGATIVE),
+            "positive-limit-switch": lambda: drive.press(_POSITIVE),
+        }
+
+    def _clash(self, drive: SimulatedDrive) -> None:
+        """Put another drive with the same node id on the bus."""
+        SimulatedDrive(self._wire, drive.node_id, self._clock, shaft_quadcounts=drive.shaft_quadcounts)

@@ -1,0 +1,123 @@
+"""Process data of a simulated EPOS2 (CiA 301): what its PDOs carry, and when they are sent and taken."""
+
+from collections.abc import Callable
+
+from labrig.devices import epos2_objects as od
+from labrig.devices.simulated.dictionary import ObjectDictionary, find_entry
+
+_SYNCHRONOUS, _ON_REQUEST = 1, 253
+_NO_REMOTE = 0x40000000
+_WRONG_LENGTH_ERROR = 0x8210
+_WATCH_EVERY_S = 0.001
+
+
+class PdoEngine:
+    """The four receive and four transmit PDOs of a node.
+
+    Parameters
+    ----------
+    objects : ObjectDictionary
+        Holds their COB-IDs, types and maps, and the mapped objects.
+    send : callable
+        Takes (COB-ID, data).
+    fail : callable
+        Takes the error code of a PDO of a wrong length.
+    """
+
+    def __init__(
+        self, objects: ObjectDictionary, send: Callable[[int, bytes], None], fail: Callable[[int], None]
+    ) -> None:
+        self._objects = objects
+        self._send = send
+        self._fail = fail
+        self._waiting: dict[int, bytes] = {}
+        self._sent: dict[int, tuple[bytes, float]] = {}
+        self._receive_ids: dict[int, int] = {}
+        self._request_ids: dict[int, int] = {}
+        self._watched: tuple[int, ...] = ()
+        self.configure()
+
+    def configure(self) -> None:
+        """Take COB-IDs and types from the object dictionary again."""
+        values = self._objects.values
+        self._receive_ids = {
+            values[entry] & 0x7FF: n
+            for n, entry in enumerate(od.RECEIVE_PDO_COB_IDS)
+            if _valid(values[entry])
+        }
+        valid = [n for n, entry in enumerate(od.TRANSMIT_PDO_COB_IDS) if _valid(values[entry])]
+        self._request_ids = {
+            values[od.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF: n
+            for n in valid
+            if not values[od.TRANSMIT_PDO_COB_IDS[n]] & _NO_REMOTE
+        }
+        self._watched = tuple(n for n in valid if values[od.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
+
+    def start(self) -> None:
+        """Begin afresh, as on entering OPERATIONAL: what is sent on change is sent once."""
+        self._waiting.clear()
+        self._sent.clear()
+
+    def listens_to(self, can_id: int) -> bool:
+        """Tell whether a frame is a PDO of ours."""
+        return can_id in self._receive_ids
+
+    def take(self, can_id: int, data: bytes) -> None:
+        """Take a PDO of ours."""
+        n = self._receive_ids[can_id]
+        if len(data) < sum(entry.size for entry in self._mapped(od.RPDO_MAPS[n])):
+            self._fail(_WRONG_LENGTH_ERROR)
+        elif self._objects.values[od.RPDO_TYPES[n]] == _SYNCHRONOUS:
+            self._waiting[n] = data
+        else:
+            self._apply(n, data)
+
+    def request(self, can_id: int) -> None:
+        """Answer a remote frame if it asks for a PDO of ours that may be asked for."""
+        n = self._request_ids.get(can_id)
+        if n is not None:
+            self._transmit(n)
+
+    def sync(self) -> None:
+        """Take what has waited for SYNC, and send what is due at it."""
+        waiting, self._waiting = self._waiting, {}
+        for n, data in waiting.items():
+            self._apply(n, data)
+        for n, entry in enumerate(od.TPDO_TYPES):
+            valid = _valid(self._objects.values[od.TRANSMIT_PDO_COB_IDS[n]])
+            if valid and self._objects.values[entry] == _SYNCHRONOUS:
+                self._transmit(n)
+
+    def send_changes(self, now_s: float) -> None:
+        """Send the PDOs whose content has changed, each not before its inhibit time is over."""
+        for n in self._watched:
+            last, sent_s = self._sent.get(n, (b"", -1e9))
+            inhibit_s = max(_WATCH_EVERY_S, self._objects.values[od.TPDO_INHIBITS[n]] * 1e-4)
+            if now_s - sent_s < inhibit_s and last:
+                continue
+            data = self._content(n)
+            if data != last:
+                self._sent[n] = (data, now_s)
+                self._transmit(n)
+
+    def _transmit(self, n: int) -> None:
+        self._send(self._objects.values[od.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._content(n))
+
+    def _content(self, n: int) -> bytes:
+        return b"".join(entry.pack(self._objects.value(entry)) for entry in self._mapped(od.TPDO_MAPS[n]))
+
+    def _mapped(self, mapping: tuple[od.Entry, ...]) -> list[od.Entry]:
+        values = self._objects.values
+        places = [values[place] for place in mapping[1 : values[mapping[0]] + 1]]
+        found = [find_entry(place >> 16, place >> 8 & 0xFF) for place in places]
+        return [entry for entry in found if entry is not None]
+
+    def _apply(self, n: int, data: bytes) -> None:
+        start = 0
+        for entry in self._mapped(od.RPDO_MAPS[n]):
+            self._objects.put_checked(entry, data[start : start + entry.size])
+            start += entry.size
+
+
+def _valid(cob_id: int) -> bool:
+    return not cob_id & od.PDO_INVALID

@@ -1,0 +1,181 @@
+"""Simulated drives on a bus that other programs use: python-can's interfaces, and our own slcan adapter."""
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+
+from labrig.devices.clocks import SystemClock
+from labrig.devices.simulated.bus import InProcessBus, InProcessWire
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.journal import DriveEvent
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.slcan_adapter import SlcanAdapter
+from labrig.errors import BusError, InputError
+
+_OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
+"""Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
+
+_TICK_S = 0.002
+_BOOT_TIME_S = 0.26
+"""How long a real EPOS2 took from NMT reset to its boot-up frame."""
+
+_BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+
+
+@dataclass(frozen=True)
+class ServedBus:
+    """Which bus simulated drives are to stand on.
+
+    Parameters
+    ----------
+    interface : str
+        Of python-can; slcan makes a pseudo-terminal of its own.
+    channel : str
+        Of the interface; for udp_multicast the group's address.
+    port : int or None
+        For udp_multicast.
+    bitrate : int
+        Of the bus [bit/s].
+    """
+
+    interface: str
+    channel: str = ""
+    port: int | None = None
+    bitrate: int = 1_000_000
+
+    def open(self) -> can.BusABC:
+        """Open it.
+
+        Raises
+        ------
+        InputError
+            For an interface that no other program could join, or that python-can does not know.
+        BusError
+            When it cannot be opened.
+        """
+        if self.interface == "virtual":
+            raise InputError(
+                "the interface virtual ends with the process, nobody could reach the drives",
+                "use udp_multicast or slcan",
+            )
+        if self.bitrate not in _BITRATES:
+            known = ", ".join(map(str, _BITRATES))
+            raise InputError(f"bit rate {self.bitrate} is none of an EPOS2", f"use one of {known}")
+        if self.interface == "slcan":
+            return SlcanAdapter(self.bitrate)
+        if self.interface not in can.VALID_INTERFACES:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            raise InputError(f"python-can knows no interface {self.interface}", f"it knows {known}")
+        options: dict[str, Any] = {} if self.port is None else {"port": self.port}
+        try:
+            return can.Bus(
+                interface=self.interface, channel=self.channel or None, bitrate=self.bitrate, **options
+            )
+        except _OPENING_FAILURES as error:
+            raise BusError(
+                f"CAN interface {self.interface} {self.channel} cannot be opened: {error}",
+                "check --interface and --channel, adapter and driver",
+            ) from error
+
+
+class ServedDrives:
+    """Simulated drives on a bus, in the computer's time.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        The bus; closing it is the caller's.
+    node_ids : iterable of int
+        A drive for each.
+    mechanics : Mechanics
+        What each shaft can run against.
+    """
+
+    def __init__(self, bus: can.BusABC, node_ids: Iterable[int], mechanics: Mechanics | None = None) -> None:
+        self.clock = SystemClock()
+        self.wire = InProcessWire()
+        self._bus = bus
+        self._gate = InProcessBus(self.wire, self._pass_on)
+        self.drives = {
+            node_id: SimulatedDrive(
+                self.wire,
+                node_id,
+                self.clock,
+                mechanics=mechanics or Mechanics(),
+                boot_time_s=_BOOT_TIME_S,
+            )
+            for node_id in node_ids
+        }
+
+    def serve(self, until: Callable[[], object]) -> None:
+        """Let drives and bus exchange frames until `until` says something else than nothing.
+
+        Raises
+        ------
+        BusError
+            When the bus fails.
+        """
+        try:
+            while not until():
+                message = self._bus.recv(timeout=_TICK_S)
+                while message is not None:
+                    self._gate.send(message)
+                    message = self._bus.recv(timeout=0)
+                for drive in self.drives.values():
+                    drive.tick()
+        except (can.CanError, OSError) as error:
+            raise BusError(f"the bus failed: {error}", "start the simulation again") from error
+        finally:
+            for drive in self.drives.values():
+                drive.unplug()
+            self._gate.shutdown()
+
+    def events(self) -> list[tuple[int, DriveEvent]]:
+        """Return what all drives did, with their node ids, in the order of time."""
+        noted = [(node_id, event) for node_id, drive in self.drives.items() for event in drive.journal]
+        return sorted(noted, key=lambda pair: pair[1].t_s)
+
+    def _pass_on(self, message: can.Message) -> None:
+        self._bus.send(message)
+
+
+def serve_drives(
+    served: ServedBus,
+    node_ids: Iterable[int],
+    *,
+    until: Callable[[], object],
+    ready: Callable[[str], None],
+    journal: Path | None = None,
+) -> None:
+    """Serve simulated drives until `until` says something else than nothing.
+
+    Parameters
+    ----------
+    served : ServedBus
+        The bus.
+    node_ids : iterable of int
+        A drive for each.
+    until : callable
+        Asked some hundred times a second.
+    ready : callable
+        Told the channel by which other programs reach the drives, once they do.
+    journal : Path or None
+        Where to write what the drives did, a JSON line an event, at the end.
+
+    Raises
+    ------
+    InputError, BusError
+    """
+    with served.open() as bus:
+        drives = ServedDrives(bus, node_ids)
+        ready(bus.path if isinstance(bus, SlcanAdapter) else served.channel)
+        try:
+            drives.serve(until)
+        finally:
+            if journal is not None:
+                lines = [json.dumps({"node_id": node, **asdict(event)}) for node, event in drives.events()]
+                journal.write_text("".join(line + "\n" for line in lines), encoding="utf-8")

@@ -1,0 +1,130 @@
+"""The motor's shaft of a simulated drive: its profile, what it runs against, and the counter that counts it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from labrig.devices.simulated.trapezoid import Limits, Profile, at_rest, braking, moving, running
+
+_HALVINGS = 40
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """What the shaft can run against, in quadcounts of the shaft; None for what is not there.
+
+    Parameters
+    ----------
+    lower_stop, upper_stop : float or None
+        Hard stops.
+    negative_switch, positive_switch : float or None
+        Limit switches: active at or below the one, at or above the other.
+    home_switch : float or None
+        Active at or above this.
+    """
+
+    lower_stop: float | None = None
+    upper_stop: float | None = None
+    negative_switch: float | None = None
+    positive_switch: float | None = None
+    home_switch: float | None = None
+
+
+class Shaft:
+    """Where the shaft is asked to be, where it is, and what its counter says.
+
+    Parameters
+    ----------
+    mechanics : Mechanics
+        What it can run against.
+    now_s, position : float
+        Where it stands; the counter starts at zero whatever this is.
+    """
+
+    def __init__(self, mechanics: Mechanics, now_s: float, position: float) -> None:
+        self.mechanics = mechanics
+        self.zero = position
+        self.profile: Profile = at_rest(now_s, 0.0)
+        self.demand = self.actual = self.velocity = 0.0
+        self.ticked_s = now_s
+        self._jam: float | None = None
+
+    @property
+    def position(self) -> float:
+        """Where the shaft stands, whatever the counter has been set to [quadcounts]."""
+        return self.actual + self.zero
+
+    @property
+    def stuck(self) -> bool:
+        """Whether something keeps the shaft from where it is asked to be."""
+        return self.demand != self.actual
+
+    def jam(self) -> None:
+        """Block the shaft where it stands."""
+        self._jam = self.position
+
+    def free(self) -> None:
+        """Take the blockage away."""
+        self._jam = None
+
+    def at_rest(self, now_s: float) -> bool:
+        """Tell whether the profile has ended."""
+        return now_s >= self.profile.end_s
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """Return (demanded, actual) counter at a time within the present profile."""
+        demand = self.profile.at(t_s)[0]
+        return demand, self._held(demand)
+
+    def tick(self, now_s: float) -> None:
+        """Go to where the profile is by now."""
+        self.demand, self.velocity = self.profile.at(now_s)
+        self.actual = self._held(self.demand)
+        self.ticked_s = now_s
+
+    def _held(self, counter: float) -> float:
+        if self._jam is not None:
+            return self._jam - self.zero
+        low, high = self.mechanics.lower_stop, self.mechanics.upper_stop
+        if low is not None and counter < low - self.zero:
+            return low - self.zero
+        if high is not None and counter > high - self.zero:
+            return high - self.zero
+        return counter
+
+    def first_time(self, is_past: Callable[[float, float], bool], now_s: float) -> float:
+        """Return the instant since the last tick at which (demand, actual) got past something."""
+        before_s, after_s = self.ticked_s, now_s
+        for _ in range(_HALVINGS):
+            middle_s = (before_s + after_s) / 2
+            if is_past(*self.at(middle_s)):
+                after_s = middle_s
+            else:
+                before_s = middle_s
+        return after_s
+
+    def go(self, t_s: float, target: float, limits: Limits) -> None:
+        """Start a profile to a target."""
+        position, velocity = self.profile.at(t_s)
+        self.profile = moving(t_s, position, velocity, target, limits)
+
+    def run(self, t_s: float, speed: float, limits: Limits) -> None:
+        """Start a profile to a velocity."""
+        position, velocity = self.profile.at(t_s)
+        self.profile = running(t_s, position, velocity, speed, limits)
+
+    def brake(self, t_s: float, deceleration: float) -> None:
+        """Come to rest."""
+        position, velocity = self.profile.at(t_s)
+        self.profile = braking(t_s, position, velocity, deceleration)
+
+    def hold(self, t_s: float) -> None:
+        """Stand still where the shaft is: power has come or gone, and friction holds it."""
+        actual = self.at(t_s)[1]
+        self.profile = at_rest(t_s, actual)
+        self.tick(max(t_s, self.ticked_s))
+
+    def count_from(self, t_s: float, counter: float) -> None:
+        """Set the counter where the shaft stands."""
+        self.zero = self.position - counter
+        self.profile = at_rest(t_s, counter)
+        self.tick(max(t_s, self.ticked_s))

@@ -1,0 +1,124 @@
+"""Faults that a rig file scripts: read, refused where they make no sense, and carried out when they are due."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import RigDescription, load_rig
+from labrig.devices import epos2_objects as od
+from labrig.devices.fault_script import FaultDescription
+from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.errors import FileFormatError
+from tests.devices.rigs import rig_text, simulated_rig
+
+
+def _plant(*faults: FaultDescription) -> SimulatedPlant:
+    description: RigDescription = simulated_rig().model_copy(update={"faults": faults})
+    assert description.world is not None
+    return SimulatedPlant(description, description.world, seed=1)
+
+
+def _move(plant: SimulatedPlant) -> None:
+    """Set the insertion moving, behind everybody's back."""
+    objects = plant.drives["insertion"].node.objects
+    objects.put(od.TARGET_POSITION, 100_000)
+    for word in (0x06, 0x0F, 0x3F):
+        objects.put(od.CONTROLWORD, word)
+
+
+def test_a_rig_file_scripts_faults(tmp_path: Path) -> None:
+    """A section faults is read with its defaults."""
+    path = tmp_path / "rig.yaml"
+    script = "faults:\n  - {fault: boot-up, axis: linear, at_s: 2, once: moving}\n\ncan:"
+    path.write_text(rig_text({"\ncan:": "\n" + script}), encoding="utf-8")
+    (fault,) = load_rig(path).faults
+    assert (fault.fault, fault.axis, fault.at_s, fault.once) == ("boot-up", "linear", 2.0, "moving")
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("{fault: silent}", "needs an axis"),
+        ("{fault: bus-off, axis: linear}", "has no axis"),
+        ("{fault: emergency, axis: linear}", "needs a code"),
+        ("{fault: boot-up, axis: linear, code: 1}", "has no code"),
+        ("{fault: unplugged, once: moving}", "waits for no axis"),
+        ("{fault: gremlins}", "faults"),
+    ],
+)
+def test_a_script_that_makes_no_sense_is_refused(tmp_path: Path, script: str, words: str) -> None:
+    """Each fault says what it needs, with its place in the file."""
+    path = tmp_path / "rig.yaml"
+    path.write_text(rig_text({"\ncan:": f"\nfaults:\n  - {script}\n\ncan:"}), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=words):
+        load_rig(path)
+
+
+def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
+    """Not before `at_s`, and then not before the axis moves; the drive's own journal has the instant."""
+    plant = _plant(FaultDescription(fault="boot-up", axis="insertion", at_s=1.0, once="moving"))
+    plant.clock.sleep(2.0)
+    assert plant.faults.happened == []
+    _move(plant)
+    plant.clock.sleep(0.1)
+    ((happened_s, _),) = plant.faults.happened
+    boot = plant.drives["insertion"].journal.last("boot")
+    still = plant.drives["insertion"].journal.last("still")
+    assert boot is not None
+    assert still is not None
+    assert boot.t_s == still.t_s == happened_s == 2.1
+    plant.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (FaultDescription(fault="emergency", axis="insertion", code=0x4210), 0x4210),
+        (FaultDescription(fault="following-error", axis="insertion"), 0x8611),
+        (FaultDescription(fault="emergency-stop", axis="insertion"), 0x3220),
+        (FaultDescription(fault="positive-limit-switch", axis="insertion"), 0xFF07),
+        (FaultDescription(fault="negative-limit-switch", axis="insertion"), 0xFF06),
+    ],
+)
+def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
+    """The axis stands still within half a second of the fault, and the error history names it."""
+    plant = _plant()
+    drive = plant.drives["insertion"]
+    drive.node.objects.put(od.LIMIT_EXECUTION_MASK, 3)
+    _move(plant)
+    plant.clock.sleep(1.0)
+    plant.faults.inject(fault)
+    plant.clock.sleep(1.0)
+    assert drive.node.objects.value(od.LAST_ERROR) == code
+    still = drive.journal.last("still")
+    assert still is not None
+    assert 1.0 <= still.t_s <= 1.5
+    plant.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "answers"),
+    [
+        (FaultDescription(fault="silent", axis="insertion"), []),
+        (FaultDescription(fault="deaf", axis="insertion"), []),
+        (FaultDescription(fault="sdo-timeout", axis="insertion"), []),
+        (FaultDescription(fault="sdo-abort", axis="insertion", code=0x08000000), [0x80]),
+        (FaultDescription(fault="node-id-clash", axis="insertion"), [0x4B, 0x4B]),
+        (FaultDescription(fault="lost-frames", count=2), []),
+        (FaultDescription(fault="bus-off"), []),
+        (FaultDescription(fault="duplicated-frames", count=1), [0x4B, 0x4B]),
+        (FaultDescription(fault="heartbeat-stops", axis="insertion"), [0x4B]),
+        (FaultDescription(fault="encoder-resolution", axis="insertion"), [0x4B]),
+    ],
+)
+def test_what_a_client_hears_after_a_fault(fault: FaultDescription, answers: list[int]) -> None:
+    """The command bytes of the answers to one SDO request: none, one, two, or an abort."""
+    plant = _plant()
+    link = plant.open_link()
+    heard: list[int] = []
+    link.network.subscribe(0x581, lambda _can_id, data, _t: heard.append(data[0]))
+    plant.faults.inject(fault)
+    link.network.send_message(0x601, b"\x40\x41\x60\0\0\0\0\0")
+    assert heard == answers
+    plant.faults.inject(FaultDescription(fault="unplugged"))
+    plant.close()

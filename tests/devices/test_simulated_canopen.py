@@ -1,0 +1,313 @@
+"""The CANopen side of the simulated drive: NMT, heartbeat, guarding, PDO, EMCY, storing, and the codes of refusals."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import can
+import pytest
+
+from labrig.devices import SimulatedClock
+from labrig.devices import epos2_objects as od
+from labrig.devices.simulated.bus import InProcessBus, InProcessWire
+from labrig.devices.simulated.drive import SimulatedDrive
+
+NODE = 5
+
+
+@dataclass
+class Bench:
+    """One drive, a clock, and everything that was on the bus."""
+
+    clock: SimulatedClock
+    wire: InProcessWire
+    drive: SimulatedDrive
+    bus: InProcessBus
+    heard: list[can.Message] = field(default_factory=list)
+
+    def send(self, can_id: int, data: bytes = b"", *, remote: bool = False) -> None:
+        """Send a frame."""
+        frame = can.Message(
+            arbitration_id=can_id,
+            data=None if remote else data,
+            is_remote_frame=remote,
+            is_extended_id=False,
+            dlc=len(data),
+        )
+        self.bus.send(frame)
+
+    def nmt(self, command: int) -> None:
+        """Send an NMT command."""
+        self.send(0x000, bytes([command, NODE]))
+
+    def frames(self, can_id: int) -> list[bytes]:
+        """Return and forget what was heard under an id."""
+        found = [bytes(message.data) for message in self.heard if message.arbitration_id == can_id]
+        self.heard[:] = [message for message in self.heard if message.arbitration_id != can_id]
+        return found
+
+    def write(self, entry: od.Entry, value: int) -> int:
+        """Write an object; return 0 or the abort code."""
+        data = entry.pack(value)
+        head = bytes([0x23 | (4 - len(data)) << 2]) + entry.index.to_bytes(2, "little")
+        self.send(0x600 + NODE, head + bytes([entry.subindex]) + data.ljust(4, b"\0"))
+        (answer,) = self.frames(0x580 + NODE)
+        return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
+
+    def read(self, entry: od.Entry) -> int:
+        """Read an object."""
+        head = b"\x40" + entry.index.to_bytes(2, "little") + bytes([entry.subindex])
+        self.send(0x600 + NODE, head + bytes(4))
+        (answer,) = self.frames(0x580 + NODE)
+        assert answer[0] != 0x80
+        return entry.unpack(answer[4:])
+
+
+@pytest.fixture(name="bench")
+def _bench() -> Iterator[Bench]:
+    clock, wire = SimulatedClock(), InProcessWire()
+    heard: list[can.Message] = []
+    bus = InProcessBus(wire, heard.append)
+    drive = SimulatedDrive(wire, NODE, clock)
+    clock.on_advance(drive.tick)
+    yield Bench(clock, wire, drive, bus, heard)
+    drive.unplug()
+    bus.shutdown()
+
+
+def test_the_heartbeat_tells_the_nmt_state_at_its_period(bench: Bench) -> None:
+    """Pre-operational, operational and stopped show as 127, 5 and 4."""
+    bench.frames(0x705)
+    bench.write(od.PRODUCER_HEARTBEAT, 100)
+    for command, state in ((0x80, 127), (0x01, 5), (0x02, 4)):
+        bench.nmt(command)
+        bench.frames(0x705)
+        for _ in range(50):
+            bench.clock.sleep(0.01)
+        assert bench.frames(0x705) == [bytes([state])] * 5
+
+
+def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Bench) -> None:
+    """0x8130 comes 500 ms after the last beat; nothing is watched before the first one."""
+    bench.write(od.CONSUMER_HEARTBEAT, 127 << 16 | 500)
+    bench.clock.sleep(2.0)
+    assert bench.frames(0x085) == []
+    for _ in range(10):
+        bench.send(0x77F, b"\x05")
+        bench.clock.sleep(0.4)
+    assert bench.frames(0x085) == []
+    bench.clock.sleep(0.2)
+    assert bench.frames(0x085) == [b"\x30\x81\x11\0\0\0\0\0"]
+    emergency = bench.drive.journal.last("emergency")
+    assert emergency is not None
+    assert emergency.t_s == pytest.approx(bench.clock.now_s() - 0.1)
+    bench.write(od.CONTROLWORD, 0x80)
+    assert bench.frames(0x085) == [bytes(8)]
+
+
+def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
+    """The state with the toggle bit; silence where heartbeats are produced; the master's silence is an error."""
+    bench.frames(0x705)
+    for _ in range(3):
+        bench.send(0x705, b"\0", remote=True)
+    assert bench.frames(0x705) == [b"\x7f", b"\xff", b"\x7f"]
+    bench.write(od.GUARD_TIME, 100)
+    bench.write(od.LIFE_TIME_FACTOR, 3)
+    bench.clock.sleep(0.4)
+    assert bench.frames(0x085) == [b"\x30\x81\x11\0\0\0\0\0"]
+    bench.write(od.PRODUCER_HEARTBEAT, 1000)
+    bench.frames(0x705)
+    bench.send(0x705, b"\0", remote=True)
+    assert bench.frames(0x705) == []
+
+
+def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> None:
+    """TxPDO 1 carries the statusword on change; in PRE-OPERATIONAL there are no PDOs, and RxPDO 1 is deaf."""
+    bench.send(0x205, b"\x06\0")
+    assert bench.frames(0x185) == []
+    bench.nmt(0x01)
+    bench.clock.sleep(0.01)
+    assert bench.frames(0x185) == [b"\x40\x07"]
+    bench.send(0x205, b"\x06\0")
+    bench.clock.sleep(0.01)
+    assert bench.frames(0x185) == [b"\x21\x07"]
+    bench.clock.sleep(1.0)
+    assert bench.frames(0x185) == []
+
+
+def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
+    """Position and following error in one PDO: on SYNC with type 1, on a remote frame with type 253."""
+    mapping = od.TPDO_MAPS[2]
+    for entry, value in (
+        (mapping[0], 0),
+        (mapping[1], 0x60640020),
+        (mapping[2], 0x20F40010),
+        (mapping[0], 2),
+        (od.TPDO_TYPES[2], 1),
+        (od.TRANSMIT_PDO_COB_IDS[2], 0x385),
+    ):
+        assert bench.write(entry, value) == 0
+    bench.nmt(0x01)
+    bench.send(0x080)
+    assert bench.frames(0x385) == [bytes(6)]
+    bench.write(od.TPDO_TYPES[2], 253)
+    bench.send(0x080)
+    assert bench.frames(0x385) == []
+    bench.send(0x385, bytes(6), remote=True)
+    assert bench.frames(0x385) == [bytes(6)]
+
+
+def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
+    """Type 1 takes effect at the next SYNC; one that is too short is an emergency."""
+    bench.write(od.RPDO_TYPES[0], 1)
+    bench.nmt(0x01)
+    bench.send(0x205, b"\x06\0")
+    assert bench.read(od.CONTROLWORD) == 0
+    bench.send(0x080)
+    assert bench.read(od.CONTROLWORD) == 6
+    bench.send(0x205, b"\x06")
+    assert bench.frames(0x085)[0][:2] == b"\x10\x82"
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "code"),
+    [
+        (od.TPDO_MAPS[0][1], 0x60640020, 0x08000022),  # the map is in use
+        (od.TPDO_TYPES[0], 17, 0x06090030),
+        (od.TRANSMIT_PDO_COB_IDS[0], 0x605, 0x0F00FFB9),
+        (od.STORE, 1, 0x08000020),
+        (od.HOMING_METHOD, 3, 0x06090030),
+        (od.MODE, 0, 0x06090030),
+        (od.LOWER_LIMIT, 2**31 - 1, 0),
+        (od.MAX_PROFILE_VELOCITY, 25_001, 0x06090031),
+        (od.ERROR_COUNT, 1, 0x06090031),
+        (od.FOLLOWING_ERROR_ACTUAL, 1, 0x06010002),
+    ],
+)
+def test_refusals_carry_maxons_codes(bench: Bench, entry: od.Entry, value: int, code: int) -> None:
+    """Each write that a drive would not take is aborted with the code for its reason."""
+    assert bench.write(entry, value) == code
+
+
+def test_mapping_has_rules(bench: Bench) -> None:
+    """Unmappable objects, wrong lengths, too much for a frame, and mapping outside PRE-OPERATIONAL are refused."""
+    mapping = od.TPDO_MAPS[0]
+    assert bench.write(mapping[0], 0) == 0
+    assert bench.write(mapping[1], 0x10180120) == 0x06040041
+    assert bench.write(mapping[1], 0x60640010) == 0x06040041
+    for place in (1, 2, 3):
+        assert bench.write(mapping[place], 0x60640020) == 0
+    assert bench.write(mapping[0], 3) == 0x06040042
+    bench.nmt(0x01)
+    assert bench.write(mapping[0], 2) == 0x0F00FFC0
+    bench.write(od.UPPER_LIMIT, 10)
+    assert bench.write(od.LOWER_LIMIT, 11) == 0x06090036
+
+
+def test_what_is_saved_survives_power_and_what_is_not_does_not(bench: Bench) -> None:
+    """0x1010 keeps settings across a reset, 0x1011 gives the defaults back; reset communication keeps the motion's."""
+    bench.write(od.PROFILE_ACCELERATION, 77)
+    bench.nmt(0x82)
+    assert bench.read(od.PROFILE_ACCELERATION) == 77
+    bench.write(od.STORE, 0x65766173)
+    bench.write(od.PROFILE_DECELERATION, 88)
+    bench.nmt(0x81)
+    assert (bench.read(od.PROFILE_ACCELERATION), bench.read(od.PROFILE_DECELERATION)) == (77, 10000)
+    bench.write(od.RESTORE, 0x64616F6C)
+    bench.nmt(0x81)
+    assert bench.read(od.PROFILE_ACCELERATION) == 10000
+    bench.write(od.TRANSMIT_PDO_COB_IDS[0], 0x181)
+    bench.write(od.RESTORE_PDO_IDS, 0x64616F6C)
+    assert bench.read(od.TRANSMIT_PDO_COB_IDS[0]) == 0x40000185
+
+
+def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) -> None:
+    """0x1020 falls to zero when a parameter changes, and stays when the same value or process data is written."""
+    bench.write(od.CONFIGURATION_DATE, 7)
+    bench.write(od.CONFIGURATION_TIME, 9)
+    bench.write(od.TARGET_POSITION, 100)
+    bench.write(od.PROFILE_ACCELERATION, 10000)
+    assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (7, 9)
+    bench.write(od.PROFILE_ACCELERATION, 10001)
+    assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (0, 0)
+
+
+def test_error_history_is_newest_first_and_can_be_cleared(bench: Bench) -> None:
+    """0x1003 holds what happened; writing zero to its count empties it."""
+    for code in (0x2310, 0x3210):
+        bench.drive.fail(code)
+    assert [bench.read(entry) for entry in od.ERROR_HISTORY[:3]] == [0x3210, 0x2310, 0]
+    assert bench.read(od.ERROR_COUNT) == 2
+    bench.write(od.ERROR_COUNT, 0)
+    assert bench.read(od.LAST_ERROR) == 0
+
+
+def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Bench) -> None:
+    """After CAN passive a fault reset does nothing until NMT reset communication."""
+    bench.drive.fail(0x8120)
+    bench.write(od.CONTROLWORD, 0x80)
+    assert bench.read(od.STATUSWORD) & 0x4F == 0x08
+    bench.write(od.CONTROLWORD, 0)
+    bench.nmt(0x82)
+    bench.write(od.CONTROLWORD, 0x80)
+    assert bench.read(od.STATUSWORD) & 0x4F == 0x40
+
+
+def test_a_stopped_node_tells_no_emergency(bench: Bench) -> None:
+    """In NMT STOPPED there is no EMCY; the error stands in the history."""
+    bench.nmt(0x02)
+    bench.drive.fail(0x2310)
+    assert bench.frames(0x085) == []
+    bench.nmt(0x80)
+    assert bench.read(od.LAST_ERROR) == 0x2310
+
+
+def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
+    """Clients that send four bytes in segments, or do not say how many bytes they send, are served."""
+    bench.send(0x605, b"\x21\x83\x60\0\x04\0\0\0")
+    bench.send(0x605, b"\x07\x05\0\0\0\0\0\0")
+    assert [answer[0] for answer in bench.frames(0x585)] == [0x60, 0x20]
+    assert bench.read(od.PROFILE_ACCELERATION) == 5
+    bench.send(0x605, b"\x22\x98\x60\0\x23\0\0\0")
+    assert bench.frames(0x585)[0][0] == 0x60
+    assert bench.read(od.HOMING_METHOD) == 35
+    bench.send(0x605, b"\x17\0\0\0\0\0\0\0")
+    assert bench.frames(0x585)[0][0] == 0x80
+
+
+def test_the_wire_loses_doubles_and_delays(bench: Bench) -> None:
+    """Faults of the bus: a lost frame, a duplicated one, one that comes behind a later one, and none at all."""
+    ask = b"\x40\x41\x60\0\0\0\0\0"
+    bench.wire.lose(1)
+    bench.send(0x605, ask)
+    assert bench.frames(0x585) == []
+    bench.wire.duplicate(1)
+    bench.send(0x605, ask)
+    assert len(bench.frames(0x585)) == 2
+    bench.wire.delay(1, 0.05)
+    bench.send(0x605, ask)
+    assert bench.frames(0x585) == []
+    bench.clock.sleep(0.06)
+    assert len(bench.frames(0x585)) == 1
+    bench.wire.bus_off()
+    bench.send(0x605, ask)
+    assert bench.frames(0x585) == []
+    bench.wire.restore()
+    bench.send(0x605, ask)
+    assert len(bench.frames(0x585)) == 1
+
+
+def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
+    """A reset takes its time; the boot-up frame comes at its end, and nothing before."""
+    clock, wire = SimulatedClock(), InProcessWire()
+    heard: list[int] = []
+    bus = InProcessBus(wire, lambda message: heard.append(message.arbitration_id))
+    drive = SimulatedDrive(wire, NODE, clock, boot_time_s=0.26)
+    clock.on_advance(drive.tick)
+    heard.clear()
+    drive.restart()
+    clock.sleep(0.25)
+    assert heard == []
+    clock.sleep(0.02)
+    assert heard == [0x705]
+    drive.unplug()
+    bus.shutdown()

@@ -1,0 +1,273 @@
+"""How the simulated drive moves: profile velocity, homing, limits, switches, following error, and what stops it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.devices import SimulatedClock
+from labrig.devices import epos2_objects as od
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.homing import METHODS
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.trapezoid import Limits, running
+
+COUNTS_PER_RPM = 2000 / 60
+MECHANICS = Mechanics(
+    lower_stop=-10_300.0,
+    upper_stop=10_300.0,
+    negative_switch=-9_100.0,
+    positive_switch=9_100.0,
+    home_switch=4_500.0,
+)
+
+
+class Bench:
+    """A drive whose objects are written directly, and its clock."""
+
+    def __init__(self, mechanics: Mechanics) -> None:
+        self.clock = SimulatedClock()
+        self.drive = SimulatedDrive(InProcessWire(), 1, self.clock, mechanics=mechanics)
+        self.clock.on_advance(self.drive.tick)
+        for word in (0x06, 0x0F):
+            self.write(od.CONTROLWORD, word)
+
+    def write(self, entry: od.Entry, value: int) -> None:
+        """Write an object as a client does."""
+        self.drive.tick()
+        self.drive.node.objects.write(entry.index, entry.subindex, entry.pack(value))
+
+    def read(self, entry: od.Entry) -> int:
+        """Read an object as a client does."""
+        self.drive.tick()
+        return entry.unpack(self.drive.node.objects.read(entry.index, entry.subindex))
+
+    def word(self) -> int:
+        """Read the statusword."""
+        return self.read(od.STATUSWORD)
+
+    def go(self, target: int) -> None:
+        """Start a move."""
+        self.write(od.TARGET_POSITION, target)
+        self.write(od.CONTROLWORD, 0x3F)
+        self.write(od.CONTROLWORD, 0x0F)
+
+    def home(self, method: int) -> None:
+        """Start homing."""
+        self.write(od.MODE, 6)
+        self.write(od.HOMING_METHOD, method)
+        self.write(od.CONTROLWORD, 0x0F)
+        self.write(od.CONTROLWORD, 0x1F)
+
+
+@contextmanager
+def bench(mechanics: Mechanics = MECHANICS) -> Iterator[Bench]:
+    """Set up an enabled drive."""
+    made = Bench(mechanics)
+    yield made
+    made.drive.unplug()
+
+
+def test_profile_velocity_runs_until_it_is_halted() -> None:
+    """The target velocity is attained by the profile's acceleration; Halt brakes, releasing it runs on."""
+    with bench(Mechanics()) as b:
+        b.write(od.MODE, 3)
+        b.write(od.TARGET_VELOCITY, 600)
+        b.clock.sleep(0.01)
+        assert b.word() & 0x1400 == 0
+        b.clock.sleep(1.0)
+        assert b.drive.speed_quadcounts_s == pytest.approx(600 * COUNTS_PER_RPM)
+        assert b.read(od.VELOCITY_ACTUAL) == 600
+        assert b.word() & 0x1400 == 0x0400
+        b.write(od.CONTROLWORD, 0x10F)
+        b.clock.sleep(1.0)
+        assert b.drive.speed_quadcounts_s == 0
+        assert b.word() & 0x1400 == 0x1400
+
+
+@pytest.mark.parametrize(
+    ("method", "home"),
+    [
+        (-1, 10_000.0),
+        (-2, -10_000.0),
+        (-3, 10_300.0),
+        (-4, -10_300.0),
+        (1, -8_000.0),
+        (2, 8_000.0),
+        (17, -9_100.0),
+        (18, 9_100.0),
+        (7, 4_000.0),
+        (11, 6_000.0),
+        (23, 4_500.0),
+        (27, 4_500.0),
+        (33, -2_000.0),
+        (34, 2_000.0),
+        (35, 0.0),
+    ],
+)
+def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
+    """Signs are maxon's: -1 and -3 go forward, -2 and -4 backward; the index is the next one behind the end."""
+    with bench() as b:
+        b.write(od.HOME_POSITION, 50)
+        b.home(method)
+        b.clock.sleep(60.0)
+        assert b.word() & 0xB400 == 0x9400
+        assert b.drive.shaft_quadcounts == pytest.approx(home, abs=1e-6)
+        assert b.read(od.POSITION_ACTUAL) == 50
+
+
+def test_every_method_of_the_table_is_tried() -> None:
+    """The test above leaves out only method 0, which homes nowhere."""
+    assert len(METHODS) == 16
+
+
+def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
+    """Bit 12 belongs to the present homing; Halt brakes, and homing does not go on when it is released."""
+    with bench() as b:
+        b.home(35)
+        assert b.word() & 0x1000
+        b.home(-4)
+        assert not b.word() & 0x1000
+        b.clock.sleep(1.0)
+        b.write(od.CONTROLWORD, 0x11F)
+        b.clock.sleep(2.0)
+        before = b.drive.shaft_quadcounts
+        b.write(od.CONTROLWORD, 0x0F)
+        b.clock.sleep(2.0)
+        assert b.drive.shaft_quadcounts == before
+        assert not b.word() & 0x1000
+        last = b.drive.journal.last("homing")
+        assert last is not None
+        assert last.text == "stopped"
+
+
+def test_homing_without_a_stop_goes_on_for_ever() -> None:
+    """Where nothing ends it, only who waits can."""
+    with bench(Mechanics()) as b:
+        b.home(-3)
+        b.clock.sleep(100.0)
+        assert b.drive.is_homing
+        assert not b.word() & 0x1400
+
+
+def test_a_blocked_shaft_becomes_a_following_error() -> None:
+    """0x8611 at the instant at which the shaft lags by more than 0x6065; the shaft has not moved."""
+    with bench(Mechanics()) as b:
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.drive.block()
+        before = b.drive.shaft_quadcounts
+        b.clock.sleep(1.0)
+        assert b.word() & 0x6F == 0x08
+        assert b.read(od.LAST_ERROR) == 0x8611
+        assert b.drive.shaft_quadcounts == before
+        emergency = b.drive.journal.last("emergency")
+        assert emergency is not None
+        assert emergency.t_s == pytest.approx(0.5 + 2000 / (1000 * COUNTS_PER_RPM), abs=1e-4)
+
+
+def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
+    """By default the axis runs past the switch; with the bit in 0x2071:04 it stops with 0xFF07."""
+    with bench(Mechanics(positive_switch=5_000.0)) as b:
+        b.go(10_000)
+        b.clock.sleep(2.0)
+        assert b.word() & 0x0400
+        assert b.read(od.INPUT_STATE) == 2
+        b.go(0)
+        b.clock.sleep(2.0)
+        b.write(od.LIMIT_EXECUTION_MASK, 3)
+        b.go(10_000)
+        b.clock.sleep(2.0)
+        assert b.read(od.LAST_ERROR) == 0xFF07
+
+
+@pytest.mark.parametrize("code", [0x2310, 0x3210])
+def test_errors_of_the_power_stage_let_go_at_once(code: int) -> None:
+    """Over-current and over-voltage switch the power off: no braking, fault at the same instant."""
+    with bench(Mechanics()) as b:
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.drive.fail(code)
+        assert b.word() & 0x6F == 0x08
+        still = b.drive.journal.last("still")
+        assert still is not None
+        assert still.t_s == 0.5
+
+
+def test_an_emergency_stop_lasts_until_power_is_back() -> None:
+    """Resetting the fault does nothing while the supply is cut."""
+    with bench() as b:
+        b.drive.cut_power_stage()
+        b.write(od.CONTROLWORD, 0x80)
+        assert b.word() & 0x4F == 0x08
+        b.drive.restore_power_stage()
+        b.write(od.CONTROLWORD, 0)
+        b.write(od.CONTROLWORD, 0x80)
+        assert b.word() & 0x4F == 0x40
+
+
+def test_a_set_point_that_is_not_immediate_waits_for_the_present_one() -> None:
+    """Without bit 5 the second move follows the first; the acknowledge stays until then."""
+    with bench(Mechanics()) as b:
+        b.go(10_000)
+        b.write(od.TARGET_POSITION, 5_000)
+        b.write(od.CONTROLWORD, 0x1F)
+        b.write(od.CONTROLWORD, 0x0F)
+        assert b.word() & 0x1000
+        b.clock.sleep(5.0)
+        assert b.read(od.POSITION_ACTUAL) == 5_000
+        assert [e.text for e in b.drive.journal if e.kind == "still"] == ["", ""]
+
+
+def test_a_changed_encoder_makes_the_position_invalid() -> None:
+    """0x2210 is refused with power on; without, it takes the reference and raises 0x7320."""
+    with bench() as b:
+        b.home(35)
+        b.write(od.CONTROLWORD, 0)
+        b.write(od.ENCODER_PULSES, 1000)
+        assert b.read(od.LAST_ERROR) == 0x7320
+        assert not b.word() & 0x8000
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x02, 0x06, 0x07]),
+            st.integers(-60_000, 60_000),
+            st.integers(200, 25_000),
+            st.floats(0.0, 0.5),
+        ),
+        max_size=8,
+    )
+)
+def test_the_drive_never_leaves_its_limits_by_more_than_braking(
+    steps: list[tuple[int, int, int, float]],
+) -> None:
+    """Whatever is written, demand beyond a software limit is a fault, and the axis comes to rest."""
+    with bench(Mechanics()) as b:
+        b.write(od.LOWER_LIMIT, -20_000)
+        b.write(od.UPPER_LIMIT, 20_000)
+        for word, target, rpm, wait_s in steps:
+            b.write(od.PROFILE_VELOCITY, rpm)
+            b.write(od.TARGET_POSITION, target)
+            b.write(od.CONTROLWORD, word)
+            b.clock.sleep(wait_s)
+        b.clock.sleep(60.0)
+        fastest = 25_000 * COUNTS_PER_RPM
+        braking = fastest**2 / (2 * 10_000 * COUNTS_PER_RPM)
+        assert abs(b.drive.shaft_quadcounts) <= 20_000 + braking
+        if abs(b.drive.shaft_quadcounts) > 20_000:
+            assert b.read(od.LAST_ERROR) == 0xFF09
+        assert not b.drive.is_moving
+
+
+@given(st.floats(-1e5, 1e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
+def test_a_velocity_profile_attains_its_velocity(position: float, velocity: float, speed: float) -> None:
+    """It starts where the motion is, changes velocity no faster than allowed, and keeps what was asked for."""
+    profile = running(2.0, position, velocity, speed, Limits(1e5, 1000.0, 500.0))
+    assert profile.at(2.0)[0] == pytest.approx(position)
+    assert profile.at(1e4)[1] == pytest.approx(speed, abs=1e-6)

@@ -8,7 +8,7 @@ from typing import Any
 from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import CalibrationResult, Point, Stamp
-from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol import CameraCalibrationProtocol
 from labrig.record import Run
 from labrig.vision import (
@@ -18,7 +18,6 @@ from labrig.vision import (
     calibrate_from_pictures,
     calibrate_plane,
     find_board_corners,
-    read_picture,
     save_intrinsics,
     save_plane,
 )
@@ -28,11 +27,11 @@ Named = tuple[str, Picture]
 
 @dataclass(frozen=True)
 class _Pictures:
-    """What the run has: photographs of the board and of the graph paper, and what could not be read."""
+    """What the run has: photographs of the board and of the graph paper, and which are damaged and how."""
 
     boards: tuple[Named, ...]
     papers: tuple[Named, ...]
-    faults: tuple[str, ...]
+    damaged: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -66,9 +65,11 @@ def analyze_calibration(
     lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
     plane, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
     content = CalibrationResult(
-        **stamp.fields({"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}),
+        **stamp.fields(
+            {"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}, pictures.damaged
+        ),
         accepted=_is_accepted(lens) and _is_accepted(plane),
-        reasons=(*pictures.faults, *lens_reasons, *plane_reasons),
+        reasons=(*pictures.damaged.values(), *lens_reasons, *plane_reasons),
         intrinsics=None if lens is None else lens.to_json(),
         plane=None if plane is None else plane.to_json(),
         corners=_corners(pictures.boards, lens, protocol),
@@ -78,18 +79,19 @@ def analyze_calibration(
 
 
 def _read(run: Run, progress: Progress | None) -> _Pictures:
-    """Read the pictures; one that cannot be read is named and left out."""
+    """Read the pictures; one that is missing or was changed is named and left out."""
     found: dict[str, list[Named]] = {"board": [], "graph-paper": []}
-    faults: list[str] = []
+    damaged: dict[str, str] = {}
     lines = run.frame_table.to_dict("records")
     for number, line in enumerate(lines, start=1):
         try:
-            found.get(line["role"], []).append((line["file"], read_picture(run.path / line["file"])))
-        except PictureError as error:
-            faults.append(error.message)
+            found.get(line["role"], []).append((line["file"], run.read_frame(int(line["frame"]))))
+        except RecordError as error:
+            # Where the run lies on this computer is no part of a result.
+            damaged[line["file"]] = error.message.replace(f"{run.path}/", "")
         if progress is not None:
             progress(number, len(lines))
-    return _Pictures(tuple(found["board"]), tuple(found["graph-paper"]), tuple(faults))
+    return _Pictures(tuple(found["board"]), tuple(found["graph-paper"]), damaged)
 
 
 def _calibrate_lens(

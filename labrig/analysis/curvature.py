@@ -60,13 +60,22 @@ def analyze_curvature(
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals)
     content = CurvatureResult(
-        **stamp.fields(asdict(settings)),
+        **stamp.fields(asdict(settings), _damaged(pictures, measured)),
         specimens=specimens,
         mean_radius_mm=mean_of_means(specimens),
         measurements=results,
         truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
     )
     return content, _centre_lines(results, measured)
+
+
+def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
+    """Return the pictures that are not as they were recorded: file, what is wrong."""
+    return {
+        one.line["file"]: each.reason
+        for one, each in zip(pictures, measured, strict=True)
+        if isinstance(each, Unreadable) and each.damaged
+    }
 
 
 def _trials(run: Run) -> list[Trial]:

@@ -1,7 +1,6 @@
 """Measuring many pictures, in worker processes, in an order that does not depend on them."""
 
 import ctypes
-import hashlib
 import multiprocessing
 import os
 import signal
@@ -15,13 +14,13 @@ from pathlib import Path
 
 import cv2
 
-from labrig.errors import MachineError, PictureError
+from labrig.errors import MachineError, PictureError, RecordError
+from labrig.record import read_recorded_picture
 from labrig.vision import (
     CurvatureMeasurement,
     CurvatureSettings,
     PlaneMap,
     measure_curvature,
-    read_picture,
 )
 
 Progress = Callable[[int, int], None]
@@ -42,9 +41,13 @@ class PictureFile:
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A picture of which nothing can be said, and why."""
+    """A picture of which nothing can be said, and why.
+
+    `damaged` says that it is missing, or is not the one that was recorded.
+    """
 
     reason: str
+    damaged: bool = False
 
 
 Measured = CurvatureMeasurement | Unreadable
@@ -117,10 +120,8 @@ def _depend_on_the_parent() -> None:
 
 def _measure(plane: PlaneMap, settings: CurvatureSettings, file: PictureFile) -> Measured:
     try:
-        image = read_picture(file.path)
-        if hashlib.sha256(file.path.read_bytes()).hexdigest() != file.sha256:
-            return Unreadable(f"{file.path.name} is not the picture that was recorded: its SHA-256 differs")
-        return measure_curvature(image, plane, settings)
-    except PictureError as error:
+        return measure_curvature(read_recorded_picture(file.path, file.sha256), plane, settings)
+    except (PictureError, RecordError) as error:
         # Where the run lies on this computer is no part of a result.
-        return Unreadable(error.message.replace(str(file.path), file.path.name))
+        reason = error.message.replace(str(file.path), file.path.name)
+        return Unreadable(reason, damaged=isinstance(error, RecordError))

@@ -26,6 +26,7 @@ LINES_FILE = "centre_lines.npz"
 
 Point = tuple[float, float]
 FloatArray = NDArray[np.float64]
+_NONE: Mapping[str, str] = {}
 
 
 class PictureResult(Model):
@@ -100,7 +101,10 @@ class TruthComparison(Model):
 
 
 class _Common(Model):
-    """What every result carries: which it is, what it was made from and by what."""
+    """What every result carries: which it is, what it was made from and by what.
+
+    `damage` says what of the record was missing or changed when the result was made, `where: what` each.
+    """
 
     schema_version: Literal[1] = 1
     parent: int | None
@@ -109,21 +113,37 @@ class _Common(Model):
     overrides: tuple[str, ...]
     inputs: dict[str, str]
     provenance: dict[str, Any]
+    damage: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """What is known of a result before anything is measured: after which one, when, from what, by what."""
+    """What is known of a result before anything is measured: after which one, when, from what, by what.
+
+    `damage` is that of the record as far as it is seen before pictures are read: where, what.
+    """
 
     parent: int | None
     created: str
     overrides: tuple[str, ...]
     inputs: Mapping[str, str]
     provenance: Mapping[str, Any]
+    damage: Mapping[str, str]
 
-    def fields(self, settings: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the members that every result carries."""
-        return {**vars(self), "settings": dict(settings)}
+    def fields(self, settings: Mapping[str, Any], pictures: Mapping[str, str] = _NONE) -> dict[str, Any]:
+        """Return the members that every result carries.
+
+        Parameters
+        ----------
+        settings : Mapping
+            How it was measured.
+        pictures : Mapping
+            Pictures that turned out to be missing or changed when they were read: file, what is wrong.
+        """
+        # A missing picture was seen before it was read; it is named once.
+        damage = {**self.damage, **pictures, **self.damage}
+        said = tuple(f"{where}: {what}" for where, what in damage.items())
+        return {**vars(self), "settings": dict(settings), "damage": said}
 
 
 class CurvatureResult(_Common):

@@ -66,6 +66,7 @@ def analyze_run(
         overrides=tuple(overrides),
         inputs=_input_hashes(run.path),
         provenance=dict(provenance),
+        damage={problem.where: problem.message for problem in run.damage},
     )
     # The folder is made once there is something to put into it: an analysis that fails leaves nothing behind.
     if isinstance(protocol, CameraCalibrationProtocol):

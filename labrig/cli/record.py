@@ -1,7 +1,7 @@
 """`labrig runs`, `reanalyze`, `report`, `view` and `import`: everything that reads a run, or makes one of pictures."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,7 +68,9 @@ def reanalyze(
         new = analyze(path, tuple(sys.argv), tuple(settings or ()))
         if not as_json:
             _print_old_and_new(path, old, new.document)
-        return {"analysis": str(new.path), "reason": _nothing_found(new.document)}
+        return _undamaged(
+            {"analysis": str(new.path), "reason": _nothing_found(new.document)}, new.document["damage"]
+        )
 
     return _each(run_paths, one, as_json, key="analysis")
 
@@ -141,9 +143,19 @@ def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
         page = write_report(loaded, load_result(loaded), SystemClock().utc())
         if not as_json:
             typer.echo(str(page))
-        return {"report": str(page), "reason": None}
+        damage = [f"{problem.where}: {problem.message}" for problem in loaded.damage]
+        return _undamaged({"report": str(page), "reason": None}, damage)
 
     return _each(run_paths, one, as_json, key="report")
+
+
+def _undamaged(row: dict[str, object], damage: Sequence[str]) -> dict[str, object]:
+    """Return the row of a run, not ok where its record is damaged; what could be done has been done all the same."""
+    if not damage:
+        return row
+    for one in damage:
+        say(f"error: the record is damaged: {one}")
+    return {**row, "ok": False, "reason": f"the record is damaged: {'; '.join(damage)}"}
 
 
 def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str) -> int:
@@ -153,6 +165,8 @@ def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json:
     for path in paths:
         try:
             rows.append({"run": str(path), "ok": True, **work(path)})
+            if rows[-1]["ok"] is False:
+                exit_code = exit_code or RecordError.exit_code
         except LabrigError as error:
             exit_code = exit_code or error.exit_code
             rows.append({"run": str(path), key: None, "ok": False, "reason": error.message})

@@ -25,7 +25,8 @@ class RunSummary:
     started : str
         When, ISO 8601 in UTC.
     trials_done, trials_planned : int
-        Trials that came to their end, and those that the protocol asks for; both None where either is unknown.
+        Trials that came to their end, and those that the protocol asks for; where the first is unknown, so is the
+        second.
     """
 
     run: Path
@@ -77,14 +78,13 @@ def _intact_summary(run: Path, manifest: dict[str, object]) -> RunSummary:
     exit_status = str(manifest.get("exit_status"))
     done = _trials_done(run) if exit_status == "incomplete" else _whole(manifest.get("trials_done"))
     planned = _whole(manifest.get("trials_planned"))
-    known = done is not None and planned is not None
     return RunSummary(
         run=run,
         protocol=_text(manifest.get("experiment")),
         exit_status=exit_status,
         started=_text(manifest.get("started")),
-        trials_done=done if known else None,
-        trials_planned=planned if known else None,
+        trials_done=done,
+        trials_planned=None if done is None else planned,
     )
 
 

@@ -1,6 +1,7 @@
 """Reads the manifest of a run, and says what is wrong with it."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
@@ -16,6 +17,24 @@ def read_manifest(run: Path) -> dict[str, object]:
     RecordError
         When `run` is no run, or its manifest is damaged or of a newer schema.
     """
+    manifest = read_document(run)
+    if is_newer(manifest):
+        raise RecordError(
+            f"{run / MANIFEST} has schema version {manifest['schema_version']}; "
+            f"this labrig reads up to {SCHEMA_VERSION}",
+            "read it with a newer labrig",
+        )
+    return manifest
+
+
+def read_document(run: Path) -> dict[str, object]:
+    """Read the manifest of a run of any schema, a newer one too.
+
+    Raises
+    ------
+    RecordError
+        When `run` is no run, or its manifest is damaged.
+    """
     path = inside(run, MANIFEST)
     try:
         manifest = json.loads(path.read_bytes())
@@ -28,8 +47,16 @@ def read_manifest(run: Path) -> dict[str, object]:
         raise RecordError(f"{path} is damaged: {error}", _HINT) from error
     if not isinstance(manifest, dict):
         raise RecordError(f"{path} is damaged: it holds no JSON object", _HINT)
-    _require_known_schema(path, manifest.get("schema_version"))
+    version = manifest.get("schema_version")
+    if not isinstance(version, int) or version < 1:
+        raise RecordError(f"{path} is damaged: schema_version is {version!r}", _HINT)
     return manifest
+
+
+def is_newer(manifest: Mapping[str, object]) -> bool:
+    """Return whether a manifest is of a schema that this labrig does not know."""
+    version = manifest["schema_version"]
+    return isinstance(version, int) and version > SCHEMA_VERSION
 
 
 def manifest_problems(manifest: dict[str, object]) -> tuple[Problem, ...]:
@@ -55,16 +82,6 @@ def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
         **({} if rig is None else {RIG: rig}),
         **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in files},
     }
-
-
-def _require_known_schema(path: Path, version: object) -> None:
-    if not isinstance(version, int) or version < 1:
-        raise RecordError(f"{path} is damaged: schema_version is {version!r}", _HINT)
-    if version > SCHEMA_VERSION:
-        raise RecordError(
-            f"{path} has schema version {version}; this labrig reads up to {SCHEMA_VERSION}",
-            "read it with a newer labrig",
-        )
 
 
 _HINT = "take the file from a copy of the run; labrig repairs no manifest"

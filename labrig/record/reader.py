@@ -1,7 +1,6 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
 import hashlib
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -308,7 +307,7 @@ def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Proble
 def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
     """Name each picture that has a line and no file; a picture stands in its place before its line does."""
     folder = inside(run, FRAMES)
-    present = set(os.listdir(folder)) if folder.is_dir() else set()
+    present = {file.name for file in folder.iterdir()} if folder.is_dir() else set()
     listed = map(picture_file, range(len(read_lines(frame_lines))))
     return tuple(
         Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT)

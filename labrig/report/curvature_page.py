@@ -124,7 +124,7 @@ def calibration_rows(run: Run) -> Rows:
 
 
 def gel_rows(content: CurvatureResult) -> list[GelRow]:
-    """Return the lines of the table, each gel with the paper's figures for its gelatine and its truth."""
+    """Return the lines of the table, each gel with the paper's figures for its gelatin and its truth."""
     truths = (
         {} if content.truth is None else {(one.needle_id, one.name): one for one in content.truth.specimens}
     )
@@ -138,7 +138,7 @@ def gel_rows(content: CurvatureResult) -> list[GelRow]:
 
 
 def _labels(specimens: Sequence[SpecimenResult]) -> list[str]:
-    """Return a short label a group: its gelatine, numbered where two groups have the same."""
+    """Return a short label a group: its gelatin, numbered where two groups have the same."""
     seen: dict[float, int] = {}
     labels = []
     for one in specimens:

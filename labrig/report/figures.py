@@ -109,7 +109,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
         _draw_gel(axes, place, gel)
     axes.set_xticks(range(len(series)), [gel.label for gel in series])
     axes.set_xlim(-0.6, len(series) - 0.4)
-    axes.set_xlabel("gelatine, powder to water by mass")
+    axes.set_xlabel("gelatin, powder to water by mass")
     axes.set_ylabel("radius of curvature (mm)")
     axes.grid(visible=True, axis="y")
     axes.annotate(

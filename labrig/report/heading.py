@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from labrig import __version__
+from labrig.analysis import AnalysisResult
 from labrig.protocol import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
 from labrig.report.words import UNKNOWN, count_of, joined, moment, shown
@@ -19,7 +20,11 @@ _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed"
 
 @dataclass(frozen=True)
 class Heading:
-    """Title, state and facts of a run; `verdict` is the page in a sentence or two."""
+    """Title, state and facts of a run; `verdict` is the page in a sentence or two.
+
+    `problems` says what the record lacks now (where, what, what to do), `damage` what else it lacked when it
+    was measured.
+    """
 
     eyebrow: str
     title: str
@@ -32,10 +37,16 @@ class Heading:
     notes: str
     written: str
     problems: tuple[tuple[str, str, str], ...]
+    damage: tuple[str, ...]
 
 
-def make_heading(run: Run, verdict: Sequence[str], created: datetime) -> Heading:
-    """Return the head of a page whose body says `verdict` in a sentence or two."""
+def make_heading(
+    run: Run, verdict: Sequence[str], created: datetime, result: AnalysisResult | None = None
+) -> Heading:
+    """Return the head of a page whose body says `verdict` in a sentence or two, and rests on `result`."""
+    problems = tuple((problem.where, problem.message, problem.hint) for problem in run.problems)
+    known = {f"{where}: {message}" for where, message, _ in problems}
+    measured = () if result is None else result.content.damage
     status = str(run.manifest.get("exit_status", "incomplete"))
     return Heading(
         eyebrow=_EYEBROWS.get(run.protocol.experiment, run.protocol.experiment),
@@ -44,11 +55,12 @@ def make_heading(run: Run, verdict: Sequence[str], created: datetime) -> Heading
         status=status,
         status_word=_STATUS_WORDS.get(status, status),
         simulated=_is_simulated(run),
-        verdict=(*_how_it_ended(run, status), *verdict),
+        verdict=(*_how_it_ended(run, status), *_where_the_needle_is(run, status), *verdict),
         facts=tuple((term, value) for term, value in _facts(run) if value != UNKNOWN),
         notes=run.protocol.notes.strip(),
         written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
-        problems=tuple((problem.where, problem.message, problem.hint) for problem in run.problems),
+        problems=problems,
+        damage=tuple(one for one in measured if one not in known),
     )
 
 
@@ -71,6 +83,26 @@ def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
     if status == "incomplete":
         return (f"The run was never closed: it is still going on, or it was killed.{made}",)
     return (f"The run {'was aborted' if status == 'aborted' else 'failed'}: {reason}.{made}",)
+
+
+def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
+    """Return a warning of a run that stopped within an insertion, with the last reading of the axes."""
+    if status == "success" or run.trials.empty:
+        return ()
+    last = run.trials.iloc[-1]
+    if last["exit_status"] != "incomplete":
+        return ()
+    place = f"The needle may still be in tissue: the run stopped within trial {last['trial']}"
+    if run.states.empty:
+        return (f"{place}, and the axes were never read.",)
+    axes = run.states.iloc[-1]
+    return (
+        f"{place}.",
+        (
+            f"At the last reading the insertion axis stood at {axes['insertion_mm']:.2f} mm "
+            f"and the linear axis, which carries the sheath, at {axes['linear_mm']:.2f} mm."
+        ),
+    )
 
 
 def _trials_done(run: Run) -> int:

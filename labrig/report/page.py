@@ -1,10 +1,12 @@
 """`RUN/report.html`: which page a run gets, and how it is rendered."""
 
+import shlex
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from labrig.analysis import AnalysisResult, CalibrationResult
 from labrig.record import Run, write_atomically
@@ -12,7 +14,7 @@ from labrig.report.calibration_page import calibration_page, calibration_verdict
 from labrig.report.curvature_page import calibration_rows, curvature_page, curvature_verdict
 from labrig.report.heading import make_heading
 from labrig.report.provenance import make_provenance
-from labrig.report.words import count_of, interval, number, signed
+from labrig.report.words import breakable, count_of, interval, number, signed
 
 REPORT_FILE = "report.html"
 
@@ -23,7 +25,7 @@ _PAGES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-_PAGES.filters.update(number=number, signed=signed, interval=interval, count_of=count_of)
+_PAGES.filters.update(number=number, signed=signed, interval=interval, count_of=count_of, breakable=breakable)
 
 
 def write_report(run: Run, result: AnalysisResult | None, created: datetime) -> Path:
@@ -52,7 +54,11 @@ def write_report(run: Run, result: AnalysisResult | None, created: datetime) -> 
 
 def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
     if result is None:
-        verdict = ["Nothing has been measured yet: there is no result. `labrig reanalyze` makes one."]
+        verdict = [
+            Markup(
+                "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
+            ).format(shlex.quote(str(run.path)))
+        ]
         return _page(
             "bare", {"heading": make_heading(run, verdict, created), "provenance": make_provenance(run, None)}
         )
@@ -60,7 +66,7 @@ def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
         return _page(
             "calibration",
             {
-                "heading": make_heading(run, calibration_verdict(result.content), created),
+                "heading": make_heading(run, calibration_verdict(result.content), created, result),
                 "provenance": make_provenance(run, result),
                 **calibration_page(run, result, result.content),
             },
@@ -68,7 +74,7 @@ def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
     return _page(
         "curvature",
         {
-            "heading": make_heading(run, curvature_verdict(run, result.content), created),
+            "heading": make_heading(run, curvature_verdict(run, result.content), created, result),
             "provenance": make_provenance(run, result, calibration_rows(run)),
             **curvature_page(run, result, result.content),
         },

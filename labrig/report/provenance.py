@@ -31,7 +31,7 @@ def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows =
         Section("Calibration", calibration),
         Section("SHA-256 of what was used", _hashes(run, result)),
         Section("Camera, asked for and read back", _camera(devices)),
-        Section("Devices", tuple(row for row in _rows(devices) if not row[0].startswith(_CAMERA_SETTINGS))),
+        Section("Devices", _devices(devices)),
     )
     return tuple(section for section in sections if section.rows)
 
@@ -71,6 +71,30 @@ def _camera(devices: object) -> Rows:
         (name, f"{said.get(asked + name, UNKNOWN)}; {said.get(readback + name, UNKNOWN)} read back")
         for name in names
     )
+
+
+def _devices(devices: object) -> Rows:
+    """Return what is known of the rig but the camera's settings, in the units and notation of its manuals."""
+    said = dict(_rows(devices))
+    return tuple(
+        (key, _as_in_manuals(key, value, said))
+        for key, value in said.items()
+        if not key.startswith(_CAMERA_SETTINGS)
+    )
+
+
+def _as_in_manuals(key: str, value: str, said: Mapping[str, str]) -> str:
+    stem, _, name = key.rpartition(".")
+    unit = said.get(f"{stem}.unit", "unit")
+    match name:
+        # maxon's tables list them by these: 0x6220 is an EPOS2 24/5.
+        case "hardware_version" | "software_version" if value.isdecimal():
+            return f"0x{int(value):04X}"
+        case "rpm_per_speed":
+            return f"{value} rpm per {unit}/s"
+        case "quadcounts_per_unit":
+            return f"{value} per {unit}"
+    return value
 
 
 def _rows(document: object) -> Rows:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from markupsafe import Markup, escape
+
 UNKNOWN = "–"
 _MINUS = "−"
 
@@ -50,6 +52,11 @@ def flattened(value: object, path: str = "") -> list[tuple[str, str]]:
     if isinstance(value, list | tuple):
         return [(path, ", ".join(map(shown, value)) or UNKNOWN)]
     return [(path, shown(value))]
+
+
+def breakable(key: str) -> Markup:
+    """Return a dotted key as HTML in which a line may end after a dot or an underscore, and not in a word."""
+    return escape(key).replace(".", Markup(".<wbr>")).replace("_", Markup("_<wbr>"))
 
 
 def shown(value: object) -> str:

@@ -17,6 +17,7 @@ from scipy.stats import t as student
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.geometry import Circle, fit_circle
+from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import Shaft, locate_shaft
@@ -297,8 +298,8 @@ def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: Curv
     on_circle = float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
     if on_circle < _LEAST_ON_CIRCLE:
         return (
-            f"{on_circle:.0%} of the centre line lie within {largest_mm:.2f} mm of one circle, and "
-            f"{_LEAST_ON_CIRCLE:.0%} is the least."
+            f"{below(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, and "
+            f"{100.0 * _LEAST_ON_CIRCLE:.0f} % is the least."
         )
     if circle.residual_rms > _LARGEST_RMS * largest_mm:
         return (

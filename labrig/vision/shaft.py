@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
+from labrig.vision.limits import below
 from labrig.vision.picture import Picture, as_grey
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_edges import LEAST_POINTS, Guide, find_edges, guide_through, straighten
@@ -230,7 +231,8 @@ def _check(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: 
     measured = len(rows) / (tip - rows[0] + 1.0)
     if measured < _LEAST_MEASURED:
         raise MeasurementRefusedError(
-            f"both edges are seen over {measured:.0%} of the needle, and {_LEAST_MEASURED:.0%} is the least"
+            f"both edges are seen over {below(100.0 * measured, 1)} % of the needle, "
+            f"and {100.0 * _LEAST_MEASURED:.0f} % is the least"
         )
     width = float(np.median(width_mm[rows]))
     least, most = diameters.needle_mm / _DIAMETER_FACTOR, diameters.needle_mm * _DIAMETER_FACTOR

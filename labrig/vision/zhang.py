@@ -399,7 +399,8 @@ def _pose_reasons(views: Sequence[_View], fit: _Fit, size: tuple[int, int]) -> l
     coverage = _coverage(views, size)
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the boards cover {below(100.0 * coverage, 1)} % of the picture, {100.0 * _LEAST_COVERAGE:.0f} % are needed: "
+            f"the boards cover {below(100.0 * coverage, 1)} % of the picture, "
+            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: "
             "photograph the board near the picture's corners, or closer"
         )
     return reasons

@@ -25,6 +25,11 @@ SIZE = (480, 380)
 LENGTH_MM = 40.0
 # On the way: too little for a radius, and enough.
 ADVANCE_MM = (10.0, 30.0)
+DRIVE = {
+    "unit": "mm",
+    "rpm_per_speed": 120.0,
+    "drive": {"hardware_version": 0x6220, "software_version": 0x2110},
+}
 PROVENANCE = {"labrig": "0.1.0", "git_commit": None, "git_dirty": False, "packages": {"numpy": "2"}}
 
 _PROTOCOL = """
@@ -106,7 +111,10 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
     manifest = {
         "experiment": "steerability", "started": NOW, "title": sweep.title, "operator": sweep.operator, "seed": 7,
         "trials_planned": insertions * len(specimens), "provenance": PROVENANCE,
-        "devices": {"camera": {"asked": {"exposure_s": 0.01}, "readback": {"exposure_s": 0.01}}},
+        "devices": {
+            "axes": {"insertion": DRIVE},
+            "camera": {"asked": {"exposure_s": 0.01}, "readback": {"exposure_s": 0.01}},
+        },
     }  # fmt: skip
     calibration = {"plane.json": plane_file(folder)} if sweep.plane else {}
     recorder = Recorder.create(folder, "run", manifest, dump_yaml(protocol), None, calibration)

@@ -77,11 +77,55 @@ def test_a_damaged_picture_is_refused_and_the_batch_goes_on(folder: Path) -> Non
     files[0].write_bytes(b"no picture")
     files[1].unlink()
     cv2.imwrite(str(files[2]), np.zeros((380, 480), np.uint8))
-    finals = [one for one in measure(run).content.measurements if one.role == "final"]
+    content = measure(open_run(run.path)).content
+    finals = [one for one in content.measurements if one.role == "final"]
     assert [one.accepted for one in finals] == [False, False, False, True]
-    assert all(
-        (one.reason or "").startswith(file.name) for file, one in zip(files[:3], finals[:3], strict=True)
-    )
+    assert all(file.name in (one.reason or "") for file, one in zip(files[:3], finals[:3], strict=True))
+    assert all(str(run.path) not in (one.reason or "") for one in finals)
+    assert [one.partition(": ")[0] for one in sorted(content.damage)] == [
+        file.relative_to(run.path).as_posix() for file in files[:3]
+    ]
+
+
+def test_a_picture_with_a_flipped_bit_is_told_by_its_hash(folder: Path) -> None:
+    """The hash is compared before anything is decoded, so that the reason is that of the record."""
+    run = record_sweep(folder)
+    file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    measured = measure(open_run(run.path))
+    reason = f"{file.name} is damaged: its SHA-256 does not fit frames.jsonl"
+    assert reason in [one.reason for one in measured.content.measurements]
+    assert measured.result.document["damage"] == [f"frames/{file.name}: {reason}"]
+
+
+def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:
+    """A closed run that lost the end of its states and its sums is measured, and both are named."""
+    run = record_sweep(folder)
+    states = run.path / "states.jsonl"
+    states.write_bytes(states.read_bytes()[:-10])
+    (run.path / "SHA256SUMS").unlink()
+    measured = measure(open_run(run.path))
+    torn, sums = measured.result.document["damage"]
+    assert torn.startswith("states.jsonl:")
+    assert sums == "SHA256SUMS: it is missing, though the run was closed"
+    assert measured.content.mean_radius_mm is not None
+
+
+def test_a_whole_run_has_no_damage(measured: Measured) -> None:
+    """Nothing is said of a record that is as it was written."""
+    assert measured.result.document["damage"] == []
+
+
+def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
+    """A killed process leaves one; it is known and forgiven."""
+    run = record_sweep(folder, Sweep(exit_status=None))
+    with (run.path / "states.jsonl").open("ab") as file:
+        file.write(b'{"t_s":')
+    again = open_run(run.path)
+    assert len(again.problems) == 1
+    assert measure(again).content.damage == ()
 
 
 @pytest.mark.parametrize("workers", [2, 5])

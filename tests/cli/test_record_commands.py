@@ -54,6 +54,21 @@ def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Swe
     assert "27.6" in page
 
 
+@pytest.mark.parametrize("command", ["reanalyze", "report"])
+def test_damage_to_a_closed_record_is_named_with_exit_code_4(
+    command: str, labrig: Labrig, sweep: Sweep, tmp_path: Path
+) -> None:
+    """A picture that is gone from a closed run is named; what can be done is done all the same."""
+    run = shutil.copytree(sweep.run, tmp_path / "copy")
+    (run / "frames" / "000003.png").unlink()
+    done = labrig(command, run, "--json")
+    (row,) = done.json()
+    assert done.exit_code == 4
+    assert row["ok"] is False
+    assert "000003.png" in row["reason"]
+    assert Path(row["analysis" if command == "reanalyze" else "report"]).exists()
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed, so the page is not opened")
 def test_a_browser_shows_the_page_without_an_error(sweep: Sweep, tmp_path: Path) -> None:
     """Headless Chromium loads the report and its figures and writes a picture of it."""

@@ -1,12 +1,13 @@
 """Listing runs."""
 
+import json
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from labrig.errors import InputError
-from labrig.record import RunSummary, list_runs
+from labrig.record import RunSummary, encode_document, list_runs
 from tests.record.runs import STARTED, closed_run, interrupted_run
 
 
@@ -41,6 +42,23 @@ def test_damaged_runs_are_listed_as_damaged(tmp_path: Path) -> None:
         tmp_path / "broken manifest", None, "damaged", None, None, None
     )
     assert rows["broken events"].exit_status == "damaged"
+
+
+def test_a_run_of_a_newer_labrig_is_listed_as_such(tmp_path: Path) -> None:
+    """A newer schema is no damage; what its other members mean is not guessed."""
+    manifest = closed_run(tmp_path) / "manifest.json"
+    document = json.loads(manifest.read_text())
+    manifest.write_bytes(encode_document(document | {"schema_version": 2}))
+    assert list_runs(tmp_path) == [RunSummary(tmp_path / "run", "import", "newer", None, None, None)]
+
+
+def test_trials_are_stated_with_both_numbers_or_none(tmp_path: Path) -> None:
+    """A manifest that does not say how many trials were done gives no `None of 3`."""
+    manifest = closed_run(tmp_path) / "manifest.json"
+    document = json.loads(manifest.read_text())
+    manifest.write_bytes(encode_document(document | {"trials_done": None}))
+    (summary,) = list_runs(tmp_path)
+    assert (summary.trials_done, summary.trials_planned) == (None, None)
 
 
 def test_other_folders_and_links_are_left_out(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import json
 import pickle
 import random
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -230,11 +231,27 @@ def test_what_went_missing_later_is_reported(tmp_path: Path, name: str) -> None:
     assert [problem.where for problem in open_run(path).problems] == [name]
 
 
-def test_a_missing_picture_is_named_when_it_is_read(tmp_path: Path) -> None:
-    """The other pictures can be read."""
-    path = closed_run(tmp_path)
+@pytest.mark.parametrize(("make", "forgiven"), [(closed_run, False), (interrupted_run, True)])
+def test_a_torn_last_line_is_forgiven_only_where_the_run_was_never_closed(
+    tmp_path: Path, make: Callable[[Path], Path], forgiven: bool
+) -> None:
+    """Cut by ten bytes, the states of a killed run are as they may be, and those of a closed one damaged."""
+    path = make(tmp_path)
+    states = path / "states.jsonl"
+    states.write_bytes(states.read_bytes()[:-10])
+    run = open_run(path)
+    assert {problem.where.partition(":")[0] for problem in run.problems} == {"states.jsonl"}
+    assert (run.damage == ()) is forgiven
+    assert any("writer was stopped" in problem.hint for problem in run.problems) is forgiven
+
+
+@pytest.mark.parametrize("make", [closed_run, interrupted_run])
+def test_a_missing_picture_is_named(tmp_path: Path, make: Callable[[Path], Path]) -> None:
+    """It is reported on opening and refused when it is read; the other pictures can be read."""
+    path = make(tmp_path)
     (path / "frames" / "000001.png").unlink()
     run = open_run(path)
+    assert [problem.where for problem in run.damage] == ["frames/000001.png"]
     np.testing.assert_array_equal(run.read_frame(2), picture(2))
     with pytest.raises(RecordError, match=r"000001\.png: No such file"):
         run.read_frame(1)

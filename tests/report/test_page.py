@@ -6,11 +6,21 @@ from pathlib import Path
 
 import pytest
 
+from labrig.analysis import analyze_run
+from labrig.record import open_run
 from labrig.report import write_report
-from tests.analysis.synthetic import NOW, Sweep, aborted, record_calibration, record_import, record_sweep
+from tests.analysis.synthetic import (
+    NOW,
+    PROVENANCE,
+    Sweep,
+    aborted,
+    record_calibration,
+    record_import,
+    record_sweep,
+)
 from tests.report.conftest import HOSTILE, Page, make_page
 
-VOID = {"meta", "br", "img", "link", "input", "hr"}
+VOID = {"meta", "br", "wbr", "img", "link", "input", "hr"}
 
 
 class _Elements(HTMLParser):
@@ -24,7 +34,8 @@ class _Elements(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.append((tag, dict(attrs)))
-        self.text += " "
+        # A line may end at a wbr; a word does not.
+        self.text += "" if tag == "wbr" else " "
         if tag not in VOID:
             self.open.append(tag)
 
@@ -168,10 +179,29 @@ def test_a_run_that_did_not_end_has_a_page_that_says_so(
 
 
 def test_a_run_without_a_result_has_a_page(folder: Path) -> None:
-    """Before any analysis the page says that nothing has been measured, and how to do it."""
-    made = make_page(record_sweep(folder), analysed=False)
-    assert "labrig reanalyze" in _words(made.html)
+    """Before any analysis the page says that nothing has been measured, and the command that does it."""
+    run = record_sweep(folder)
+    made = make_page(run, analysed=False)
+    assert f"<code>labrig reanalyze {run.path}</code>" in made.html
+    assert "`" not in _words(made.html)
     assert _read(made.html).open == []
+
+
+@pytest.mark.parametrize("exit_status", ["aborted", None])
+def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
+    folder: Path, exit_status: str | None
+) -> None:
+    """The page says that the needle may be in tissue, and where insertion and linear axis stood."""
+    sweep = Sweep(exit_status=exit_status, without_final=frozenset({3}))
+    head = _words(make_page(record_sweep(folder, sweep)).html.split("</header>")[0])
+    assert "The needle may still be in tissue: the run stopped within trial 3." in head
+    assert "insertion axis stood at 30.00 mm" in head
+    assert "linear axis, which carries the sheath, at 15.00 mm" in head
+
+
+def test_a_run_that_stopped_between_insertions_warns_of_no_needle(folder: Path) -> None:
+    """After the last withdrawal there is nothing in tissue."""
+    assert "in tissue" not in _words(make_page(record_sweep(folder, Sweep(exit_status="aborted"))).html)
 
 
 def test_a_run_without_any_picture_has_a_page(folder: Path) -> None:
@@ -187,7 +217,9 @@ def test_a_picture_that_is_gone_leaves_a_gap_and_a_problem(folder: Path) -> None
     (run.path / final).unlink()
     made = make_page(run)
     assert "picture cannot be read" in made.html
-    assert "does not exist" in _words(made.html)
+    words = _words(made.html)
+    assert f"{final}: it is missing, though frames.jsonl lists it" in words
+    assert "No such file" in words
 
 
 def test_faults_of_the_record_are_shown(folder: Path) -> None:
@@ -196,6 +228,42 @@ def test_faults_of_the_record_are_shown(folder: Path) -> None:
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
     assert "The record is not whole" in _words(make_page(run).html)
+
+
+def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:
+    """A picture that was changed when it was measured is named at the top, though the record is whole again."""
+    run = record_sweep(folder)
+    file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
+    content = file.read_bytes()
+    file.write_bytes(content[:-1])
+    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+    file.write_bytes(content)
+    head = _words(
+        write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8").split("</header>")[0]
+    )
+    assert "The record was damaged when this was measured." in head
+    assert f"frames/{file.name}: {file.name} is damaged: its SHA-256 does not fit" in head
+
+
+def test_devices_are_shown_as_their_manuals_write_them(page: Page) -> None:
+    """Versions of drives are hexadecimal, ratios have their unit, and keys break between words only."""
+    words = _words(page.html)
+    assert "axes.insertion.drive.hardware_version 0x6220" in words
+    assert "axes.insertion.drive.software_version 0x2110" in words
+    assert "axes.insertion.rpm_per_speed 120 rpm per mm/s" in words
+    assert "axes.<wbr>insertion.<wbr>rpm_<wbr>per_<wbr>speed" in page.html
+
+
+def test_the_key_shows_the_circle_as_it_is_drawn(page: Page) -> None:
+    """The fitted circle is dashed in the pictures and in their key."""
+    assert '<span class="swatch dashed" style="color:#ffa600"></span>fitted circle' in page.html
+    assert re.search(r"\.circle {[^}]*stroke-dasharray", page.html)
+
+
+def test_pages_spell_as_the_protocols_do(page: Page) -> None:
+    """The powder is gelatin, in text and figures."""
+    assert "gelatin, powder to water" in _words(page.html)
+    assert "gelatine" not in page.html
 
 
 def test_a_real_rig_has_no_columns_of_truth(folder: Path) -> None:

@@ -1,0 +1,15 @@
+"""Numbers in refusals, rounded so that what misses a limit never reads as the limit itself."""
+
+import math
+
+
+def below(value: float, decimals: int) -> str:
+    """Return a value that is too small, or an upper limit, rounded down."""
+    step = 10.0**decimals
+    return f"{math.floor(value * step) / step:.{decimals}f}"
+
+
+def above(value: float, decimals: int) -> str:
+    """Return a value that is too large rounded up."""
+    step = 10.0**decimals
+    return f"{math.ceil(value * step) / step:.{decimals}f}"

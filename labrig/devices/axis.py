@@ -353,4 +353,5 @@ class Axis:
             "rpm_per_speed": self._scale.rpm_per_speed,
             "position_window_quadcounts": self._window_quadcounts,
             "settings_written": list(self.written),
+            **self.counts(),
         }

@@ -7,16 +7,14 @@ What is decided here
 - Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
   both edges, the position at the end of a move, standing still after a stop.
 - Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
-  nothing moves until a move is commanded. A fault is never reset but by `reset_fault`, which nothing in
-  labrig calls without a person's yes.
+  nothing moves until a move is commanded. A fault is never reset.
 - Only settings that differ are written, because writing clears the drive's configuration fingerprint
   (0x1020); the fingerprint is renewed last.
 - A drive is watched: its heartbeat, its EMCY and its boot-up become errors as soon as the rig looks.
 - A question without an answer is asked once more, and that is counted.
 - Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
   init state may show bit 14; that bit 12 falls when a homing starts, which a fresh attained bit needs (where
-  it does not, homing ends in its timeout with the axis halted); that a fault 0x8130 can be reset without an
-  NMT reset, as the first generation's specification says.
+  it does not, homing ends in its timeout with the axis halted).
 """
 
 import math
@@ -30,7 +28,6 @@ from labrig.devices.bus import RESPONSE_TIMEOUT_S, CanLink
 from labrig.devices.cia402 import (
     CHANGE_IMMEDIATELY,
     ENABLE,
-    FAULT_RESET,
     FAULTED,
     HALT,
     HOMING_ATTAINED,
@@ -234,10 +231,6 @@ class Epos2:
         self.ensure(od.CONFIGURATION_TIME, fingerprint[1])
         return written
 
-    def fingerprint(self) -> tuple[int, int]:
-        """Return the configuration fingerprint that the drive holds; zeros after a change or power on."""
-        return self.read(od.CONFIGURATION_DATE), self.read(od.CONFIGURATION_TIME)
-
     def ensure(self, entry: od.Entry, value: int) -> bool:
         """Write an object where it differs, and read it back; return whether it was written."""
         if self.read(entry) == value:
@@ -303,22 +296,6 @@ class Epos2:
         self.write(od.CONTROLWORD, HALT)
         self.write(od.TARGET_POSITION, self.read(od.POSITION_ACTUAL))
         self.go_to(Goal.ENABLED)
-
-    def reset_fault(self) -> None:
-        """Reset the fault that the drive reports; it stays without power. Only ever on a person's word.
-
-        Raises
-        ------
-        DriveError
-            When the fault stays.
-        """
-        self.write(od.CONTROLWORD, 0)
-        self.write(od.CONTROLWORD, FAULT_RESET)
-        self.write(od.CONTROLWORD, 0)
-        self._clock.sleep(POLL_S)
-        self._emergency = None
-        self._restarted = False
-        self.raise_if_faulted()
 
     def position(self) -> int:
         """Return the actual position [quadcounts]."""
@@ -493,11 +470,6 @@ class Epos2:
                 f"{self._silence_s:g} s at the latest",
                 _CHECK_POWER,
             )
-
-    @property
-    def has_restarted(self) -> bool:
-        """Whether a boot-up has been heard."""
-        return self._restarted
 
     def refuse_unless_enabled(self, statusword: int) -> None:
         """Raise when a statusword of this drive says that it cannot move. Raises `DriveError`."""

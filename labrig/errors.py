@@ -12,8 +12,14 @@
     │   ├── OutputExistsError      something would be overwritten
     │   └── LimitError             a move beyond an axis' limits, refused before it starts
     ├── MachineError          (3)  a device or the computer failed, or motion had to stop
-    │   ├── BusError               no CAN interface, bus off
-    │   ├── DriveError             an EPOS2 refused, faulted or fell silent
+    │   ├── BusError               no CAN interface, adapter unplugged
+    │   │   ├── BusPassiveError    the computer's CAN controller sees many errors
+    │   │   └── BusOffError        ... so many that it has left the bus
+    │   ├── DriveError             an EPOS2 that does not do what it should
+    │   │   ├── DriveFaultError    it reports an error; carries code, register, text and remedy
+    │   │   ├── DriveRefusedError  it refused an object (SDO abort); carries the code
+    │   │   ├── DriveRestartedError   it has lost power or was reset: its reference is gone
+    │   │   └── DriveSilentError   it does not answer, or its heartbeat has stopped
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
     │   └── SafetyStopError        stopped because going on was not known to be safe
@@ -24,7 +30,9 @@ A message names the thing, its value and the limit; the hint says what to do. `c
 `exit_code`; nothing else in labrig prints or exits.
 """
 
+from copy import copy
 from dataclasses import dataclass
+from typing import Self
 
 
 class LabrigError(Exception):
@@ -44,6 +52,13 @@ class LabrigError(Exception):
         super().__init__(message)
         self.message = message
         self.hint = hint
+
+    def reworded(self, message: str) -> Self:
+        """Return this error with another message; type, hint and what else it carries stay."""
+        twin = copy(self)
+        twin.args = (message,)
+        twin.message = message
+        return twin
 
 
 class AnswerIsNoError(LabrigError):
@@ -108,11 +123,66 @@ class MachineError(LabrigError):
 
 
 class BusError(MachineError):
-    """The CAN interface is missing, unreachable or bus off."""
+    """The CAN interface is missing or unreachable."""
+
+
+class BusPassiveError(BusError):
+    """The computer's CAN controller has counted many errors: frames may be lost."""
+
+
+class BusOffError(BusError):
+    """The computer's CAN controller has counted too many errors and has left the bus."""
 
 
 class DriveError(MachineError):
-    """A drive refused a command, went to fault, or fell silent."""
+    """A drive does not do what it should."""
+
+
+class DriveFaultError(DriveError):
+    """A drive reports an error.
+
+    Parameters
+    ----------
+    code, register : int
+        Error code (EMCY) and error register 0x1001.
+    text : str
+        What the code means. The remedy is the hint.
+    """
+
+    def __init__(
+        self, message: str, hint: str = "", *, code: int = 0, register: int = 0, text: str = ""
+    ) -> None:
+        super().__init__(message, hint)
+        self.code = code
+        self.register = register
+        self.text = text
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return self.hint
+
+
+class DriveRefusedError(DriveError):
+    """A drive refused an object.
+
+    Parameters
+    ----------
+    code : int
+        The SDO abort code.
+    """
+
+    def __init__(self, message: str, hint: str = "", *, code: int = 0) -> None:
+        super().__init__(message, hint)
+        self.code = code
+
+
+class DriveRestartedError(DriveError):
+    """A drive has restarted: it lost its power, and with it position and reference."""
+
+
+class DriveSilentError(DriveError):
+    """A drive does not answer, or its heartbeat has stopped."""
 
 
 class CameraError(MachineError):

@@ -1,6 +1,7 @@
 """The person at the bench, asked at the terminal."""
 
 import select
+from collections.abc import Callable
 from typing import TextIO
 
 from labrig.cli.output import say
@@ -16,7 +17,7 @@ class TerminalOperator:
         self._interrupted = interrupted
         self._terminal = terminal
 
-    def ask(self, request: OperatorRequest) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
         """Ask until the answer is yes or no.
 
         Raises
@@ -33,15 +34,16 @@ class TerminalOperator:
             )
         while True:
             say(f"\n>> {request.text}\n   yes, or no to stop the run: ")
-            answer = self._read_line().strip().lower()
+            answer = self._read_line(meanwhile).strip().lower()
             if answer in {"y", "yes"}:
                 return Answer(confirmed=True, note=answer)
             if answer in {"n", "no"}:
                 return Answer(confirmed=False, note=answer)
 
-    def _read_line(self) -> str:
-        """Wait for a line, looking for signals four times a second."""
-        while not select.select([self._terminal], [], [], 0.25)[0]:
+    def _read_line(self, meanwhile: Callable[[], None]) -> str:
+        """Wait for a line, looking for signals and after the rig twenty times a second."""
+        while not select.select([self._terminal], [], [], 0.05)[0]:
+            meanwhile()
             if self._interrupted() is not None:
                 raise InterruptedRunError(f"interrupted by {self._interrupted()}")
         line = self._terminal.readline()

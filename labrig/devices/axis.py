@@ -1,12 +1,14 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
+import zlib
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.rig_file import AxisDescription, check_move
+from labrig.devices.homing import HERE, Homing
+from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, check_move
 from labrig.errors import DriveError, SafetyStopError
 
 MAX_RPM = 25_000
@@ -39,9 +41,14 @@ class Setpoint:
 
 @dataclass(frozen=True, slots=True)
 class AxisReadback:
-    """What an axis read: position [mm or rad], statusword, its state, and whether the last move is done."""
+    """What an axis read: position and speed [mm or rad, per s], statusword, its state, and whether the move is done.
+
+    The speed is that between this position and the one read before; the drive's own is quantised to tens of
+    rpm.
+    """
 
     position: float
+    speed: float
     statusword: int
     state: DriveState
     target_reached: bool
@@ -60,9 +67,18 @@ class Axis:
         Its drive.
     clock : Clock
         Whose time bounds moves.
+    heartbeat : HeartbeatDescription
+        When the drive stops by itself.
     """
 
-    def __init__(self, name: str, description: AxisDescription, drive: Epos2, clock: Clock) -> None:
+    def __init__(
+        self,
+        name: str,
+        description: AxisDescription,
+        drive: Epos2,
+        clock: Clock,
+        heartbeat: HeartbeatDescription,
+    ) -> None:
         self.name = name
         self.unit = description.unit
         self.limits = description.limits
@@ -74,7 +90,12 @@ class Axis:
         self._drive = drive
         self._clock = clock
         self._target: int | None = None
+        self._then: tuple[int, int] | None = None
         self._due_s: float | None = None
+        self._inside_since_s: float | None = None
+        self._last: tuple[float, float] | None = None
+        self._heartbeat = heartbeat
+        self.written: tuple[str, ...] = ()
 
     # Moving
 
@@ -114,14 +135,34 @@ class Axis:
         target, rpm = self._scale.to_quadcounts(position), self._scale.to_rpm(speed)
         achieved = self._scale.to_speed(rpm)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
-        self._target = target
-        self._drive.start_move(target, rpm)
+        self._go(target, rpm, self._beyond(position))
         return Setpoint(position, speed, target, rpm, self._scale.to_position(target), achieved)
+
+    def start_move_by(self, distance: float, speed: float) -> Setpoint:
+        """Start a move relative to where the axis reads now. As `start_move`.
+
+        The drive gets the absolute target: a relative set-point that is sent twice would move twice.
+        """
+        return self.start_move(self._scale.to_position(self._drive.position()) + distance, speed)
+
+    def _beyond(self, position: float) -> int | None:
+        """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
+        here = self._scale.to_position(self._drive.position())
+        if not self._description.backlash or position >= here:
+            return None
+        return self._scale.to_quadcounts(max(position - self._description.backlash, self.limits[0]))
+
+    def _go(self, target: int, rpm: int, beyond: int | None) -> None:
+        self._inside_since_s = None
+        self._target = target if beyond is None else beyond
+        self._then = None if beyond is None else (target, rpm)
+        self._drive.start_move(self._target, rpm)
 
     def _longest_s(self, target: int, speed: float) -> float:
         """Return after how long a move must be done: its own time, window time and a margin."""
         distance = abs(self._scale.to_position(target - self._drive.position()))
-        ramps_s = 2 * speed / self._description.acceleration
+        distance += 2 * self._description.backlash
+        ramps_s = 4 * speed / self._description.acceleration
         window_s = self._description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
 
@@ -140,9 +181,11 @@ class Axis:
         statusword = self._drive.statusword()
         self._drive.refuse_unless_enabled(statusword)
         quadcounts = self._drive.position()
-        reached = self._target is None or (
-            bool(statusword & TARGET_REACHED) and abs(quadcounts - self._target) <= self._window_quadcounts
-        )
+        reached = self._has_arrived(statusword, quadcounts)
+        if reached and self._then is not None:
+            target, rpm = self._then
+            self._go(target, rpm, None)
+            reached = False
         if reached:
             self._due_s = None
         elif self._due_s is not None and self._clock.now_s() > self._due_s:
@@ -151,9 +194,27 @@ class Axis:
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        return AxisReadback(
-            self._scale.to_position(quadcounts), statusword, decode_state(statusword), reached
-        )
+        position = self._scale.to_position(quadcounts)
+        return AxisReadback(position, self._speed(position), statusword, decode_state(statusword), reached)
+
+    def _has_arrived(self, statusword: int, quadcounts: int) -> bool:
+        """Tell whether the drive says so, and every position read for the window time was inside the window."""
+        if self._target is None:
+            return True
+        now_s = self._clock.now_s()
+        if not statusword & TARGET_REACHED or abs(quadcounts - self._target) > self._window_quadcounts:
+            self._inside_since_s = None
+            return False
+        if self._inside_since_s is None:
+            self._inside_since_s = now_s
+        return now_s - self._inside_since_s >= self._description.position_window_time_ms / 1000
+
+    def _speed(self, position: float) -> float:
+        """Return the speed since the position before this one; zero for the first."""
+        now_s = self._clock.now_s()
+        then_s, before = self._last or (now_s, position)
+        self._last = (now_s, position)
+        return (position - before) / (now_s - then_s) if now_s > then_s else 0.0
 
     def check(self) -> None:
         """Raise the `DriveError` of a fault or restart that the drive has reported by itself; ask nothing."""
@@ -163,8 +224,8 @@ class Axis:
 
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
+        self._due_s = self._then = None
         self._drive.halt()
-        self._due_s = None
 
     def wait_until_still(self) -> None:
         """Return once the axis stands still, as its position reads; quick-stop it when halting does not do.
@@ -192,15 +253,29 @@ class Axis:
     # Connecting
 
     def connect(self) -> Identity:
-        """Verify and configure the drive, and switch its power stage on, held; nothing moves.
+        """Verify that the drive is the one of the rig file; nothing is written.
 
         Raises
         ------
         DriveError, BusError
         """
         identity = self._drive.identify()
-        self._drive.configure(self._scale.encoder_pulses_per_turn, self._settings())
+        self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
         return identity
+
+    def configure(self) -> None:
+        """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
+        self._drive.hold_off()
+        self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
+        self.written = self._configure(self._settings())
+
+    def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
+        text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
+        return self._drive.configure(settings, (zlib.crc32(text.encode()), len(settings)))
+
+    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
+        """Return the COB-IDs of process data that the drive sends, and that it obeys."""
+        return self._drive.pdo_cob_ids(), self._drive.command_cob_ids()
 
     def enable(self) -> None:
         """Switch the power stage on; the axis holds where it is. Raises `DriveError`, `BusError`."""
@@ -209,6 +284,7 @@ class Axis:
     def release(self) -> None:
         """Switch the power stage off. Raises `DriveError`, `BusError`."""
         self._drive.go_to(Goal.POWER_OFF)
+        self._drive.unwatch()
 
     def is_referenced_in_drive(self) -> bool:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
@@ -223,7 +299,7 @@ class Axis:
         """
         self.referenced = False
         self._free_limits()
-        self._drive.home_here()
+        self._drive.home(Homing(HERE))
         self.referenced = True
         self._target = None
         self._set_limits()
@@ -240,7 +316,15 @@ class Axis:
             od.PROFILE_DECELERATION: acceleration,
             od.QUICK_STOP_DECELERATION: scale.to_rpm_per_s(description.quick_stop_deceleration),
             od.PROFILE_TYPE: 0,
+            od.LIMIT_EXECUTION_MASK: self._limit_switch_mask(),
+            od.CONSUMER_HEARTBEAT: self._heartbeat.computer_node_id << 16 | self._heartbeat.timeout_ms,
         }
+
+    def _limit_switch_mask(self) -> int:
+        bits = {"negative": 1, "positive": 2}
+        return od.LIMIT_EXECUTION_MASK.default | sum(
+            bits[one] for one in set(self._description.limit_switches)
+        )
 
     def _free_limits(self) -> None:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
@@ -250,8 +334,15 @@ class Axis:
     def _set_limits(self) -> None:
         """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""
         low, high = sorted(map(self._scale.to_quadcounts, self.limits))
-        self._drive.ensure(od.LOWER_LIMIT, low - self._window_quadcounts)
-        self._drive.ensure(od.UPPER_LIMIT, high + self._window_quadcounts)
+        limits = {
+            od.LOWER_LIMIT: low - self._window_quadcounts,
+            od.UPPER_LIMIT: high + self._window_quadcounts,
+        }
+        self._configure(self._settings() | limits)
+
+    def counts(self) -> dict[str, int]:
+        """Return how often the drive had to be asked again, and answers of it that nobody had asked for."""
+        return self._drive.counts()
 
     def describe(self) -> dict[str, object]:
         """Return how the axis converts, for the record."""
@@ -261,4 +352,6 @@ class Axis:
             "quadcounts_per_unit": self._scale.quadcounts_per_unit,
             "rpm_per_speed": self._scale.rpm_per_speed,
             "position_window_quadcounts": self._window_quadcounts,
+            "settings_written": list(self.written),
+            **self.counts(),
         }

@@ -1,27 +1,107 @@
-"""The CAN bus, real or inside the process, as one `CanLink`; whoever has a link cannot tell which."""
+"""The CAN bus, real or inside the process, as one `CanLink`; whoever has a link cannot tell which.
+
+Everything that passes is noted with its rig time, for the record. A bus that has failed (error frames of bus
+passive and bus off, an adapter whose reading ends) is remembered as `CanLink.trouble`; interfaces that report
+neither are found out by the silence of the drives.
+"""
 
 import logging
+from collections import deque
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 
 import can
 import canopen
 
+from labrig.clock import Clock
 from labrig.devices.rig_file import CanDescription
-from labrig.errors import BusError
+from labrig.errors import BusError, BusOffError, BusPassiveError
 
-RESPONSE_TIMEOUT_S = 0.3
-"""How long a drive on a real bus may take to answer; a real EPOS2 took at most 13 ms in 30 000 answers."""
+RESPONSE_TIMEOUT_S = 0.2
+"""How long a drive may take to answer; a real EPOS2 took at most 13 ms in 30 000 answers."""
 
 _NOTIFIER_CYCLE_S = 0.1
 """How long closing may wait for python-can's thread."""
 
+_LOOK_S = 0.01
+"""On a bus inside the process time passes only when somebody sleeps; a late answer is looked for this often."""
+
+_MOST_FRAMES_KEPT = 200_000
+"""Frames that wait for a record; without one the oldest are dropped."""
+
+# Classes of SocketCAN's error frames, and bits of their second byte (linux/can/error.h).
+_ERROR_CONTROLLER, _ERROR_BUS_OFF, _ERROR_PASSIVE = 0x004, 0x040, 0x30
+
 _OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
 """Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
+
+_CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
 # What these libraries log comes back as errors of ours; without a handler Python would print it to stderr as
 # well.
 for _library in ("canopen", "can"):
     logging.getLogger(_library).addHandler(logging.NullHandler())
+
+
+class BusNetwork(canopen.Network):
+    """A network of `canopen` that notes what passes, and what goes wrong.
+
+    Parameters
+    ----------
+    clock : Clock
+        Whose time the frames get.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
+        self.trouble: BusError | None = None
+        self._clock = clock
+        self._frames: deque[tuple[float, int, bytes, str]] = deque(maxlen=_MOST_FRAMES_KEPT)
+        listeners: list[can.Listener] = [*self.listeners, _TroubleListener(self)]
+        self.listeners = listeners  # type: ignore[assignment]
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame and note it."""
+        self._frames.append((self._clock.now_s(), can_id, data, "T"))
+        super().send_message(can_id, data, remote)
+
+    def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Note a frame and give it to its subscribers."""
+        self._frames.append((self._clock.now_s(), can_id, bytes(data), "R"))
+        for callback in self.subscribers.get(can_id, ()):
+            callback(can_id, data, timestamp)
+
+    def check(self) -> None:
+        """Do nothing: why receiving ended stands in `trouble`."""
+
+    def take_error_frame(self, kind: int, data: bytes) -> None:
+        """Remember what an error frame of SocketCAN says."""
+        if kind & _ERROR_BUS_OFF:
+            self.trouble = BusOffError("the CAN bus is off: the adapter counted too many errors", _CHECK_BUS)
+        elif kind & _ERROR_CONTROLLER and len(data) > 1 and data[1] & _ERROR_PASSIVE and not self.trouble:
+            self.trouble = BusPassiveError("the CAN adapter is error passive: frames get lost", _CHECK_BUS)
+
+    def take_frames(self) -> list[tuple[float, int, bytes, str]]:
+        """Return the frames noted since the last call: rig time, COB-ID, data, and T or R for sent or received."""
+        taken = []
+        while self._frames:
+            taken.append(self._frames.popleft())
+        return taken
+
+
+class _TroubleListener(can.Listener):
+    """Takes error frames, and the error with which python-can's reading thread ends."""
+
+    def __init__(self, network: BusNetwork) -> None:
+        self._network = network
+
+    def on_message_received(self, msg: can.Message) -> None:
+        if msg.is_error_frame:
+            self._network.take_error_frame(msg.arbitration_id, bytes(msg.data))
+
+    def on_error(self, exc: Exception) -> None:
+        self._network.trouble = BusError(f"the CAN adapter is gone: {exc}", _CHECK_BUS)
 
 
 @dataclass(frozen=True)
@@ -30,15 +110,22 @@ class CanLink:
 
     Parameters
     ----------
-    network : canopen.Network
-        The bus as `canopen` has it.
-    response_timeout_s : float
-        How long a node may take to answer, in the computer's time. On a bus inside the process an answer is
-        there as soon as the question has been sent, or never comes.
+    network : BusNetwork
+        The bus.
+    clock : Clock
+        Rig time, in which answers are waited for.
+    in_process : bool
+        Whether time has to be made to pass while an answer is awaited.
     """
 
-    network: canopen.Network
-    response_timeout_s: float
+    network: BusNetwork
+    clock: Clock
+    in_process: bool = False
+
+    @property
+    def trouble(self) -> BusError | None:
+        """What is wrong with the bus, once something is."""
+        return self.network.trouble
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send one frame.
@@ -47,24 +134,40 @@ class CanLink:
         ------
         BusError
         """
+        if self.network.trouble is not None and not isinstance(self.network.trouble, BusPassiveError):
+            raise self.network.trouble
         try:
             self.network.send_message(can_id, data)
         except (can.CanError, OSError) as error:
-            raise BusError(
-                f"the CAN bus took no frame: {error}", "check adapter, cable, power and bit rate"
-            ) from error
+            self.network.trouble = BusError(f"the CAN bus took no frame: {error}", _CHECK_BUS)
+            raise self.network.trouble from error
+
+    def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
+        """Return the next of `answers`, waiting for it until the rig time `deadline_s`; None when none comes."""
+        while True:
+            left_s = deadline_s - self.clock.now_s()
+            try:
+                if self.in_process or left_s <= 0:
+                    return answers.get_nowait()
+                return answers.get(timeout=left_s)
+            except Empty:
+                if left_s <= 0:
+                    return None
+                if self.in_process:
+                    self.clock.sleep(_LOOK_S)
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Leave the bus. Raises `BusError` when it does not close, unless it is known to have failed before."""
         try:
             self.network.disconnect()
         except (can.CanError, OSError) as error:
-            raise BusError(
-                f"the CAN bus did not close: {error}", "unplug the adapter and plug it in again"
-            ) from error
+            if self.network.trouble is None:
+                raise BusError(
+                    f"the CAN bus did not close: {error}", "unplug the adapter and plug it in again"
+                ) from error
 
 
-def open_can(description: CanDescription) -> CanLink:
+def open_can(description: CanDescription, clock: Clock) -> CanLink:
     """Connect to a real CAN interface through python-can.
 
     Raises
@@ -72,16 +175,18 @@ def open_can(description: CanDescription) -> CanLink:
     BusError
         When the interface is unknown, its driver is missing, or it cannot be reached.
     """
-    network = canopen.Network()
-    network.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
+    network = BusNetwork(clock)
     where = f"{description.interface} {description.channel}".strip()
     try:
         network.connect(
-            interface=description.interface, channel=description.channel or None, bitrate=description.bitrate
+            interface=description.interface,
+            channel=description.channel or None,
+            bitrate=description.bitrate,
+            **description.options,
         )
     except _OPENING_FAILURES as error:
         raise BusError(f"CAN interface {where} cannot be opened: {error}", _hint(description)) from error
-    return CanLink(network, RESPONSE_TIMEOUT_S)
+    return CanLink(network, clock)
 
 
 def _hint(description: CanDescription) -> str:

@@ -2,28 +2,29 @@
 
 What is decided here
 --------------------
-- SDO only, through `canopen.RemoteNode`; its `BaseNode402` is not used, because it resets faults, enables
+- SDO only, through our own client; `canopen`'s `BaseNode402` is not used, because it resets faults, enables
   power and reads signs of homing methods by itself, wrongly for maxon.
 - Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
   both edges, the position at the end of a move, standing still after a stop.
-- A fault is never reset and power is never switched on but by `enable`, which holds Halt and has the actual
-  position as target, so that nothing moves until a move is commanded.
+- Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
+  nothing moves until a move is commanded. A fault is never reset.
 - Only settings that differ are written, because writing clears the drive's configuration fingerprint
-  (0x1020).
-- Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2, and that the
-  measure init state may show bit 14.
+  (0x1020); the fingerprint is renewed last.
+- A drive is watched: its heartbeat, its EMCY and its boot-up become errors as soon as the rig looks.
+- A question without an answer is asked once more, and that is counted.
+- Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
+  init state may show bit 14; that bit 12 falls when a homing starts, which a fresh attained bit needs (where
+  it does not, homing ends in its timeout with the axis halted).
 """
 
-from collections.abc import Mapping
+import math
+import struct
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-
-import can
-import canopen
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
-from labrig.devices.bus import CanLink
+from labrig.devices.bus import RESPONSE_TIMEOUT_S, CanLink
 from labrig.devices.cia402 import (
     CHANGE_IMMEDIATELY,
     ENABLE,
@@ -34,13 +35,22 @@ from labrig.devices.cia402 import (
     NEW_SETPOINT,
     REFERENCED,
     SETPOINT_ACKNOWLEDGED,
+    TARGET_REACHED,
     DriveState,
     Goal,
     decode_state,
     plan_controlword,
 )
 from labrig.devices.epos2_errors import describe_abort, describe_emergency
-from labrig.errors import BusError, DriveError
+from labrig.devices.homing import BY_CURRENT, HERE, Homing
+from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
+from labrig.errors import (
+    DriveError,
+    DriveFaultError,
+    DriveRefusedError,
+    DriveRestartedError,
+    DriveSilentError,
+)
 
 POLL_S = 0.005
 ANSWER_TIME_S = 1.0
@@ -50,9 +60,11 @@ STILL_COUNTS = 2
 STILL_TIME_S = 0.05
 """An axis stands still when it moves no more than this in this time; a servo at rest dithers a little."""
 
-_PROFILE_POSITION, _HOMING, _HERE = 1, 6, 35
+_PROFILE_POSITION, _HOMING = 1, 6
 _NMT_START = 0x01
+_PDO_UNUSED = 0x80000000
 _CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
+_EMERGENCY = struct.Struct("<HB")
 
 
 @dataclass(frozen=True)
@@ -85,13 +97,14 @@ class Epos2:
         self.node_id = node_id
         self._clock = clock
         self._link = link
-        # Objects are named by `epos2_objects`; canopen needs no dictionary of its own, and maxon's file fails
-        # in it.
-        self._node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
-        link.network.add_node(self._node)
-        self._node.sdo.RESPONSE_TIMEOUT = link.response_timeout_s
+        self._sdo = SdoClient(link, node_id)
         self._restarted = False
+        self._emergency: tuple[int, int] | None = None
+        self._heard_s = 0.0
+        self._silence_s = math.inf
+        self._attained_is_fresh = False
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
+        link.network.subscribe(0x080 + node_id, self._on_emergency)
 
     # Objects
 
@@ -100,48 +113,41 @@ class Epos2:
 
         Raises
         ------
-        DriveError
-            When the drive is silent or refuses.
-        BusError
+        DriveSilentError, DriveRefusedError, BusError
         """
-        return entry.unpack(self._upload(entry.index, entry.subindex, entry.name))
+        try:
+            return entry.unpack(self._sdo.upload(entry.index, entry.subindex))
+        except SdoAbortedError as error:
+            raise self._refused(entry.name, error) from error
+        except SdoSilenceError as error:
+            raise self._silent(entry.name) from error
 
     def write(self, entry: od.Entry, value: int) -> None:
         """Write an object. Raises as `read`."""
         what = f"{entry.name} ({entry.place}) = {value}"
         try:
-            self._node.sdo.download(entry.index, entry.subindex, entry.pack(value))
+            self._sdo.download(entry.index, entry.subindex, entry.pack(value))
         except SdoAbortedError as error:
             raise self._refused(what, error) from error
-        except SdoCommunicationError as error:
+        except SdoSilenceError as error:
             raise self._silent(what) from error
-        except (can.CanError, OSError) as error:
-            raise BusError(
-                f"the CAN bus took no frame: {error}", "check adapter, cable, power and bit rate"
-            ) from error
 
-    def _upload(self, index: int, subindex: int, name: str) -> bytes:
-        try:
-            return bytes(self._node.sdo.upload(index, subindex))
-        except SdoAbortedError as error:
-            raise self._refused(name, error) from error
-        except SdoCommunicationError as error:
-            raise self._silent(name) from error
-        except (can.CanError, OSError) as error:
-            raise BusError(
-                f"the CAN bus took no frame: {error}", "check adapter, cable, power and bit rate"
-            ) from error
-
-    def _refused(self, what: str, error: SdoAbortedError) -> DriveError:
-        return DriveError(
+    def _refused(self, what: str, error: SdoAbortedError) -> DriveRefusedError:
+        return DriveRefusedError(
             f"{self.name} refused {what}: {describe_abort(error.code)} (SDO abort 0x{error.code:08X})",
             "check rig file and drive settings against each other",
+            code=error.code,
         )
 
-    def _silent(self, what: str) -> DriveError:
-        return DriveError(
-            f"{self.name} did not answer within {self._link.response_timeout_s:g} s ({what})", _CHECK_POWER
+    def _silent(self, what: str) -> DriveSilentError:
+        return DriveSilentError(
+            f"{self.name} did not answer within {RESPONSE_TIMEOUT_S:g} s, asked {1 + RETRIES} times ({what})",
+            _CHECK_POWER,
         )
+
+    def counts(self) -> dict[str, int]:
+        """Return how often it had to be asked again, and how many of its answers nobody had asked for."""
+        return {"retries": self._sdo.retries, "strays": self._sdo.strays}
 
     # Connecting
 
@@ -168,38 +174,67 @@ class Epos2:
             f"{self.name} is no EPOS2: {found}", "check the node id in the rig file and the drive itself"
         )
 
-    def configure(self, encoder_pulses: int, settings: Mapping[od.Entry, int]) -> None:
-        """Bring a drive that stands still and unpowered to known settings; nothing moves.
-
-        Parameters
-        ----------
-        encoder_pulses : int
-            What its encoder resolution must be; checked, never written.
-        settings : mapping of Entry to int
-            Written where they differ, and read back.
+    def require_encoder(self, pulses: int) -> None:
+        """Refuse a drive that is set to another encoder resolution; it is never written.
 
         Raises
         ------
         DriveError
+        """
+        found = self.read(od.ENCODER_PULSES)
+        if found != pulses:
+            raise DriveError(
+                f"{self.name} is set to {found} encoder pulses a turn, the rig file says {pulses}",
+                "find out which encoder it has; correct the rig file, or the drive in EPOS Studio",
+            )
+
+    def pdo_cob_ids(self) -> frozenset[int]:
+        """Return the COB-IDs on which this drive sends process data; two drives must not share one."""
+        values = (self.read(entry) for entry in od.TRANSMIT_PDO_COB_IDS)
+        return frozenset(value & 0x7FF for value in values if not value & _PDO_UNUSED)
+
+    def command_cob_ids(self) -> frozenset[int]:
+        """Return the COB-IDs on which this drive takes process data; two drives would both obey a shared one."""
+        values = (self.read(entry) for entry in od.RECEIVE_PDO_COB_IDS)
+        return frozenset(value & 0x7FF for value in values if not value & _PDO_UNUSED)
+
+    def hold_off(self) -> None:
+        """Start the node, stop what moves, and switch the power stage off.
+
+        Raises
+        ------
+        DriveError
+            Also when it reports a fault.
         """
         self.send_nmt(_NMT_START)
         self.raise_if_faulted()
         self.halt()
         self.wait_until_still(ANSWER_TIME_S)
         self.go_to(Goal.POWER_OFF)
-        found = self.read(od.ENCODER_PULSES)
-        if found != encoder_pulses:
-            raise DriveError(
-                f"{self.name} is set to {found} encoder pulses a turn, the rig file says {encoder_pulses}",
-                "find out which encoder it has; correct the rig file, or the drive in EPOS Studio",
-            )
-        for entry, value in settings.items():
-            self.ensure(entry, value)
 
-    def ensure(self, entry: od.Entry, value: int) -> None:
-        """Write an object where it differs, and read it back."""
+    def configure(self, settings: Mapping[od.Entry, int], fingerprint: tuple[int, int]) -> tuple[str, ...]:
+        """Bring settings to what they must be, each read back; return the places of those that were written.
+
+        Parameters
+        ----------
+        settings : mapping of Entry to int
+            Written where they differ.
+        fingerprint : tuple of int
+            What 0x1020 is to hold: the drive clears it when a setting is changed behind our back.
+
+        Raises
+        ------
+        DriveError
+        """
+        written = tuple(entry.place for entry, value in settings.items() if self.ensure(entry, value))
+        self.ensure(od.CONFIGURATION_DATE, fingerprint[0])
+        self.ensure(od.CONFIGURATION_TIME, fingerprint[1])
+        return written
+
+    def ensure(self, entry: od.Entry, value: int) -> bool:
+        """Write an object where it differs, and read it back; return whether it was written."""
         if self.read(entry) == value:
-            return
+            return False
         self.write(entry, value)
         found = self.read(entry)
         if found != value:
@@ -207,10 +242,25 @@ class Epos2:
                 f"{self.name} kept {entry.name} ({entry.place}) at {found} when {value} was written",
                 "check whether the drive's parameters are locked in EPOS Studio",
             )
+        return True
 
     def send_nmt(self, command: int) -> None:
         """Send an NMT command to this node; NMT is not answered."""
         self._link.send(0x000, bytes([command, self.node_id]))
+
+    # Heartbeats
+
+    def watch(self, period_ms: int, silence_s: float) -> None:
+        """Let the drive beat, and count it as silent when no beat is heard for `silence_s`."""
+        self.ensure(od.PRODUCER_HEARTBEAT, period_ms)
+        self._heard_s = self._clock.now_s()
+        self._silence_s = silence_s
+
+    def unwatch(self) -> None:
+        """Let both heartbeats end: the drive is left alone without power, which is no fault."""
+        self._silence_s = math.inf
+        self.ensure(od.CONSUMER_HEARTBEAT, 0)
+        self.ensure(od.PRODUCER_HEARTBEAT, 0)
 
     # States
 
@@ -243,6 +293,7 @@ class Epos2:
     def enable(self) -> None:
         """Switch the power stage on; the axis holds where it is."""
         self.ensure(od.MODE, _PROFILE_POSITION)
+        self.write(od.CONTROLWORD, HALT)
         self.write(od.TARGET_POSITION, self.read(od.POSITION_ACTUAL))
         self.go_to(Goal.ENABLED)
 
@@ -278,6 +329,7 @@ class Epos2:
         # success.
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
         self._refuse_unless_enabled(self.read(od.STATUSWORD))
+        self.ensure(od.MODE, _PROFILE_POSITION)
         self.write(od.PROFILE_VELOCITY, rpm)
         self.write(od.TARGET_POSITION, target)
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT | CHANGE_IMMEDIATELY)
@@ -285,31 +337,70 @@ class Epos2:
         self.write(od.CONTROLWORD, ENABLE)
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "take back the acknowledge of the set-point")
 
-    def home_here(self) -> None:
-        """Make the position here zero (homing method 35); the axis must be enabled and standing still.
+    def home(self, homing: Homing) -> None:
+        """Find home and wait until it is found; the axis must be enabled and standing still.
+
+        Whatever goes wrong, the axis is halted and the drive is left in profile position mode, held.
 
         Raises
         ------
         DriveError
+            When it fails, takes too long, or attained what it had attained before.
         """
-        for entry, value in (
-            (od.MODE, _HOMING),
-            (od.HOMING_METHOD, _HERE),
-            (od.HOME_OFFSET, 0),
-            (od.HOME_POSITION, 0),
-        ):
+        self.start_homing(homing)
+        deadline_s = self._clock.now_s() + homing.timeout_s
+        try:
+            while not self.has_homed():
+                if self._clock.now_s() > deadline_s:
+                    raise DriveError(
+                        f"{self.name} did not find home within {homing.timeout_s:g} s",
+                        "see its homing section",
+                    )
+                self._clock.sleep(POLL_S)
+        except DriveError:
+            self.halt()
+            raise
+        self.finish_homing(homing)
+
+    def start_homing(self, homing: Homing) -> None:
+        """Begin to look for home; `has_homed` says when it is found, `finish_homing` is due then."""
+        for entry, value in _homing_settings(homing):
             self.ensure(entry, value)
         self.write(od.CONTROLWORD, ENABLE)
-        self._refuse_unless_enabled(self.read(od.STATUSWORD))
+        # An attained bit left from an earlier homing is not believed until it has been seen to fall.
+        self._attained_is_fresh = not self.read(od.STATUSWORD) & HOMING_ATTAINED or homing.method == HERE
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
-        self._wait_for_bit(HOMING_ATTAINED | HOMING_ERROR | REFERENCED, HOMING_ATTAINED | REFERENCED, "home")
-        self.write(od.CONTROLWORD, ENABLE | HALT)
-        # The attained bit may be a stale one; that the counter went to zero cannot be.
-        position = self.position()
-        if abs(position) > STILL_COUNTS:
+
+    def has_homed(self) -> bool:
+        """Tell whether home has been found since `start_homing`.
+
+        Raises
+        ------
+        DriveError
+            When the drive says that it cannot be found, or is in fault.
+        """
+        statusword = self.statusword()
+        self.refuse_unless_enabled(statusword)
+        if statusword & HOMING_ERROR:
             raise DriveError(
-                f"{self.name} reads {position} quadcounts after homing here, expected 0", _CHECK_POWER
+                f"{self.name} did not find home (statusword 0x{statusword:04X})",
+                "check switches, current threshold and direction of its homing",
             )
+        attained = bool(statusword & HOMING_ATTAINED)
+        self._attained_is_fresh |= not attained
+        return attained and self._attained_is_fresh and bool(statusword & TARGET_REACHED)
+
+    def finish_homing(self, homing: Homing) -> None:
+        """Check that the counter is where homing leaves it, and hold there in profile position mode."""
+        self.wait_until_still(ANSWER_TIME_S)
+        # Even a fresh bit can be wrong; that the counter has been set cannot be.
+        position = self.position()
+        if homing.method == HERE and abs(position - homing.position) > STILL_COUNTS:
+            raise DriveError(
+                f"{self.name} reads {position} quadcounts after homing here, expected {homing.position}",
+                _CHECK_POWER,
+            )
+        self.write(od.CONTROLWORD, ENABLE | HALT)
         self.write(od.TARGET_POSITION, position)
         self.ensure(od.MODE, _PROFILE_POSITION)
 
@@ -359,13 +450,25 @@ class Epos2:
         self._refuse_fault(self.read(od.STATUSWORD))
 
     def raise_if_reported(self) -> None:
-        """Raise an emergency or a restart that arrived since connecting; asks the drive nothing."""
-        if self._node.emcy.active:
-            raise self._fault(self._node.emcy.active[-1].code)
+        """Raise a restart, an emergency or a silence that has been noticed; asks the drive nothing.
+
+        Raises
+        ------
+        DriveRestartedError, DriveFaultError, DriveSilentError
+        """
         if self._restarted:
-            raise DriveError(
+            raise DriveRestartedError(
                 f"{self.name} has restarted: it lost power, its position and its reference",
                 "find out why it lost power; do not home while a needle is in tissue",
+            )
+        if self._emergency is not None:
+            raise self._fault(*self._emergency)
+        silent_s = self._clock.now_s() - self._heard_s
+        if silent_s > self._silence_s:
+            raise DriveSilentError(
+                f"{self.name} has sent no heartbeat for {silent_s:.2f} s, expected one every "
+                f"{self._silence_s:g} s at the latest",
+                _CHECK_POWER,
             )
 
     def refuse_unless_enabled(self, statusword: int) -> None:
@@ -385,15 +488,27 @@ class Epos2:
     def _refuse_fault(self, statusword: int) -> None:
         if decode_state(statusword) in FAULTED:
             code = self.read(od.LAST_ERROR) & 0xFFFF if self.read(od.ERROR_COUNT) else 0
-            raise self._fault(code)
+            raise self._fault(code, self.read(od.ERROR_REGISTER))
 
-    def _fault(self, code: int) -> DriveError:
+    def _fault(self, code: int, register: int) -> DriveFaultError:
         emergency = describe_emergency(code)
-        return DriveError(f"{self.name} is in fault: {emergency}", emergency.remedy)
+        return DriveFaultError(
+            f"{self.name} is in fault: {emergency} (error register 0x{register:02X})",
+            emergency.remedy,
+            code=code,
+            register=register,
+            text=emergency.text,
+        )
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._heard_s = self._clock.now_s()
         if data[:1] == b"\0":
             self._restarted = True
+
+    def _on_emergency(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) >= _EMERGENCY.size:
+            code, register = _EMERGENCY.unpack_from(data)
+            self._emergency = (code, register) if code else None
 
     def _wait_for_bit(self, mask: int, wanted: int, what: str) -> None:
         deadline_s = self._clock.now_s() + ANSWER_TIME_S
@@ -408,3 +523,16 @@ class Epos2:
                     "look at its status in EPOS Studio",
                 )
             self._clock.sleep(POLL_S)
+
+
+def _homing_settings(homing: Homing) -> Iterable[tuple[od.Entry, int]]:
+    yield od.MODE, _HOMING
+    yield od.HOMING_METHOD, homing.method
+    yield od.HOME_OFFSET, homing.offset
+    yield od.HOME_POSITION, homing.position
+    if homing.method != HERE:
+        yield od.HOMING_SPEED_SWITCH, homing.switch_rpm
+        yield od.HOMING_SPEED_INDEX, homing.index_rpm
+        yield od.HOMING_ACCELERATION, homing.rpm_per_s
+    if homing.method in BY_CURRENT:
+        yield od.CURRENT_THRESHOLD, homing.current_threshold_ma

@@ -1,5 +1,6 @@
 """What a person does at the rig, as requests that can be asked, answered and recorded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -140,6 +141,9 @@ class Answer:
 class Operator(Protocol):
     """Whoever does what the rig cannot do by itself."""
 
-    def ask(self, request: OperatorRequest) -> Answer:
-        """Ask, wait until it is done or refused, and return the answer."""
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+        """Ask, wait until it is done or refused, and return the answer.
+
+        Whoever has to wait calls `meanwhile` ten times a second or more: the drives hear the computer by it.
+        """
         ...

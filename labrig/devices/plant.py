@@ -59,7 +59,7 @@ class BenchPlant:
 
     def open_link(self) -> CanLink:
         """Connect to the CAN interface. Raises `BusError`."""
-        return open_can(self._rig.can)
+        return open_can(self._rig.can, self.clock)
 
     def open_source(self) -> PictureSource:
         """Open the camera's device file. Raises `CameraError`."""

@@ -9,12 +9,13 @@ from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.operator import Operator
+from labrig.devices.operator import Answer, Operator, OperatorRequest
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.state import RigState, StateStore
-from labrig.errors import InterruptedRunError, MachineError, SafetyStopError
+from labrig.errors import DriveError, InterruptedRunError, MachineError, SafetyStopError
 
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
@@ -58,8 +59,16 @@ class Rig:
         self._interrupted = interrupted
         self._store = StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
+        self._link = link
+        self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
         self._axes = {
-            name: Axis(name, axis, Epos2(link, axis.node_id, name, self.clock), self.clock)
+            name: Axis(
+                name,
+                axis,
+                Epos2(link, axis.node_id, name, self._dead_man),
+                self._dead_man,
+                description.can.heartbeat,
+            )
             for name, axis in description.axes.items()
         }
         self.insertion = self._axes["insertion"]
@@ -130,15 +139,48 @@ class Rig:
         """
         steps = max(1, math.ceil(duration_s / MAX_STEP_S))
         try:
-            self._check()
+            self.look_after()
             for _ in range(steps):
                 self.clock.sleep(duration_s / steps)
-                self._check()
+                self.look_after()
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
             raise
 
+    def look_after(self) -> None:
+        """Check bus, drives and signals, and only then tell the drives by a beat that somebody watches.
+
+        To be called more often than the heartbeat's period while nothing else lets rig time pass; waits of
+        the rig do it by themselves.
+
+        Raises
+        ------
+        InterruptedRunError, BusError, DriveError
+        """
+        self._check()
+        self._dead_man.beat()
+
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Let the operator do something; the axes hold still and are looked after meanwhile.
+
+        Raises
+        ------
+        InterruptedRunError, SafetyStopError, BusError, DriveError
+            The axes have been stopped.
+        """
+        try:
+            return self.operator.ask(request, self.look_after)
+        except (InterruptedRunError, MachineError) as error:
+            self._stop_because_of(error)
+            raise
+
+    def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
+        """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
+        return self._link.network.take_frames()
+
     def _check(self) -> None:
+        if self._link.trouble is not None:
+            raise self._link.trouble
         signal_name = self._interrupted()
         if signal_name is not None:
             raise InterruptedRunError(f"interrupted by {signal_name}")
@@ -157,6 +199,7 @@ class Rig:
         """
         failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
         if failures:
+            self._dead_man.let_go()
             raise SafetyStopError(
                 "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
                 "press the emergency stop, then see labrig devices check",
@@ -167,7 +210,7 @@ class Rig:
         try:
             self.stop()
         except SafetyStopError as failure:
-            raise type(error)(f"{error.message}; {failure.message}", failure.hint) from error
+            raise error.reworded(f"{error.message}; {failure.message}") from failure
 
     # The needle
 
@@ -210,17 +253,34 @@ class Rig:
         BusError
         """
         failures: list[MachineError] = []
-        for axis in self.axes:
-            try:
-                self._identities[axis.name] = axis.connect()
-            except MachineError as error:
-                failures.append(error)
-        if failures:
-            message = "; ".join(failure.message for failure in failures)
-            raise type(failures[0])(message, failures[0].hint)
+        for step in (self._identify, Axis.configure):
+            for axis in self.axes:
+                try:
+                    step(axis)
+                except MachineError as error:
+                    failures.append(error)
+            if not failures:
+                failures += self._shared_cob_ids()
+            if failures:
+                raise failures[0].reworded("; ".join(failure.message for failure in failures))
         self._recall_references()
         for axis in self.axes:
             axis.enable()
+
+    def _identify(self, axis: Axis) -> None:
+        self._identities[axis.name] = axis.connect()
+
+    def _shared_cob_ids(self) -> list[MachineError]:
+        """Return an error for each COB-ID of process data that two drives would both send or both obey."""
+        owners: dict[tuple[int, int], str] = {}
+        failures: list[MachineError] = []
+        for axis in self.axes:
+            for way, cob_ids in enumerate(axis.cob_ids()):
+                for cob_id in sorted(cob_ids):
+                    other = owners.setdefault((way, cob_id), axis.name)
+                    if other != axis.name:
+                        failures.append(_shared(cob_id, other, axis.name))
+        return failures
 
     def _recall_references(self) -> None:
         """Believe an axis to be referenced when both the state file and its drive say so."""
@@ -246,6 +306,13 @@ class Rig:
             raise SafetyStopError(
                 "power not known to be off: " + "; ".join(failures), "switch the drives off by hand"
             )
+
+
+def _shared(cob_id: int, first: str, second: str) -> MachineError:
+    return DriveError(
+        f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
+        "restore the default PDO COB-IDs of each drive (0x1011:05) in EPOS Studio, save, power it off and on",
+    )
 
 
 def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:

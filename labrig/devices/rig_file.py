@@ -6,9 +6,11 @@ open.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import can
 from pydantic import Field, PrivateAttr
 
 from labrig.devices.fault_script import FaultDescription
@@ -32,6 +34,24 @@ _WHERE_TO_FIND = {
 _INT32 = 2**31
 
 
+class HeartbeatDescription(Model):
+    """Heartbeats: the drives stop when the computer's stops, and the computer stops them when one of theirs does."""
+
+    computer_node_id: NodeId = Field(127, description="Node id under which the computer beats.")
+    period_ms: Annotated[int, Field(ge=10, le=1000)] = Field(100, description="A beat this often [ms].")
+    timeout_ms: Annotated[int, Field(ge=100, le=10_000)] = Field(
+        500,
+        description="Silence after which the drives stop by themselves, and the computer stops them [ms].",
+    )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield a timeout that one late beat would trip."""
+        if self.timeout_ms < 3 * self.period_ms:
+            yield Conflict(
+                "timeout_ms", f"timeout_ms is {self.timeout_ms}, below three periods of {self.period_ms}"
+            )
+
+
 class CanDescription(Model):
     """The CAN bus on which the drives stand."""
 
@@ -45,6 +65,20 @@ class CanDescription(Model):
     bitrate: Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] = Field(
         1_000_000, description="Bit rate; the drives must be set to the same [bit/s]."
     )
+    options: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="Further arguments of the python-can interface, by name."
+    )
+    heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription, description="Heartbeats.")
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield an interface that python-can does not know."""
+        known = sorted({ONLY_SIMULATED, *can.VALID_INTERFACES})
+        if self.interface not in known:
+            near = get_close_matches(self.interface, known, 1)
+            meant = f"did you mean {near[0]}? " if near else ""
+            yield Conflict(
+                "interface", f"unknown interface {self.interface}; {meant}python-can knows {', '.join(known)}"
+            )
 
 
 class AxisDescription(Model):
@@ -85,6 +119,14 @@ class AxisDescription(Model):
     max_following_error: Positive = Field(
         description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
     )
+    backlash: Annotated[float, Field(ge=0)] = Field(
+        0.0,
+        description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
+        "back, so that every move ends from the same side [mm or rad].",
+    )
+    limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
+        (), description="Limit switches that are wired and must stop the drive; by default it ignores them."
+    )
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -110,6 +152,8 @@ class AxisDescription(Model):
         low, high = self.limits
         if low >= high:
             yield Conflict("limits", f"limits are [{low:g}, {high:g}], expected the lower one first")
+        if self.backlash >= high - low:
+            yield Conflict("backlash", f"backlash is {self.backlash:g}, as long as the axis")
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
         if not self.unknown:
@@ -251,6 +295,12 @@ class RigDescription(Model):
                 yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
         if self.faults and not simulated:
             yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
+        computer = self.can.heartbeat.computer_node_id
+        for name, axis in self.axes.items():
+            if axis.node_id == computer:
+                yield Conflict(
+                    f"axes.{name}.node_id", f"node_id {computer} is that under which the computer beats"
+                )
         if not simulated and self.state_file is None:
             yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
         if self.world is not None:

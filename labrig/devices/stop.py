@@ -35,8 +35,9 @@ def stop_rig(rig: RigDescription) -> tuple[str, ...]:
         return (
             f"{rig.name} is simulated: its drives live inside the labrig that runs them; interrupt that one",
         )
-    with closing(open_can(rig.can)) as link:
-        return stop_drives(rig, link, SystemClock())
+    clock = SystemClock()
+    with closing(open_can(rig.can, clock)) as link:
+        return stop_drives(rig, link, clock)
 
 
 def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ class Session:
 
     def note(self, kind: str, **fields: object) -> None:
         """Append an event, stamped with the rig time."""
+        self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.event(kind, self.rig.clock.now_s(), **fields)
 
     def ask(self, request: OperatorRequest) -> None:
@@ -40,7 +41,7 @@ class Session:
         SafetyStopError
             When the operator says no.
         """
-        answer = self.rig.operator.ask(request)
+        answer = self.rig.ask(request)
         self.note(
             "operator",
             request=type(request).__name__,
@@ -96,6 +97,7 @@ class Session:
         self.note("move_done", axis=axis_name, position=states[axis_name].position)
 
     def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
+        self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.state(
             self.rig.clock.now_s(),
             insertion_mm=states["insertion"].position,

@@ -12,6 +12,8 @@
       frames.jsonl       one line a picture: number, file, SHA-256, rig time, where the axes stood
       states.jsonl       one line a reading of the axes
       events.jsonl       one line an event: what was asked, sent and answered; it makes the trials
+      can.log            every CAN frame sent (T) and received (R), as candump writes them, in rig time; handed
+                         over with the next state or event, so that a killed process loses the frames since
       truth.jsonl        what a simulated world drew; only the final comparison reads it
       SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
       analysis/NNN/      results, made from the above and never overwritten

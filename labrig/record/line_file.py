@@ -40,7 +40,10 @@ class LineFile:
         A disk that fills up takes the beginning of a line and refuses the rest. That beginning is cut off
         again, so that later lines, which say how the run ended, do not continue it.
         """
-        line = encode_line(fields)
+        self.append_raw(encode_line(fields))
+
+    def append_raw(self, line: bytes) -> None:
+        """Append what is a line, or lines, already; cut off again likewise."""
         self._unsynced = True
         try:
             write_fully(self._descriptor, line)

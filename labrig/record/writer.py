@@ -4,7 +4,7 @@ import hashlib
 import math
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +19,7 @@ from labrig.record.durable import disk_errors, sync_directory, write_and_rename,
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
     CALIBRATION,
+    CAN_LOG,
     EVENT_LINES,
     FRAME_LINES,
     FRAMES,
@@ -205,6 +206,30 @@ class Recorder:
             with self._written(self.path / TRUTH_LINES):
                 self._lines[TRUTH_LINES] = LineFile.create(self.path / TRUTH_LINES)
         self._write_line(TRUTH_LINES, fields)
+
+    def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
+        """Append CAN frames to can.log, which is made with the first, in the form of candump.
+
+        Parameters
+        ----------
+        frames : iterable of tuple
+            Rig time [s], COB-ID, data, and T or R for sent or received.
+
+        Raises
+        ------
+        DiskError
+            When it cannot be written; the record stays whole.
+        """
+        lines = "".join(
+            f"({t_s:.6f}) can {i:03X}#{data.hex().upper()} {way}\n" for t_s, i, data, way in frames
+        )
+        if not lines:
+            return
+        self._require_open()
+        with self._written(self.path / CAN_LOG):
+            if CAN_LOG not in self._lines:
+                self._lines[CAN_LOG] = LineFile.create(self.path / CAN_LOG)
+            self._lines[CAN_LOG].append_raw(lines.encode())
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
         """End the run: SHA256SUMS, then the manifest with how it ended. Closing again does nothing.

@@ -43,13 +43,13 @@ def terminal() -> Iterator[Terminal]:
 def test_yes_and_no_are_taken(typed: str, confirmed: bool, terminal: Terminal) -> None:
     """Yes and no, long or short, are the answers."""
     terminal.type(typed)
-    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST).confirmed is confirmed
+    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed is confirmed
 
 
 def test_anything_else_is_asked_again(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistyped answer, or only the return key, repeats the question."""
     terminal.type("maybe\n\nyes\n")
-    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST).confirmed
+    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed
     assert capsys.readouterr().err.count("gel 10 %") == 3
 
 
@@ -58,10 +58,10 @@ def test_a_signal_ends_the_question(terminal: Terminal) -> None:
     note = SignalNote()
     note.take(15, None)
     with pytest.raises(InterruptedRunError, match="SIGTERM"):
-        TerminalOperator(note, terminal.stream).ask(REQUEST)
+        TerminalOperator(note, terminal.stream).ask(REQUEST, lambda: None)
 
 
 def test_a_pipe_cannot_confirm() -> None:
     """What is piped in never answers for a person: no terminal, no confirmation."""
     with pytest.raises(SafetyStopError, match="nobody is there"):
-        TerminalOperator(SignalNote(), io.StringIO("yes\n")).ask(REQUEST)
+        TerminalOperator(SignalNote(), io.StringIO("yes\n")).ask(REQUEST, lambda: None)

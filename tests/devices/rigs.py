@@ -1,6 +1,6 @@
 """Rigs, drives and people that the tests of this room start from; the drives are simulated nodes on a bus."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,7 +41,7 @@ class Person:
     yes: bool = True
     asked: list[OperatorRequest] = field(default_factory=list)
 
-    def ask(self, request: OperatorRequest) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
         """Answer."""
         self.asked.append(request)
         return Answer(self.yes)
@@ -72,7 +72,7 @@ class OneDrive:
 def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver."""
     clock, wire = SimulatedClock(), InProcessWire()
-    link = attach(wire)
+    link = attach(wire, clock)
     drive = SimulatedDrive(wire, 1, clock, **drive_settings)
     clock.on_advance(drive.tick)
     driver = Epos2(link, 1, "insertion", clock)

@@ -16,6 +16,7 @@ from labrig.devices.cia402 import (
     Goal,
     decode_state,
 )
+from labrig.devices.homing import HERE, Homing
 from labrig.errors import DriveError
 from tests.devices.rigs import OneDrive, one_drive
 
@@ -29,6 +30,11 @@ SETTINGS = {
 COUNTS_PER_S_AT_120_RPM = 4000
 
 
+def _configure(one: OneDrive) -> None:
+    one.driver.hold_off()
+    one.driver.configure(SETTINGS, (1, 2))
+
+
 @pytest.fixture(name="one")
 def _one() -> Iterator[OneDrive]:
     with one_drive() as one:
@@ -37,7 +43,7 @@ def _one() -> Iterator[OneDrive]:
 
 @pytest.fixture(name="ready")
 def _ready(one: OneDrive) -> OneDrive:
-    one.driver.configure(500, SETTINGS)
+    _configure(one)
     one.driver.enable()
     return one
 
@@ -68,7 +74,7 @@ def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
 def test_a_wrong_encoder_is_refused_and_never_written(one: OneDrive) -> None:
     """The drive's encoder resolution is compared with the rig file, and left alone."""
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
-        one.driver.configure(512, SETTINGS)
+        one.driver.require_encoder(512)
     assert one.driver.read(od.ENCODER_PULSES) == 500
 
 
@@ -79,7 +85,7 @@ def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
 
 def test_enabling_moves_nothing(one: OneDrive) -> None:
     """A target left over from another program is not driven at: the actual position is the target, Halt is set."""
-    one.driver.configure(500, SETTINGS)
+    _configure(one)
     one.driver.write(od.TARGET_POSITION, 1_000_000)
     one.driver.enable()
     assert one.driver.read(od.TARGET_POSITION) == 0
@@ -92,7 +98,7 @@ def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
     """A drive that a crashed program left moving is halted and stands still before it is configured."""
     ready.driver.start_move(100_000, 120)
     ready.clock.sleep(2.0)
-    ready.driver.configure(500, SETTINGS)
+    _configure(ready)
     stopped_at = ready.drive.shaft_quadcounts
     ready.clock.sleep(1.0)
     assert ready.drive.shaft_quadcounts == stopped_at < 20_000
@@ -146,7 +152,7 @@ def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
 
 def test_halting_a_drive_without_power_does_not_switch_it_on(one: OneDrive) -> None:
     """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
-    one.driver.configure(500, SETTINGS)
+    _configure(one)
     one.driver.go_to(Goal.POWER_OFF)
     one.driver.halt()
     assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
@@ -175,7 +181,7 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
     ready.driver.start_move(4000, 120)
     _run_until_done(ready)
     assert not ready.driver.is_referenced()
-    ready.driver.home_here()
+    ready.driver.home(Homing(HERE))
     assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 4000)
     assert ready.driver.is_referenced()
     ready.driver.start_move(1000, 120)
@@ -260,7 +266,7 @@ def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:
 
 def test_a_restart_is_noticed(ready: OneDrive) -> None:
     """A boot-up frame after connecting means that power, settings and reference are lost."""
-    ready.driver.home_here()
+    ready.driver.home(Homing(HERE))
     ready.drive.restart()
     with pytest.raises(DriveError, match="has restarted"):
         ready.driver.raise_if_reported()

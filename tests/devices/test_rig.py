@@ -180,8 +180,8 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.wait(1.0)
         opened.rig.insertion.wait_until_still()
-        assert _still(opened)
         statusword = opened.rig.insertion._drive.statusword()
+        assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
 
 
@@ -299,7 +299,7 @@ def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
         _ready(opened)
         assert not opened.rig.needs_person
         for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 2, 20.0)):
-            assert opened.rig.operator.ask(request).confirmed
+            assert opened.rig.ask(request).confirmed
         _go(opened, "linear", 15.0, 5.0)
         _go(opened, "insertion", 10.0, 5.0)
         (truth,) = opened.rig.truth()
@@ -313,7 +313,7 @@ def test_pictures_show_the_needle_where_the_axes_have_put_it() -> None:
     with opened_rig() as opened:
         _ready(opened)
         for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 0, 0.0)):
-            opened.rig.operator.ask(request)
+            opened.rig.ask(request)
         before = opened.rig.camera.capture()
         _go(opened, "linear", 15.0, 5.0)
         _go(opened, "insertion", 30.0, 5.0)
@@ -328,8 +328,8 @@ def test_the_same_seed_gives_the_same_run() -> None:
 
     def run() -> tuple[list[object], bytes]:
         with open_rig(simulated_rig(), seed=3, person=Person(), interrupted=Signal()) as rig:
-            rig.operator.ask(MountNeedle("N1"))
-            rig.operator.ask(PlaceSpecimen("A", 10.0))
+            rig.ask(MountNeedle("N1"))
+            rig.ask(PlaceSpecimen("A", 10.0))
             rig.reference_axes()
             rig.linear.start_move(5.0, 5.0)
             states = []

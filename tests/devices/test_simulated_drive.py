@@ -28,8 +28,9 @@ def _heard(wire: InProcessWire) -> Iterator[list[can.Message]]:
 
 @pytest.fixture(name="node")
 def _node(wire: InProcessWire, heard: list[can.Message]) -> Iterator[canopen.RemoteNode]:
-    drive = SimulatedDrive(wire, 5, SimulatedClock())
-    link = attach(wire)
+    clock = SimulatedClock()
+    drive = SimulatedDrive(wire, 5, clock)
+    link = attach(wire, clock)
     node = canopen.RemoteNode(5, canopen.ObjectDictionary())
     link.network.add_node(node)
     node.sdo.RESPONSE_TIMEOUT = 0.0

@@ -42,12 +42,12 @@ class Watched:
     declines: type[object] | None = None
     asked: list[OperatorRequest] = field(default_factory=list)
 
-    def ask(self, request: OperatorRequest) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
         """Answer."""
         self.asked.append(request)
         if self.declines is not None and isinstance(request, self.declines):
             return Answer(confirmed=False, note="no")
-        answer = self.operator.ask(request)
+        answer = self.operator.ask(request, meanwhile)
         self.then(request)
         return answer
 

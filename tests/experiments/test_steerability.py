@@ -3,6 +3,8 @@
 from itertools import pairwise
 from pathlib import Path
 
+import can
+
 from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
 from tests.experiments.sessions import Watched, bench, sweep
@@ -95,9 +97,12 @@ def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None
         assert isinstance(outcome.error, InterruptedRunError)
         assert rig.opened.rig.state.needle_in_tissue is True
         stood = rig.opened.rig.read_states()["insertion"].position
-        clock.sleep(1.0)
+        clock.sleep(0.4)
         assert rig.opened.rig.read_states()["insertion"].position == stood
     assert 0 < stood < 40
+    with can.LogReader(run.path / "can.log") as frames:
+        assert any(frame.arbitration_id == 0x77F for frame in frames)
+    assert "can.log" in (run.path / "SHA256SUMS").read_text(encoding="utf-8")
     assert run.manifest["exit_status"] == "aborted"
     assert run.trials["exit_status"].tolist() == ["incomplete"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import can
-import canopen
 
-from labrig.devices.bus import CanLink
+from labrig.clock import Clock
+from labrig.devices.bus import BusNetwork, CanLink
 
 _BUS_OFF_ID = 0x040
 """COB-ID of the error frame by which SocketCAN tells of bus off."""
@@ -127,13 +127,15 @@ class InProcessBus(can.BusABC):
             self._wire.endpoints.remove(self)
 
 
-def attach(wire: InProcessWire) -> CanLink:
-    """Return a link to an in-process wire."""
-    network = canopen.Network()
+def attach(wire: InProcessWire, clock: Clock) -> CanLink:
+    """Return a link to an in-process wire; while it awaits a late answer, it lets the time of `clock` pass."""
+    network = BusNetwork(clock)
 
     def receive(message: can.Message) -> None:
-        if not (message.is_error_frame or message.is_remote_frame):
+        if message.is_error_frame:
+            network.take_error_frame(message.arbitration_id, bytes(message.data))
+        elif not message.is_remote_frame:
             network.notify(message.arbitration_id, message.data, 0.0)
 
     network.bus = InProcessBus(wire, receive, is_adapter=True)
-    return CanLink(network, response_timeout_s=0.0)
+    return CanLink(network, clock, in_process=True)

@@ -1,5 +1,7 @@
 """The simulated operator: does to the world what a person would do to the bench, and always says yes."""
 
+from collections.abc import Callable
+
 from labrig.devices.operator import (
     Answer,
     ClearBench,
@@ -25,7 +27,7 @@ class SimulatedOperator:
     def __init__(self, world: World) -> None:
         self._world = world
 
-    def ask(self, request: OperatorRequest) -> Answer:
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
         """Do what is asked.
 
         Raises

@@ -61,7 +61,7 @@ class SimulatedPlant:
 
     def open_link(self) -> CanLink:
         """Return a link to the bus inside the process."""
-        return attach(self.wire)
+        return attach(self.wire, self.clock)
 
     def open_source(self) -> PictureSource:
         """Return a camera that sees the world."""

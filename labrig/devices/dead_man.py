@@ -1,0 +1,65 @@
+"""The computer's heartbeat: the drives stop by themselves when it stops.
+
+Each beat is one frame, sent by whoever lets rig time pass, and only while nothing is wrong. There is no timer
+and no thread: a labrig that hangs, is stopped or is killed does not beat. (python-can's periodic sending
+would go on beating from the kernel while the program is stopped.)
+"""
+
+import math
+from datetime import datetime
+
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.rig_file import HeartbeatDescription
+
+_OPERATIONAL = b"\x05"
+_EARLY_S = 1e-6
+
+
+class DeadManClock:
+    """A clock that beats while it waits.
+
+    Parameters
+    ----------
+    clock : Clock
+        Rig time.
+    link : CanLink
+        Where the beats go.
+    heartbeat : HeartbeatDescription
+        How often, and as which node.
+    """
+
+    def __init__(self, clock: Clock, link: CanLink, heartbeat: HeartbeatDescription) -> None:
+        self._clock = clock
+        self._link = link
+        self._period_s = heartbeat.period_ms / 1000
+        self._can_id = 0x700 + heartbeat.computer_node_id
+        self._last_s = -math.inf
+        self._let_go = False
+
+    def now_s(self) -> float:
+        """Return the rig time [s]."""
+        return self._clock.now_s()
+
+    def utc(self) -> datetime:
+        """Return the calendar time in UTC."""
+        return self._clock.utc()
+
+    def sleep(self, duration_s: float) -> None:
+        """Let rig time pass, beating meanwhile."""
+        steps = max(1, math.ceil(duration_s / self._period_s - _EARLY_S))
+        for _ in range(steps):
+            self._clock.sleep(duration_s / steps)
+            self.beat()
+
+    def beat(self) -> None:
+        """Send a beat if one is due and nothing is wrong with the bus. Raises `BusError`."""
+        now_s = self.now_s()
+        if self._let_go or self._link.trouble is not None or now_s - self._last_s < self._period_s - _EARLY_S:
+            return
+        self._last_s = now_s
+        self._link.send(self._can_id, _OPERATIONAL)
+
+    def let_go(self) -> None:
+        """Beat no more, so that every drive stops by itself: the last resort when stopping is not known to work."""
+        self._let_go = True

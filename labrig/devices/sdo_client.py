@@ -1,0 +1,120 @@
+"""The asking side of CANopen's SDO protocol (CiA 301): one transfer at a time a node, retried and counted.
+
+`canopen`'s own client has no lock, does not retry, and takes whatever answer comes next for its own; here an
+answer counts only when it names the object that was asked for. Everything that labrig asks may be asked
+twice: no object that it writes adds up, and moves are absolute.
+"""
+
+import struct
+from queue import Empty, SimpleQueue
+from threading import Lock
+
+from labrig.devices.bus import RESPONSE_TIMEOUT_S, CanLink
+
+RETRIES = 1
+"""How often a question is asked again that got no answer."""
+
+_HEAD = struct.Struct("<BHB")
+_ABORT = struct.Struct("<I")
+_ABORTED = 0x80
+
+
+class SdoAbortedError(Exception):
+    """The node refused a transfer.
+
+    Parameters
+    ----------
+    code : int
+        Why.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"0x{code:08X}")
+        self.code = code
+
+
+class SdoSilenceError(Exception):
+    """The node did not answer, nor did it when it was asked again."""
+
+
+class SdoClient:
+    """Asks one node.
+
+    Parameters
+    ----------
+    link : CanLink
+        The bus.
+    node_id : int
+        Its node id.
+
+    Attributes
+    ----------
+    retries : int
+        Questions that had to be asked again.
+    strays : int
+        Answers that nobody had asked for: duplicated or late ones.
+    """
+
+    def __init__(self, link: CanLink, node_id: int) -> None:
+        self.retries = 0
+        self.strays = 0
+        self._link = link
+        self._request_id = 0x600 + node_id
+        self._answers: SimpleQueue[bytes] = SimpleQueue()
+        self._lock = Lock()
+        link.network.subscribe(0x580 + node_id, lambda _id, data, _t: self._answers.put(bytes(data)))
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Read an object of at most four bytes; its bytes may be padded.
+
+        Raises
+        ------
+        SdoAbortedError, SdoSilenceError, BusError
+        """
+        return self._exchange(_HEAD.pack(0x40, index, subindex) + bytes(4))[4:]
+
+    def download(self, index: int, subindex: int, data: bytes) -> None:
+        """Write an object of at most four bytes. Raises as `upload`."""
+        command = 0x23 | (4 - len(data)) << 2
+        self._exchange(_HEAD.pack(command, index, subindex) + data.ljust(4, b"\0"))
+
+    def _exchange(self, request: bytes) -> bytes:
+        with self._lock:
+            for attempt in range(1 + RETRIES):
+                self.retries += attempt
+                answer = self._ask(request)
+                if answer is not None:
+                    return _checked(answer)
+        raise SdoSilenceError
+
+    def _ask(self, request: bytes) -> bytes | None:
+        self._drop_strays()
+        deadline_s = self._link.clock.now_s() + RESPONSE_TIMEOUT_S
+        self._link.send(self._request_id, request)
+        while (answer := self._link.receive(self._answers, deadline_s)) is not None:
+            if _answers(answer, request):
+                return answer
+            self.strays += 1
+        return None
+
+    def _drop_strays(self) -> None:
+        try:
+            while True:
+                self._answers.get_nowait()
+                self.strays += 1
+        except Empty:
+            return
+
+
+def _answers(answer: bytes, request: bytes) -> bool:
+    """Tell whether an answer is one to this request: same object, and a kind that fits."""
+    if len(answer) != 8 or answer[1:4] != request[1:4]:
+        return False
+    expected = 0x40 if request[0] == 0x40 else 0x60
+    return answer[0] == _ABORTED or answer[0] & 0xE0 == expected
+
+
+def _checked(answer: bytes) -> bytes:
+    if answer[0] == _ABORTED:
+        raise SdoAbortedError(_ABORT.unpack_from(answer, 4)[0])
+    return answer

@@ -1,0 +1,130 @@
+"""The computer's heartbeat, the drives' heartbeats, and what each side does when the other falls silent."""
+
+import pytest
+
+from labrig.devices import AxisReadback
+from labrig.devices import epos2_objects as od
+from labrig.devices.cia402 import DriveState
+from labrig.errors import (
+    BusError,
+    BusOffError,
+    DriveError,
+    DriveFaultError,
+    DriveRestartedError,
+    DriveSilentError,
+)
+from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+
+
+def _moving(opened: OpenedRig) -> None:
+    opened.rig.connect()
+    opened.rig.reference_axes()
+    opened.rig.insertion.start_move(100.0, 5.0)
+    opened.rig.wait(1.0)
+
+
+def _read(opened: OpenedRig) -> AxisReadback:
+    return opened.rig.read_states()["insertion"]
+
+
+def test_a_computer_that_hangs_does_not_beat_and_the_drives_stop() -> None:
+    """Time passes without labrig: within the heartbeat time and its deceleration the axis stands still."""
+    with opened_rig() as opened:
+        _moving(opened)
+        drive, clock = opened.plant.drives["insertion"], opened.plant.clock
+        clock.sleep(0.5 + 0.1 + 5.0 / 200)
+        stood = drive.shaft_quadcounts
+        clock.sleep(1.0)
+        assert drive.shaft_quadcounts == stood
+        with pytest.raises(DriveFaultError) as fault:
+            opened.rig.read_states()
+        assert (fault.value.code, fault.value.register & 0x10) == (0x8130, 0x10)
+        assert "heartbeat of the computer lost" in fault.value.text
+        assert fault.value.remedy
+
+
+def test_a_drive_that_stops_beating_is_silent() -> None:
+    """It still answers, but its heartbeat has stopped: the rig stops within its timeout and names the drive."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.drives["linear"].stop_heartbeat()
+        with pytest.raises(DriveSilentError, match=r"axis linear \(node 3\) has sent no heartbeat"):
+            opened.rig.wait(2.0)
+        assert opened.plant.clock.now_s() < 3.0
+
+
+def test_a_power_cycle_in_the_middle_of_a_move_is_named() -> None:
+    """The boot-up is heard: the axis has lost its reference, and the others are stopped."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.drives["insertion"].restart()
+        with pytest.raises(DriveRestartedError, match="lost power, its position and its reference"):
+            opened.rig.wait(1.0)
+
+
+def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
+    """Nothing can be sent; the error says so, and the drives stop for want of beats."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.wire.bus_off()
+        with pytest.raises(BusOffError, match="bus is off"):
+            opened.rig.wait(1.0)
+        drive, clock = opened.plant.drives["insertion"], opened.plant.clock
+        clock.sleep(1.0)
+        stood = drive.shaft_quadcounts
+        clock.sleep(1.0)
+        assert drive.shaft_quadcounts == stood
+
+
+def test_an_unplugged_adapter_is_a_bus_error() -> None:
+    """The next frame finds it out."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.wire.unplug()
+        with pytest.raises(BusError, match="took no frame"):
+            opened.rig.wait(1.0)
+
+
+@pytest.mark.parametrize("fault", ["lose", "duplicate"])
+def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
+    """The question is asked again, or the second answer is dropped; the move goes on."""
+    with opened_rig() as opened:
+        _moving(opened)
+        getattr(opened.plant.wire, fault)(2)
+        for _ in range(3):
+            _read(opened)
+        assert sum(sum(axis.counts().values()) for axis in opened.rig.axes) >= 1
+        assert _read(opened).state is DriveState.OPERATION_ENABLED
+
+
+def test_two_drives_that_share_a_cob_id_are_refused() -> None:
+    """Both would obey one frame; connecting names both axes."""
+    with opened_rig() as opened:
+        first = od.RECEIVE_PDO_COB_IDS[0]
+        opened.rig.rotation._drive.write(first, opened.rig.insertion._drive.read(first))
+        with pytest.raises(DriveError, match=r"insertion and rotation share the COB-ID 0x201"):
+            opened.rig.connect()
+
+
+def test_the_speed_is_that_between_two_positions() -> None:
+    """5 mm/s reads as 5 mm/s, not as the drive's own quantised rpm."""
+    with opened_rig() as opened:
+        _moving(opened)
+        _read(opened)
+        opened.rig.wait(0.1)
+        assert _read(opened).speed == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_move_downwards_ends_from_below_where_there_is_backlash() -> None:
+    """It goes beyond its target by the backlash and comes back, so that the play is always on one side."""
+    with opened_rig(simulated_rig("axes.insertion.backlash=0.5")) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        for target in (10.0, 5.0):
+            opened.rig.insertion.start_move(target, 5.0)
+            reached = [_read(opened)]
+            while not reached[-1].target_reached:
+                opened.rig.wait(0.05)
+                reached.append(_read(opened))
+            assert reached[-1].position == target
+        assert min(one.position for one in reached) == pytest.approx(4.5, abs=0.05)

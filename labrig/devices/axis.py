@@ -138,13 +138,6 @@ class Axis:
         self._go(target, rpm, self._beyond(position))
         return Setpoint(position, speed, target, rpm, self._scale.to_position(target), achieved)
 
-    def start_move_by(self, distance: float, speed: float) -> Setpoint:
-        """Start a move relative to where the axis reads now. As `start_move`.
-
-        The drive gets the absolute target: a relative set-point that is sent twice would move twice.
-        """
-        return self.start_move(self._scale.to_position(self._drive.position()) + distance, speed)
-
     def _beyond(self, position: float) -> int | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
         here = self._scale.to_position(self._drive.position())

@@ -8,18 +8,30 @@ from pydantic import Field
 
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.overrides import overridden, put
-from labrig.protocol.protocols import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol.protocols import (
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    ImportProtocol,
+    SteerabilityProtocol,
+)
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.tree import Node, Place, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree, tree_of_file
 from labrig.protocol.yaml_text import read_tree
 
-AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol
+AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol | DesignProtocol
 
-_MODELS: dict[str, type[SteerabilityProtocol] | type[CameraCalibrationProtocol] | type[ImportProtocol]] = {
+_MODELS: dict[
+    str,
+    type[SteerabilityProtocol]
+    | type[CameraCalibrationProtocol]
+    | type[ImportProtocol]
+    | type[DesignProtocol],
+] = {
     "steerability": SteerabilityProtocol,
     "camera-calibration": CameraCalibrationProtocol,
     "import": ImportProtocol,
+    "design": DesignProtocol,
 }
 
 

@@ -1,11 +1,21 @@
-"""The experiments that labrig knows: steerability, camera calibration, imported pictures."""
+"""The experiments that labrig knows: steerability, camera calibration, imported pictures, a design of hinges."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import cos, pi
 from typing import Literal
 
 from pydantic import Field
 
+from labrig.errors import AnswerIsNoError, InputError
+from labrig.needle import (
+    EQUATION_3,
+    Hinge,
+    Tube,
+    design_by_equations,
+    links_in,
+    radius_tolerance,
+    rotation_for_radius_deg,
+)
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -259,6 +269,112 @@ class ImportProtocol(Protocol):
         """Yield a sheath that the needle does not fit through."""
         if self.sheath_diameter_mm is not None:
             yield from _sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
+
+
+class TubeSection(Model):
+    """The tube that the needle's tip is cut from."""
+
+    outer_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the tube [mm].")
+    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
+    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+
+    def tube(self) -> Tube:
+        """Return the tube. Raises `InputError` when it is none."""
+        return Tube(self.outer_diameter_mm, self.inner_diameter_mm, self.link_length_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield what makes it no tube of a needle."""
+        yield from _refusals((("inner_diameter_mm", self.tube),))
+
+
+class DesignTolerances(Model):
+    """How sure the laser is."""
+
+    clearance_mm: float = Field(
+        ge=0, le=0.05, description="How sure the width of the cut is, plus or minus [mm]."
+    )
+    cut_deg: float = Field(ge=0, le=10, description="How sure the inclination is, plus or minus [degrees].")
+
+
+class MeasuredNeedle(Model):
+    """A needle of this tube that was measured: its radius tells its effective clearance."""
+
+    radius_mm: PositiveMm = Field(description="Radius that was measured [mm].")
+    beta_cut_deg: float | None = Field(
+        None, ge=0, le=90, description="Inclination that it was cut at [degrees]; null: as equation (3) says."
+    )
+
+
+class DesignProtocol(Protocol):
+    """Section III of the paper: what to cut for a steering radius. It moves no rig."""
+
+    experiment: Literal["design"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Design of the hinges", description="Heading of the report.")
+    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
+    radius_mm: PositiveMm = Field(description="Steering radius wanted [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    tolerances: DesignTolerances = Field(description="How sure the laser is.")
+    grid_points: int = Field(
+        7, ge=3, le=25, description="Points of the searched grid, along each of its two sides."
+    )
+    tip_length_mm: PositiveMm | None = Field(
+        None, description="Length of the tip, into which whole links fit [mm]; null if not asked."
+    )
+    measured: MeasuredNeedle | None = Field(
+        None, description="A needle that was measured, for its effective clearance; null if none was."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield what equations (1) to (3) and the contour's limits refuse."""
+        tube = self.tube.tube()
+        yield from _refusals(
+            (
+                ("clearance_mm", lambda: Hinge(tube, self.clearance_mm, 0.0)),
+                ("radius_mm", lambda: design_by_equations(tube, self.radius_mm, self.clearance_mm)),
+                ("tolerances.clearance_mm", lambda: self._bounded_radius(tube)),
+                (
+                    "tip_length_mm",
+                    lambda: self.tip_length_mm and links_in(self.tip_length_mm, tube.link_length_mm),
+                ),
+                ("measured.radius_mm", lambda: self._effective_clearance(tube)),
+            )
+        )
+
+    def _bounded_radius(self, tube: Tube) -> None:
+        found = radius_tolerance(
+            EQUATION_3,
+            rotation_for_radius_deg(self.radius_mm, tube.link_length_mm),
+            tube.link_length_mm,
+            clearance_tolerance_mm=self.tolerances.clearance_mm,
+            cut_tolerance_deg=self.tolerances.cut_deg,
+        )
+        if found.high_mm is None:
+            raise InputError(
+                f"{self.tolerances.clearance_mm:g} mm and {self.tolerances.cut_deg:g} degrees together let the hinges "
+                "not turn at all",
+                "give the tolerances of a laser that can cut this needle",
+            )
+
+    def _effective_clearance(self, tube: Tube) -> None:
+        if self.measured is None:
+            return
+        cut_deg = self.measured.beta_cut_deg
+        if cut_deg is None:
+            cut_deg = design_by_equations(tube, self.radius_mm, self.clearance_mm).beta_cut_deg
+        Hinge(tube, self.clearance_mm, cut_deg)
+        EQUATION_3.clearance_mm(
+            rotation_for_radius_deg(self.measured.radius_mm, tube.link_length_mm), cut_deg
+        )
+
+
+def _refusals(checks: tuple[tuple[str, Callable[[], object]], ...]) -> Iterator[Conflict]:
+    """Yield the first refusal, at the key of its check; the later checks rest on the earlier ones."""
+    for key, check in checks:
+        try:
+            check()
+        except (InputError, AnswerIsNoError) as error:
+            yield Conflict(key, error.message, error.hint)
+            return
 
 
 def _must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:

@@ -29,8 +29,9 @@ from labrig.analysis.design import (
     DesignStudy,
     MeasuredRadius,
     Tolerances,
+    design_basis,
+    design_file,
     hinge_table,
-    needle_design,
     study_design,
 )
 from labrig.analysis.mapping import load_lens, load_mapping
@@ -69,11 +70,12 @@ __all__ = [
     "Tolerances",
     "TruthComparison",
     "analyze_run",
+    "design_basis",
+    "design_file",
     "hinge_table",
     "load_centre_lines",
     "load_lens",
     "load_mapping",
     "load_result",
-    "needle_design",
     "study_design",
 ]

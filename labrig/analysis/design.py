@@ -19,10 +19,8 @@ from labrig.needle import (
     EQUATION_3,
     STEEPEST_CUT_DEG,
     TABLE_1,
-    Basis,
     Cell,
     Hinge,
-    NeedleDesign,
     RotationPlane,
     Tube,
     design_by_equations,
@@ -35,7 +33,7 @@ from labrig.needle import (
     search_cells,
     search_design,
 )
-from labrig.protocol import DesignProtocol
+from labrig.protocol import Basis, DesignProtocol, NeedleDesign, TubeSection
 from labrig.record import encode_document, write_atomically
 
 DESIGN_FILE = "design.json"
@@ -90,7 +88,7 @@ class DesignOrder:
         """Return what a protocol asks."""
         measured = protocol.measured
         return cls(
-            tube=protocol.tube.tube(),
+            tube=Tube(**protocol.tube.model_dump()),
             radius_mm=protocol.radius_mm,
             clearance_mm=protocol.clearance_mm,
             tolerances=Tolerances(protocol.tolerances.clearance_mm, protocol.tolerances.cut_deg),
@@ -118,8 +116,7 @@ class DesignStudy:
             When a file cannot be written.
         """
         write_atomically(folder / GRID_FILE, hinge_table(self.cells, self.plane))
-        design = needle_design(self.document)
-        write_atomically(folder / DESIGN_FILE, encode_document(design.to_json(provenance)))
+        write_atomically(folder / DESIGN_FILE, design_file(self.document, provenance))
 
 
 def analyze_design(
@@ -170,15 +167,20 @@ def study_design(
     return DesignStudy(document, cells, plane)
 
 
-def needle_design(document: Mapping[str, Any]) -> NeedleDesign:
-    """Return the design as other rooms take it: by equation (3) where it speaks of the tube, else by our contour.
+def design_basis(document: Mapping[str, Any]) -> Basis:
+    """Return what a design goes by: equation (3) where it speaks of the tube, else our contour."""
+    return "equation (3)" if document["equation_3"]["same_tube"] else "our contour"
+
+
+def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> bytes:
+    """Return the design file of a study, for protocols to name.
 
     Raises
     ------
     InputError
         When the tolerances are so wide that the hinges might not turn at all: no radius can be promised.
     """
-    basis: Basis = "equation (3)" if document["equation_3"]["same_tube"] else "our contour"
+    basis = design_basis(document)
     answer = document if basis == "equation (3)" else document["search"]
     low_mm, high_mm = answer["tolerance"]["radius_mm"]
     if high_mm is None:
@@ -186,15 +188,19 @@ def needle_design(document: Mapping[str, Any]) -> NeedleDesign:
             "the radius has no upper limit within the tolerances: the hinges might not turn at all",
             "give the tolerances of a laser that can cut this needle",
         )
-    return NeedleDesign(
-        tube=Tube(**document["tube"]),
+    design = NeedleDesign(
+        kind="labrig-needle-design",
+        schema_version=1,
+        tube=TubeSection(**document["tube"]),
         clearance_mm=document["clearance_mm"],
         beta_cut_deg=answer["beta_cut_deg"],
         radius_mm=document["radius_mm"],
         radius_low_mm=low_mm,
         radius_high_mm=high_mm,
         basis=basis,
+        provenance=dict(provenance),
     )
+    return encode_document(design.model_dump(mode="json"))
 
 
 def hinge_table(cells: tuple[Cell, ...], plane: RotationPlane) -> bytes:

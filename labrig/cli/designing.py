@@ -8,12 +8,12 @@ from typing import Any
 
 import typer
 
-from labrig.analysis import DesignOrder, DesignStudy, hinge_table, load_result, needle_design, study_design
+from labrig.analysis import DesignOrder, DesignStudy, design_file, hinge_table, load_result, study_design
 from labrig.cli.output import interval, number, print_table, say
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
 from labrig.needle import STEEPEST_CUT_DEG
-from labrig.record import collect_provenance, encode_document, open_run, write_atomically
+from labrig.record import collect_provenance, open_run, write_atomically
 
 FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -49,8 +49,7 @@ class Outputs:
     def write(self, study: DesignStudy) -> None:
         """Write the design file, the figure and the table. Raises `DiskError`."""
         if self.out is not None:
-            design = needle_design(study.document).to_json(collect_provenance(tuple(sys.argv)))
-            write_atomically(self.out, encode_document(design))
+            write_atomically(self.out, design_file(study.document, collect_provenance(tuple(sys.argv))))
             say(f"design: {self.out}")
         if self.figure is not None:
             # matplotlib takes half a second to load, and most calls draw nothing.

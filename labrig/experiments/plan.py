@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
 from labrig.errors import LimitError, Problem
-from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, SteerabilityProtocol
+from labrig.experiments.design import design_problems
+from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, DesignProtocol, SteerabilityProtocol
 
 PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
 """The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
@@ -64,8 +65,10 @@ def planned_moves(protocol: SteerabilityProtocol) -> Iterator[PlannedMove]:
 def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
     """Return what this rig cannot do of this protocol: moves beyond a limit, and pictures that cannot be measured.
 
-    A protocol that needs no rig (None) asks nothing of one.
+    A protocol that needs no rig (None) asks nothing of one; of a design, what no hinge can be is returned.
     """
+    if isinstance(protocol, DesignProtocol):
+        return design_problems(protocol)
     if rig is None:
         return ()
     problems = [

@@ -30,14 +30,9 @@ What is decided here:
   stops at D_o / 2 give 2 d / (D_o / 2) for hinge a and 2 d / D_o for b, 286 degrees for a mm; the round lips
   give the rest, because they hold the knuckle at a slant. The range of the paper's figure 3 is not in its
   text; ours is a choice. Nobody should cut by our contour: no cutting file is written.
-- **A design file** (`NeedleDesign`, `load_design`) hands a design to other rooms: protocols take diameter and radius
-  from it, the simulated world and the planner the radius with its tolerance. Its tolerance is a worst case, low to
-  high, and no standard deviation. For a tube of the paper's section it speaks by equation (3), for any other by our
-  contour, and it says which.
 - **Limits**: the links are rigid, the kerf is the same all along the cut, and the laser cuts along the pin.
 """
 
-from labrig.needle.design_file import Basis, NeedleDesign, load_design
 from labrig.needle.equations import (
     EQUATION_3,
     RadiusTolerance,
@@ -75,14 +70,12 @@ __all__ = [
     "GRID_POINTS",
     "STEEPEST_CUT_DEG",
     "TABLE_1",
-    "Basis",
     "Cell",
     "FreeRotation",
     "Hinge",
     "HingeRotation",
     "HingeView",
     "LinkPair",
-    "NeedleDesign",
     "PaperNeedle",
     "RadiusTolerance",
     "Reach",
@@ -96,7 +89,6 @@ __all__ = [
     "interference_mm2",
     "largest_rotation",
     "links_in",
-    "load_design",
     "radius_mm",
     "radius_tolerance",
     "rotation_for_radius_deg",

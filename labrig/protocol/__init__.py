@@ -10,12 +10,16 @@ Decided here:
   the names and are never converted silently; a hint says what the value would be.
 - Rules between values are `Model.conflicts`, told at the key that has to change.
 - `dump_yaml` writes every default out: the protocol in a record means the same when defaults have changed.
+- A needle may name a design file (`needle: design_file:`) instead of diameter and radius. The numbers are put in when
+  the protocol is read, so that what is recorded is whole; the name is relative and stays beside the protocol's folder.
+  `load_design` reads one for whoever needs the radius with its tolerance.
 - The rig file and its `world:` section use the same `Model` and the same reader.
 
 An experiment is added by a `Protocol` subclass in `protocols.py` and its name in `load.py`; then
 `labrig schema > protocols/protocol.schema.json`.
 """
 
+from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection, load_design
 from labrig.protocol.load import AnyProtocol, load_protocol, parse_protocol, protocol_schema
 from labrig.protocol.model import (
     Conflict,
@@ -42,11 +46,11 @@ from labrig.protocol.protocols import (
     Insertion,
     MeasuredNeedle,
     Needle,
+    NeedleDesignSection,
     Scale,
     Sheath,
     Specimen,
     SteerabilityProtocol,
-    TubeSection,
 )
 from labrig.protocol.schema import JsonSchema, model_schema, schema_text
 from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_values, parse_yaml_model
@@ -54,6 +58,7 @@ from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_value
 __all__ = [
     "AnalysisWindow",
     "AnyProtocol",
+    "Basis",
     "Board",
     "CameraCalibrationProtocol",
     "Conflict",
@@ -70,6 +75,8 @@ __all__ = [
     "Model",
     "Name",
     "Needle",
+    "NeedleDesign",
+    "NeedleDesignSection",
     "NonNegativeMm",
     "Notes",
     "PixelUv",
@@ -82,6 +89,7 @@ __all__ = [
     "SteerabilityProtocol",
     "TubeSection",
     "dump_yaml",
+    "load_design",
     "load_protocol",
     "load_yaml_model",
     "model_of_values",

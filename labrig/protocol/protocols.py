@@ -1,21 +1,12 @@
 """The experiments that labrig knows: steerability, camera calibration, imported pictures, a design of hinges."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import cos, pi
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
-from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle import (
-    EQUATION_3,
-    Hinge,
-    Tube,
-    design_by_equations,
-    links_in,
-    radius_tolerance,
-    rotation_for_radius_deg,
-)
+from labrig.protocol.design_file import Basis, TubeSection
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -44,13 +35,55 @@ class Protocol(Model):
     seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
 
 
+class NeedleDesignSection(Model):
+    """What a design file said of the needle when the protocol was read; labrig writes it, people name the file."""
+
+    file: str = Field(max_length=1000, description="Name of the design file, as the protocol had it.")
+    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of that file.")
+    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
+    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
+    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
+    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
+    basis: Basis = Field(description="By which plane the inclination was computed.")
+
+
+_NUMBERS_OR_FILE: dict[str, Any] = {
+    "properties": {
+        "design_file": {
+            "description": "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to "
+            "this file; written by labrig design --out, or by a design run.",
+            "type": "string",
+            "minLength": 1,
+            "maxLength": 1000,
+        }
+    },
+    "required": ["needle_id"],
+    "if": {"required": ["design_file"]},
+    "then": {"properties": {"diameter_mm": False, "design_radius_mm": False, "design": False}},
+    "else": {"required": ["diameter_mm", "design_radius_mm"]},
+}
+
+
+def _allow_design_file(schema: dict[str, Any]) -> None:
+    """Let editors accept a design file instead of the numbers; the reader puts the numbers in before validation."""
+    schema["properties"] |= _NUMBERS_OR_FILE["properties"]
+    schema |= {key: each for key, each in _NUMBERS_OR_FILE.items() if key != "properties"}
+
+
 class Needle(Model):
-    """The needle of the run."""
+    """The needle of the run: its numbers, or `design_file` instead of them."""
+
+    model_config = ConfigDict(json_schema_extra=_allow_design_file)
 
     needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
     diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     design_radius_mm: PositiveMm = Field(
         description="Radius of curvature that the needle was designed for [mm]."
+    )
+    design: NeedleDesignSection | None = Field(
+        None, description="What a design file said; labrig writes it into records."
     )
 
     def conflicts(self) -> Iterator[Conflict]:
@@ -271,22 +304,6 @@ class ImportProtocol(Protocol):
             yield from _sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
 
 
-class TubeSection(Model):
-    """The tube that the needle's tip is cut from."""
-
-    outer_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the tube [mm].")
-    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
-    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
-
-    def tube(self) -> Tube:
-        """Return the tube. Raises `InputError` when it is none."""
-        return Tube(self.outer_diameter_mm, self.inner_diameter_mm, self.link_length_mm)
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield what makes it no tube of a needle."""
-        yield from _refusals((("inner_diameter_mm", self.tube),))
-
-
 class DesignTolerances(Model):
     """How sure the laser is."""
 
@@ -306,7 +323,11 @@ class MeasuredNeedle(Model):
 
 
 class DesignProtocol(Protocol):
-    """Section III of the paper: what to cut for a steering radius. It moves no rig."""
+    """Section III of the paper: what to cut for a steering radius. It moves no rig.
+
+    What the contour's limits and the equations refuse is told by `labrig.experiments.find_problems`: only `needle`
+    knows them.
+    """
 
     experiment: Literal["design"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Design of the hinges", description="Heading of the report.")
@@ -323,58 +344,6 @@ class DesignProtocol(Protocol):
     measured: MeasuredNeedle | None = Field(
         None, description="A needle that was measured, for its effective clearance; null if none was."
     )
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """Yield what equations (1) to (3) and the contour's limits refuse."""
-        tube = self.tube.tube()
-        yield from _refusals(
-            (
-                ("clearance_mm", lambda: Hinge(tube, self.clearance_mm, 0.0)),
-                ("radius_mm", lambda: design_by_equations(tube, self.radius_mm, self.clearance_mm)),
-                ("tolerances.clearance_mm", lambda: self._bounded_radius(tube)),
-                (
-                    "tip_length_mm",
-                    lambda: self.tip_length_mm and links_in(self.tip_length_mm, tube.link_length_mm),
-                ),
-                ("measured.radius_mm", lambda: self._effective_clearance(tube)),
-            )
-        )
-
-    def _bounded_radius(self, tube: Tube) -> None:
-        found = radius_tolerance(
-            EQUATION_3,
-            rotation_for_radius_deg(self.radius_mm, tube.link_length_mm),
-            tube.link_length_mm,
-            clearance_tolerance_mm=self.tolerances.clearance_mm,
-            cut_tolerance_deg=self.tolerances.cut_deg,
-        )
-        if found.high_mm is None:
-            raise InputError(
-                f"{self.tolerances.clearance_mm:g} mm and {self.tolerances.cut_deg:g} degrees together let the hinges "
-                "not turn at all",
-                "give the tolerances of a laser that can cut this needle",
-            )
-
-    def _effective_clearance(self, tube: Tube) -> None:
-        if self.measured is None:
-            return
-        cut_deg = self.measured.beta_cut_deg
-        if cut_deg is None:
-            cut_deg = design_by_equations(tube, self.radius_mm, self.clearance_mm).beta_cut_deg
-        Hinge(tube, self.clearance_mm, cut_deg)
-        EQUATION_3.clearance_mm(
-            rotation_for_radius_deg(self.measured.radius_mm, tube.link_length_mm), cut_deg
-        )
-
-
-def _refusals(checks: tuple[tuple[str, Callable[[], object]], ...]) -> Iterator[Conflict]:
-    """Yield the first refusal, at the key of its check; the later checks rest on the earlier ones."""
-    for key, check in checks:
-        try:
-            check()
-        except (InputError, AnswerIsNoError) as error:
-            yield Conflict(key, error.message, error.hint)
-            return
 
 
 def _must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:

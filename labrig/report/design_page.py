@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from labrig.analysis import AnalysisResult, DesignResult, needle_design
+from labrig.analysis import AnalysisResult, DesignResult, design_basis
 from labrig.needle import STEEPEST_CUT_DEG, Cell, RotationPlane
 from labrig.report.design_figure import hinge_figure
 from labrig.report.pictures import data_uri
@@ -25,12 +25,11 @@ def design_page(result: AnalysisResult, content: DesignResult) -> dict[str, Any]
             ("constant, degrees", "c", 3),
             ("RMSE, degrees", "rmse_deg", 4),
         ),
-        "basis": needle_design(content.model_dump()).basis,
+        "basis": design_basis(content.model_dump()),
         "clearances_mm": sorted({cell.clearance_mm for cell in cells}),
         "rows": _grid_rows(cells),
         "steepest_deg": STEEPEST_CUT_DEG,
         "shifts": {
-            "a": content.search["fit"]["a"] - content.equation_3["a"],
             "b_percent": 100 * (content.search["fit"]["b"] / content.equation_3["b"] - 1),
             "cut_deg": content.search["beta_cut_deg"] - content.beta_cut_deg,
         },

@@ -5,9 +5,15 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from labrig import __version__
-from labrig.protocol import CameraCalibrationProtocol, DesignProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol import (
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    ImportProtocol,
+    Needle,
+    SteerabilityProtocol,
+)
 from labrig.record import Run
-from labrig.report.words import UNKNOWN, count_of, joined, moment, shown
+from labrig.report.words import UNKNOWN, count_of, interval, joined, moment, shown
 
 _EYEBROWS = {
     "steerability": "Steerability test",
@@ -102,7 +108,7 @@ def _experiment_facts(run: Run) -> list[tuple[str, str]]:
         insertion = protocol.insertion
         return [
             ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-            ("Design radius", f"{protocol.needle.design_radius_mm:g} mm"),
+            ("Design radius", _design_radius(protocol.needle)),
             ("Gels", joined(f"{one.gelatin_percent:g} %" for one in protocol.specimens)),
             ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
             ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
@@ -117,6 +123,13 @@ def _experiment_facts(run: Run) -> list[tuple[str, str]]:
             ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
         ]
     return _design_facts(protocol)
+
+
+def _design_radius(needle: Needle) -> str:
+    if needle.design is None:
+        return f"{needle.design_radius_mm:g} mm"
+    low_to_high = interval((needle.design.radius_low_mm, needle.design.radius_high_mm))
+    return f"{needle.design_radius_mm:g} mm, {low_to_high} within tolerance"
 
 
 def _design_facts(protocol: DesignProtocol) -> list[tuple[str, str]]:

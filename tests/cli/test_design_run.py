@@ -3,7 +3,6 @@
 import csv
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ class Ran:
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ran]:
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     """Return the committed protocol on a coarse grid, run where the only rig file there could be is missing."""
     import contextlib
     import io
@@ -54,7 +53,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ran]:
         )
     assert exit_code == 0
     document = json.loads(printed.getvalue())
-    yield Ran(Path(document["run"]), document)
+    return Ran(Path(document["run"]), document)
 
 
 def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
@@ -102,7 +101,7 @@ def test_the_page_says_what_is_claimed(ran: Ran) -> None:
 
 
 def test_a_design_can_be_studied_again(ran: Ran, labrig: Labrig, tmp_path: Path) -> None:
-    """`reanalyze` searches again into a new result with the same numbers; nothing of a design can be changed after it."""
+    """`reanalyze` searches again, into a new result with the same numbers; nothing that was asked can be changed."""
     run = tmp_path / "again"
     shutil.copytree(ran.run, run)
     assert labrig("reanalyze", run, "--json").exit_code == 0
@@ -169,7 +168,7 @@ def test_a_rig_for_a_design_is_a_mistake(
 
 
 def test_a_sweep_takes_the_design_of_a_run(ran: Ran, labrig: Labrig, tmp_path: Path) -> None:
-    """The needle's numbers come from design.json; the world draws its radius within the tolerance; the record is whole."""
+    """The needle's numbers come from design.json, and the world draws its radius within the tolerance."""
     top = ran.run.parent.parent
     sweep = sweep_with(top / "protocols", "  design_file: ../runs/design/analysis/001/design.json\n")
     one = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]")

@@ -146,7 +146,7 @@ def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
 
 
 def test_a_world_stays_as_it_is_without_a_design_and_where_the_rig_file_says_otherwise() -> None:
-    """A needle of numbers alone changes nothing, nor does a design where the rig file has its own; a bench has no world."""
+    """A needle of numbers alone changes nothing, nor does a design where the rig file has its own, nor on a bench."""
     plain = simulated_rig()
     needle = _designed_needle()
     assert plain.with_needle(needle.model_copy(update={"design": None})) is plain

@@ -7,7 +7,7 @@ import pytest
 
 from labrig.errors import FileFormatError
 from labrig.protocol import SteerabilityProtocol, dump_yaml, load_design, load_protocol, parse_protocol
-from tests.protocol.designs import write_design, sweep_with
+from tests.protocol.designs import sweep_with, write_design
 
 LINE = "  design_file: ../designs/n2.json\n"
 

@@ -17,11 +17,23 @@ What is decided here:
   the gel, the optics.
 - **The mean radius of a run is the mean of its groups' means**, which is what "an average of 27.6 mm" is in
   the paper.
+- **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
+  design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
 The result does not depend on the number of worker processes.
 """
 
+from labrig.analysis.design import (
+    DesignOrder,
+    DesignStudy,
+    MeasuredRadius,
+    Tolerances,
+    design_basis,
+    design_file,
+    hinge_table,
+    study_design,
+)
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
@@ -29,6 +41,7 @@ from labrig.analysis.result import (
     CalibrationResult,
     CentreLines,
     CurvatureResult,
+    DesignResult,
     PictureResult,
     SpecimenResult,
     SpecimenTruth,
@@ -46,14 +59,23 @@ __all__ = [
     "CalibrationResult",
     "CentreLines",
     "CurvatureResult",
+    "DesignOrder",
+    "DesignResult",
+    "DesignStudy",
+    "MeasuredRadius",
     "PaperGel",
     "PictureResult",
     "SpecimenResult",
     "SpecimenTruth",
+    "Tolerances",
     "TruthComparison",
     "analyze_run",
+    "design_basis",
+    "design_file",
+    "hinge_table",
     "load_centre_lines",
     "load_lens",
     "load_mapping",
     "load_result",
+    "study_design",
 ]

@@ -1,20 +1,13 @@
 """Measuring many pictures, in worker processes, in an order that does not depend on them."""
 
-import ctypes
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
-
-from labrig.errors import MachineError, PictureError, RecordError
+from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
+from labrig.errors import PictureError, RecordError
 from labrig.record import read_recorded_picture
 from labrig.vision import (
     CurvatureMeasurement,
@@ -24,11 +17,8 @@ from labrig.vision import (
 )
 
 Progress = Callable[[int, int], None]
-DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
 # Enough to keep a worker busy between two messages, few enough for a steady progress bar.
 _PICTURES_A_MESSAGE = 4
-# linux/prctl.h
-_PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
@@ -92,30 +82,8 @@ def _mapping(workers: int) -> Iterator[MapInOrder]:
     if workers <= 1:
         yield map
         return
-    threads = cv2.getNumThreads()
-    # Workers are forked: they start in milliseconds and share what is loaded. OpenCV's threads do not
-    # survive a fork, and a worker that waited for them would wait for ever; they are ended first.
-    cv2.setNumThreads(1)
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _depend_on_the_parent)
-    try:
+    with worker_processes(workers, "measured pictures") as pool:
         yield partial(pool.map, chunksize=_PICTURES_A_MESSAGE)
-    except BrokenProcessPool as error:
-        raise MachineError(
-            "a process that measured pictures died", "free some memory and analyse the run again"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
-        cv2.setNumThreads(threads)
-
-
-def _depend_on_the_parent() -> None:
-    # Ctrl+C reaches every process of the terminal, and the parent ends its workers. A signal sent to one
-    # worker ends it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    # A parent that is killed ends nobody; its workers would wait for pictures for ever.
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _measure(plane: PlaneMap, settings: CurvatureSettings, file: PictureFile) -> Measured:

@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,8 +172,38 @@ class CalibrationResult(_Common):
     corners: dict[str, tuple[Point, ...]]
 
 
-Content = Annotated[CurvatureResult | CalibrationResult, Field(discriminator="kind")]
-_CONTENT: TypeAdapter[CurvatureResult | CalibrationResult] = TypeAdapter(Content)
+class HingeCell(Model):
+    """One point of the searched grid: clearance, inclination, and what both hinges allow."""
+
+    clearance_mm: float
+    beta_cut_deg: float
+    beta_a_deg: float
+    beta_b_deg: float
+
+
+class DesignResult(_Common):
+    """Of design runs: the document that `labrig design --json` prints too, and the searched grid.
+
+    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says.
+    """
+
+    kind: Literal["design"] = "design"
+    beta_cut_deg: float
+    beta_rot_deg: float
+    radius_mm: float
+    clearance_mm: float
+    tube: dict[str, float]
+    equation_3: dict[str, Any]
+    tolerance: dict[str, Any]
+    table_1: dict[str, float] | None
+    links: int | None
+    measured: dict[str, Any] | None
+    search: dict[str, Any]
+    cells: tuple[HingeCell, ...]
+
+
+AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult
+_CONTENT: TypeAdapter[AnyResult] = TypeAdapter(Annotated[AnyResult, Field(discriminator="kind")])
 
 
 @dataclass(frozen=True)
@@ -181,7 +211,7 @@ class AnalysisResult:
     """A result on disk: its folder, and what it says."""
 
     path: Path
-    content: CurvatureResult | CalibrationResult
+    content: AnyResult
 
     @property
     def document(self) -> Mapping[str, Any]:
@@ -205,9 +235,7 @@ class CentreLines:
 NO_LINES = CentreLines({}, {}, {})
 
 
-def write_result(
-    path: Path, content: CurvatureResult | CalibrationResult, lines: CentreLines = NO_LINES
-) -> AnalysisResult:
+def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) -> AnalysisResult:
     """Write a result into its folder, `result.json` last.
 
     Raises

@@ -8,12 +8,15 @@ from typing import Any
 
 from labrig.analysis.calibration import analyze_calibration
 from labrig.analysis.curvature import analyze_curvature, curvature_settings
-from labrig.analysis.pictures import DEFAULT_WORKERS, Progress
+from labrig.analysis.design import analyze_design
+from labrig.analysis.pictures import Progress
 from labrig.analysis.result import AnalysisResult, Stamp, result_numbers, write_result
+from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
+    DesignProtocol,
     ImportProtocol,
     SteerabilityProtocol,
     load_protocol,
@@ -32,16 +35,16 @@ def analyze_run(
     created: datetime,
     provenance: Mapping[str, Any],
 ) -> AnalysisResult:
-    """Measure a run and write a new numbered result, `RUN/analysis/NNN/`.
+    """Measure a run, or study the design that it asks for, and write a new numbered result, `RUN/analysis/NNN/`.
 
     Parameters
     ----------
     overrides : sequence of str
         `analysis.key=value` each, put over the protocol's analysis section; kept in the result.
     workers : int
-        Processes that measure. The result is the same for any number of them.
+        Processes that measure or search. The result is the same for any number of them.
     progress : callable or None
-        Called with how many pictures are done, and how many there are.
+        Called with how many pictures (of a design: hinges) are done, and how many there are.
     created : datetime
         Calendar time, aware.
     provenance : Mapping
@@ -77,6 +80,11 @@ def analyze_run(
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
         content, lines = analyze_curvature(run, stamp, curvature_settings(protocol), workers, progress)
         return write_result(run.new_result_dir(), content, lines)
+    if isinstance(protocol, DesignProtocol):
+        answer, study = analyze_design(protocol, stamp, workers, progress)
+        folder = run.new_result_dir()
+        study.save(folder, stamp.provenance)
+        return write_result(folder, answer)
     raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
 
 

@@ -48,6 +48,14 @@ def design(
     grid_points: Annotated[
         int, typer.Option(min=3, max=25, help="Points of the searched grid, along each of its two sides.")
     ] = 7,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a design file (JSON), which protocols can name as needle.design_file.",
+            show_default=False,
+        ),
+    ] = None,
     figure: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Draw figure 3: .png, .svg or .pdf.", show_default=False),
@@ -60,18 +68,12 @@ def design(
     as_json: AsJson = False,
 ) -> None:
     """Print both answers; the search takes ten to thirty seconds."""
-    from labrig.cli.designing import (
-        DesignOrder,
-        Measured,
-        Tolerances,
-        carry_out,
-        measured_radius,
-        print_design,
-        require_writable,
-    )
+    from labrig.analysis import DesignOrder, MeasuredRadius, Tolerances
+    from labrig.cli.designing import Outputs, carry_out, measured_radius, print_design
     from labrig.needle import Tube
 
-    require_writable(figure, csv, force)
+    outputs = Outputs(out, figure, csv)
+    outputs.require_writable(force=force)
     radius = measured_radius(measured_radius_mm, from_run, beta_cut_deg)
     order = DesignOrder(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),
@@ -79,12 +81,10 @@ def design(
         clearance_mm=clearance_mm,
         tolerances=Tolerances(clearance_tolerance_mm, cut_tolerance_deg),
         tip_length_mm=tip_length_mm,
-        measured=None if radius is None else Measured(radius, beta_cut_deg, from_run),
+        measured=None if radius is None else MeasuredRadius(radius, beta_cut_deg, from_run),
         grid_points=grid_points,
-        figure=figure,
-        csv=csv,
     )
-    document = carry_out(order)
+    document = carry_out(order, outputs)
     if as_json:
         print_json(document)
     else:

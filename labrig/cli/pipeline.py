@@ -11,19 +11,28 @@ from labrig.cli.output import say
 from labrig.cli.person import TerminalOperator
 from labrig.cli.progress import progress
 from labrig.cli.signals import Interruption, SignalNote, note_signals
+from labrig.clock import Clock
 from labrig.devices import Rig, RigDescription, SystemClock, open_rig
 from labrig.errors import FileFormatError, InputError, InterruptedRunError, LabrigError, MachineError
-from labrig.experiments import Outcome, Session, conduct, estimate, find_problems, trials_planned
-from labrig.protocol import AnyProtocol, dump_yaml
+from labrig.experiments import (
+    Outcome,
+    Session,
+    conduct,
+    conduct_without_rig,
+    estimate,
+    find_problems,
+    trials_planned,
+)
+from labrig.protocol import AnyProtocol, DesignProtocol, dump_yaml
 from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be run: the protocol, on which rig, where the record goes, and the command that said so."""
+    """What is to be run: the protocol, on which rig if any, where the record goes, and the command that said so."""
 
     protocol: AnyProtocol
-    rig: RigDescription
+    rig: RigDescription | None
     runs_dir: Path
     run_name: str | None
     command_line: tuple[str, ...]
@@ -62,12 +71,12 @@ def perform(order: Order) -> Finished:
         raise FileFormatError(problems)
     needs = estimate(order.protocol, order.rig)
     require_free_bytes(order.runs_dir, needs.disk_bytes)
-    with note_signals() as interrupted:
-        path, outcome, needle = _record(order, interrupted, needs.work)
+    recorded = _record(order, needs.work)
+    path, outcome = recorded.path, recorded.outcome
     if outcome.error is not None:
-        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, needle)
-    if interrupted() is not None:
-        return _unmeasured(path, interrupted())
+        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, recorded.needle)
+    if recorded.signal_name is not None:
+        return _unmeasured(path, recorded.signal_name)
     try:
         result = analyze(path, order.command_line)
         # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
@@ -80,24 +89,50 @@ def perform(order: Order) -> Finished:
     return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None, "")
 
 
-def _unmeasured(path: Path, signal_name: str | None) -> Finished:
+def _unmeasured(path: Path, signal_name: str) -> Finished:
     """Return what is known of a run that came to its end and was then interrupted."""
     message = f"interrupted by {signal_name} when the run had ended; it is recorded, and was not measured"
     return Finished(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
-def _record(order: Order, interrupted: SignalNote, work: float) -> tuple[Path, Outcome, str]:
-    """Open the rig and the record, conduct the experiment, and close both; tell where the needle was left."""
+@dataclass(frozen=True)
+class _Recorded:
+    """A run that has been recorded: how it ended, where the needle was left, and a signal that came too late."""
+
+    path: Path
+    outcome: Outcome
+    needle: str
+    signal_name: str | None
+
+
+def _record(order: Order, work: float) -> _Recorded:
+    """Open the record, with a rig where the protocol needs one, conduct the experiment, and close both."""
+    if order.rig is not None:
+        with note_signals() as interrupted:
+            path, outcome, needle = _record_on_rig(order, order.rig, interrupted, work)
+        return _Recorded(path, outcome, needle, interrupted())
+    if not isinstance(order.protocol, DesignProtocol):
+        raise InputError(
+            f"the experiment {order.protocol.experiment} needs a rig", "name one with --rig FILE"
+        )
+    clock = SystemClock()
+    recorder = _open_record(order, clock, {})
+    return _Recorded(recorder.path, conduct_without_rig(order.protocol, recorder, clock), "", None)
+
+
+def _record_on_rig(
+    order: Order, description: RigDescription, interrupted: SignalNote, work: float
+) -> tuple[Path, Outcome, str]:
     with (
         open_rig(
-            order.rig,
+            description,
             seed=order.protocol.seed,
             person=TerminalOperator(interrupted, sys.stdin),
             interrupted=interrupted,
         ) as rig,
         progress(order.protocol.experiment, work) as reporter,
     ):
-        recorder = _open_record(order, rig)
+        recorder = _open_record(order, rig.clock, rig.describe())
         outcome = conduct(order.protocol, Session(rig, recorder, reporter))
         needle = _needle_left(rig)
     return recorder.path, outcome, needle
@@ -118,11 +153,8 @@ def _needle_left(rig: Rig) -> str:
     )
 
 
-def _open_record(order: Order, rig: Rig) -> Recorder:
-    started = rig.clock.utc()
-    name = order.run_name
-    if name is None:
-        name = _free_name(order.runs_dir, started, order.protocol.experiment)
+def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> Recorder:
+    started = clock.utc()
     manifest = {
         "experiment": order.protocol.experiment,
         "title": order.protocol.title,
@@ -131,18 +163,22 @@ def _open_record(order: Order, rig: Rig) -> Recorder:
         "started": started.isoformat(timespec="seconds"),
         "trials_planned": trials_planned(order.protocol),
         "provenance": collect_provenance(order.command_line),
-        "devices": rig.describe(),
+        "devices": devices,
     }
+    name = order.run_name
+    if name is None:
+        name = _free_name(order.runs_dir, started, order.protocol.experiment)
+    protocol_yaml, rig = dump_yaml(order.protocol), order.rig
+    if rig is None:
+        return Recorder.create(order.runs_dir, name, manifest, protocol_yaml, None, {})
     return Recorder.create(
         order.runs_dir,
-        order.run_name
-        if order.run_name is not None
-        else _free_name(order.runs_dir, started, order.protocol.experiment),
+        name,
         manifest,
-        dump_yaml(order.protocol),
-        dump_yaml(order.rig),
-        order.rig.calibration_files(),
-        fsync_period_s=order.rig.recording.fsync_period_s,
+        protocol_yaml,
+        dump_yaml(rig),
+        rig.calibration_files(),
+        fsync_period_s=rig.recording.fsync_period_s,
     )
 
 
@@ -157,13 +193,18 @@ def _free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
 
 
 def analyze(path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = ()) -> AnalysisResult:
-    """Measure every picture of a run, with progress, into a new numbered result."""
+    """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
     run = open_run(path)
-    with progress(f"measuring {path.name}", 1.0) as reporter:
+    doing, things = (
+        ("searching rotations for", "hinges")
+        if isinstance(run.protocol, DesignProtocol)
+        else ("measuring", "pictures")
+    )
+    with progress(f"{doing} {path.name}", 1.0) as reporter:
         return analyze_run(
             run,
             overrides=overrides,
-            progress=lambda done, total: reporter(done / total, f"{done} of {total} pictures"),
+            progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
             created=SystemClock().utc(),
             provenance=collect_provenance(command_line),
         )

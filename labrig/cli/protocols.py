@@ -7,14 +7,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import (
-    RigOption,
-    SeedOption,
-    SetOption,
-    rig_file,
-    rig_settings_as_typed,
-    split_overrides,
-)
+from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
 from labrig.errors import FileFormatError, Problem
 
@@ -35,15 +28,14 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
-    from labrig.devices import load_rig
+    from labrig.cli.rigs import rig_for
     from labrig.experiments import estimate, find_problems
     from labrig.protocol import load_protocol
 
     protocol_settings, rig_settings = split_overrides(settings)
     try:
         loaded = load_protocol(protocol, protocol_settings, seed)
-        with rig_settings_as_typed():
-            description = load_rig(rig_file(rig, protocol), rig_settings)
+        description = rig_for(loaded, protocol, rig, rig_settings)
     except FileFormatError as error:
         if not as_json:
             raise
@@ -61,8 +53,9 @@ def check(
                 f"{problem.where}: {problem.message}" + (f"\n  hint: {problem.hint}" if problem.hint else "")
             )
         verdict = "cannot run" if problems else "can run"
+        where = "without a rig" if description is None else f"on rig {description.name}"
         typer.echo(
-            f"{protocol} {verdict} on rig {description.name}: {needs.duration_s / 60:.0f} min of motion, "
+            f"{protocol} {verdict} {where}: {needs.duration_s / 60:.0f} min of motion, "
             f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
             f"{needs.disk_bytes / 1e6:.0f} MB"
         )

@@ -102,7 +102,7 @@ def _nothing_found(document: Mapping[str, Any]) -> str | None:
 
 
 def _print_old_and_new(path: Path, old: object, new: object) -> None:
-    """Print the specimens' mean radii and the counts of pictures, old beside new."""
+    """Print the specimens' mean radii and the counts of pictures, or the answers of a design, old beside new."""
     typer.echo(str(path))
     rows = [
         [name, before, after]
@@ -120,6 +120,12 @@ def _summary(document: object, names_of: object) -> list[tuple[str, object]]:
 def _values(document: object) -> dict[str, object]:
     if not isinstance(document, dict):
         return {}
+    if document.get("kind") == "design":
+        return {
+            "inclination by equation (3), degrees": document["beta_cut_deg"],
+            "inclination on our contour, degrees": document["search"]["beta_cut_deg"],
+            "RMSE of our plane, degrees": document["search"]["fit"]["rmse_deg"],
+        }
     measured = document.get("measurements", ())
     values: dict[str, object] = {
         f"{specimen['name']}: mean radius mm": specimen["mean_radius_mm"]

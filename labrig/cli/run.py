@@ -1,4 +1,4 @@
-"""`labrig run`: a protocol on a rig, from the file to the report."""
+"""`labrig run`: a protocol, on a rig where it needs one, from the file to the report."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,8 +13,6 @@ from labrig.cli.options import (
     RunsDirOption,
     SeedOption,
     SetOption,
-    rig_file,
-    rig_settings_as_typed,
     split_overrides,
 )
 from labrig.cli.output import (
@@ -31,7 +29,9 @@ from labrig.cli.output import (
 
 def register(app: typer.Typer) -> None:
     """Add the command to `labrig`."""
-    app.command("run", help="Run a protocol: move, record, measure, and write the report.")(run)
+    app.command(
+        "run", help="Run a protocol: move, record, measure, and write the report. A design moves nothing."
+    )(run)
 
 
 def run(
@@ -56,14 +56,13 @@ def run(
 ) -> int:
     """Exit with 0 when it succeeded; the record is kept whatever happens."""
     from labrig.cli.pipeline import Order, perform
-    from labrig.devices import load_rig
+    from labrig.cli.rigs import rig_for
     from labrig.protocol import load_protocol
 
     protocol_settings, rig_settings = split_overrides(settings)
     loaded = load_protocol(protocol, protocol_settings, seed)
-    with rig_settings_as_typed():
-        description = load_rig(rig_file(rig, protocol), rig_settings)
-    if yes and description.kind != "simulated":
+    description = rig_for(loaded, protocol, rig, rig_settings)
+    if yes and description is not None and description.kind != "simulated":
         say("note: --yes does not answer on a real rig; every question is asked")
     finished = perform(Order(loaded, description, runs_dir, run_name, tuple(sys.argv)))
     document: dict[str, object] = {
@@ -91,7 +90,12 @@ def run(
 
 
 def print_result(result: Mapping[str, Any]) -> None:
-    """Print the table of the paper for a sweep; the verdict for a calibration; counts for imported pictures."""
+    """Print the table of the paper for a sweep; the verdict for a calibration; what to cut for a design."""
+    if result.get("kind") == "design":
+        from labrig.cli.designing import print_design
+
+        print_design(result)
+        return
     specimens: Sequence[Mapping[str, Any]] = result.get("specimens", ())
     if specimens:
         rows = [

@@ -16,7 +16,16 @@ from pydantic import Field, PrivateAttr
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
-from labrig.protocol import Conflict, JsonSchema, Model, Name, load_yaml_model, model_schema
+from labrig.protocol import (
+    Conflict,
+    JsonSchema,
+    Model,
+    Name,
+    Needle,
+    load_yaml_model,
+    model_of_values,
+    model_schema,
+)
 from labrig.simulation import WorldDescription
 
 Positive = Annotated[float, Field(gt=0)]
@@ -322,6 +331,32 @@ class RigDescription(Model):
         placed = self.model_copy()
         placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
         return placed
+
+    def with_needle(self, needle: Needle) -> Self:
+        """Return this description with the protocol's designed needle in its world.
+
+        Nothing changes on a bench, for a needle without a design, or where the rig file itself says what the
+        needle was designed for: the world need not be what the protocol believes.
+
+        Raises
+        ------
+        FileFormatError
+            When the world's sheath and camera have no room for such a needle.
+        """
+        design = needle.design
+        if self.world is None or design is None or self.world.needle.design is not None:
+            return self
+        values = self.world.model_dump(mode="json")
+        values["needle"] |= {
+            "diameter_mm": needle.diameter_mm,
+            "link_mm": design.link_length_mm,
+            "design": {"radius_low_mm": design.radius_low_mm, "radius_high_mm": design.radius_high_mm},
+        }
+        world = model_of_values(
+            values, f"the simulated world with needle {needle.needle_id}", WorldDescription
+        )
+        changed = self.model_copy(update={"world": world})
+        return changed.placed_in(self._folder)
 
     @property
     def state_path(self) -> Path | None:

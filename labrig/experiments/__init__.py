@@ -6,11 +6,12 @@ picture (a later closed loop will, through `steering`). What it is going to do i
 `PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer did), with the axes stopped in every case.
+failed (a device or the computer did), with the axes stopped in every case. A design moves nothing: its record is made
+by `conduct_without_rig`, and nothing is planned for it.
 """
 
 from labrig.experiments.camera_calibration import run_camera_calibration
-from labrig.experiments.conduct import Outcome, conduct
+from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -29,6 +30,7 @@ __all__ = [
     "Progress",
     "Session",
     "conduct",
+    "conduct_without_rig",
     "estimate",
     "find_problems",
     "planned_moves",

@@ -2,11 +2,19 @@
 
 from dataclasses import dataclass
 
+from labrig.clock import Clock
 from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
-from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol import (
+    AnyProtocol,
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    ImportProtocol,
+    SteerabilityProtocol,
+)
+from labrig.record import Recorder
 
 
 @dataclass(frozen=True)
@@ -37,12 +45,25 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         session.rig.stop()
     except MachineError as error:
         outcome = Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+    return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+
+
+def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
     try:
-        session.note("run_stop", exit_status=outcome.exit_status, reason=outcome.reason)
-        session.recorder.close(outcome.exit_status, outcome.reason, session.rig.clock.utc())
+        recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc())
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome
+
+
+def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clock) -> Outcome:
+    """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
+    try:
+        recorder.event("run_start", 0.0, experiment=protocol.experiment)
+    except DiskError as error:
+        return _close(recorder, clock, 0.0, Outcome("failed", error.message, error))
+    return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
 def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
@@ -62,6 +83,8 @@ def _procedure(protocol: AnyProtocol, session: Session) -> None:
             run_steerability(protocol, session)
         case CameraCalibrationProtocol():
             run_camera_calibration(protocol, session)
+        case DesignProtocol():
+            raise LabrigError("a design moves no rig", "conduct it without one")
         case ImportProtocol():
             raise LabrigError(
                 "a protocol of imported pictures moves no rig", "use labrig import, then labrig reanalyze"

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
 from labrig.errors import LimitError, Problem
-from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, SteerabilityProtocol
+from labrig.experiments.design import design_problems
+from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, DesignProtocol, SteerabilityProtocol
 
 PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
 """The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
@@ -44,7 +45,7 @@ class Estimate:
 
 
 def trials_planned(protocol: AnyProtocol) -> int:
-    """Return the number of trials of a run: insertions of a sweep, none of a camera calibration."""
+    """Return the number of trials of a run: insertions of a sweep, none of any other."""
     if isinstance(protocol, SteerabilityProtocol):
         return len(protocol.specimens) * protocol.insertions_per_specimen
     return 0
@@ -61,8 +62,15 @@ def planned_moves(protocol: SteerabilityProtocol) -> Iterator[PlannedMove]:
     yield PlannedMove("sheath.speed_mm_s", "linear", sheath.depth_mm, 0.0, sheath.speed_mm_s)
 
 
-def find_problems(protocol: AnyProtocol, rig: RigDescription) -> tuple[Problem, ...]:
-    """Return what this rig cannot do of this protocol: moves beyond a limit, and pictures that cannot be measured."""
+def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
+    """Return what this rig cannot do of this protocol: moves beyond a limit, and pictures that cannot be measured.
+
+    A protocol that needs no rig (None) asks nothing of one; of a design, what no hinge can be is returned.
+    """
+    if isinstance(protocol, DesignProtocol):
+        return design_problems(protocol)
+    if rig is None:
+        return ()
     problems = [
         Problem(f"rig {key}", "unknown", f"enter it: {where}") for key, where in unknown_entries(rig).items()
     ]
@@ -88,11 +96,13 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription) -> tuple[Problem, 
     return tuple(problems)
 
 
-def estimate(protocol: AnyProtocol, rig: RigDescription) -> Estimate:
-    """Estimate rig time, pictures and disk of a run.
+def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
+    """Estimate rig time, pictures and disk of a run; a run without a rig (None) takes none of them.
 
     A lossless picture of a noisy camera takes about seven tenths of its raw bytes; a state line about 270 bytes.
     """
+    if rig is None:
+        return Estimate(0.0, 0, 0, 0)
     frame_bytes = int(0.7 * rig.camera.width_px * rig.camera.height_px)
     if isinstance(protocol, SteerabilityProtocol):
         trials = trials_planned(protocol)

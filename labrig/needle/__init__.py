@@ -30,6 +30,9 @@ What is decided here:
   stops at D_o / 2 give 2 d / (D_o / 2) for hinge a and 2 d / D_o for b, 286 degrees for a mm; the round lips
   give the rest, because they hold the knuckle at a slant. The range of the paper's figure 3 is not in its
   text; ours is a choice. Nobody should cut by our contour: no cutting file is written.
+- **Whoever needs a radius** and not a hinge reads a design file (`labrig.protocol.load_design`). Its tolerance is a
+  worst case, low to high, and no standard deviation. For a tube of the paper's section it speaks by equation (3), for
+  any other by our contour, and it says which.
 - **Limits**: the links are rigid, the kerf is the same all along the cut, and the laser cuts along the pin.
 """
 
@@ -44,6 +47,7 @@ from labrig.needle.equations import (
 )
 from labrig.needle.hinge import Hinge, HingeView, LinkPair, Reach, widest_clearance_mm
 from labrig.needle.search import (
+    DEFAULT_SEED,
     FreeRotation,
     HingeRotation,
     allowed_rotation,
@@ -55,6 +59,7 @@ from labrig.needle.study import (
     STEEPEST_CUT_DEG,
     Cell,
     SearchedDesign,
+    design_by_equations,
     fit_plane,
     grid_of_hinges,
     search_cells,
@@ -63,6 +68,7 @@ from labrig.needle.study import (
 from labrig.needle.tube import TABLE_1, PaperNeedle, Tube
 
 __all__ = [
+    "DEFAULT_SEED",
     "EQUATION_3",
     "GRID_POINTS",
     "STEEPEST_CUT_DEG",
@@ -80,6 +86,7 @@ __all__ = [
     "SearchedDesign",
     "Tube",
     "allowed_rotation",
+    "design_by_equations",
     "fit_plane",
     "grid_of_hinges",
     "interference_mm2",

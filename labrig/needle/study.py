@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from labrig.errors import AnswerIsNoError
-from labrig.needle.equations import RotationPlane, rotation_for_radius_deg
+from labrig.needle.equations import EQUATION_3, RotationPlane, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge, widest_clearance_mm
 from labrig.needle.search import DEFAULT_SEED, HingeRotation, allowed_rotation
 from labrig.needle.tube import Tube
@@ -37,6 +37,21 @@ class Cell:
     def beta_rot_deg(self) -> float:
         """Equation (2)."""
         return self.beta_a_deg + self.beta_b_deg
+
+
+def design_by_equations(tube: Tube, radius_mm: float, clearance_mm: float) -> Hinge:
+    """Return the hinge that equations (1) and (3) ask for; quick, and it refuses whatever can be refused of a design.
+
+    Raises
+    ------
+    InputError
+        When the clearance or the radius is beyond its limit, or the inclination would cut the link through.
+    AnswerIsNoError
+        When the clearance alone lets the hinges turn further.
+    """
+    Hinge(tube, clearance_mm, beta_cut_deg=0.0)
+    beta_rot_deg = rotation_for_radius_deg(radius_mm, tube.link_length_mm)
+    return Hinge(tube, clearance_mm, EQUATION_3.beta_cut_deg(beta_rot_deg, clearance_mm))
 
 
 def grid_of_hinges(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) -> tuple[Hinge, ...]:

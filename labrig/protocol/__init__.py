@@ -10,12 +10,16 @@ Decided here:
   the names and are never converted silently; a hint says what the value would be.
 - Rules between values are `Model.conflicts`, told at the key that has to change.
 - `dump_yaml` writes every default out: the protocol in a record means the same when defaults have changed.
+- A needle may name a design file (`needle: design_file:`) instead of diameter and radius. The numbers are put in when
+  the protocol is read, so that what is recorded is whole; the name is relative and stays beside the protocol's folder.
+  `load_design` reads one for whoever needs the radius with its tolerance.
 - The rig file and its `world:` section use the same `Model` and the same reader.
 
 An experiment is added by a `Protocol` subclass in `protocols.py` and its name in `load.py`; then
 `labrig schema > protocols/protocol.schema.json`.
 """
 
+from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection, load_design
 from labrig.protocol.load import AnyProtocol, load_protocol, parse_protocol, protocol_schema
 from labrig.protocol.model import (
     Conflict,
@@ -34,11 +38,15 @@ from labrig.protocol.protocols import (
     AnalysisWindow,
     Board,
     CameraCalibrationProtocol,
+    DesignProtocol,
+    DesignTolerances,
     GraphPaper,
     ImportedNeedle,
     ImportProtocol,
     Insertion,
+    MeasuredNeedle,
     Needle,
+    NeedleDesignSection,
     Scale,
     Sheath,
     Specimen,
@@ -50,9 +58,12 @@ from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_value
 __all__ = [
     "AnalysisWindow",
     "AnyProtocol",
+    "Basis",
     "Board",
     "CameraCalibrationProtocol",
     "Conflict",
+    "DesignProtocol",
+    "DesignTolerances",
     "Direction",
     "GraphPaper",
     "ImportProtocol",
@@ -60,9 +71,12 @@ __all__ = [
     "Insertion",
     "JsonSchema",
     "Line",
+    "MeasuredNeedle",
     "Model",
     "Name",
     "Needle",
+    "NeedleDesign",
+    "NeedleDesignSection",
     "NonNegativeMm",
     "Notes",
     "PixelUv",
@@ -73,7 +87,9 @@ __all__ = [
     "Specimen",
     "SpeedMmS",
     "SteerabilityProtocol",
+    "TubeSection",
     "dump_yaml",
+    "load_design",
     "load_protocol",
     "load_yaml_model",
     "model_of_values",

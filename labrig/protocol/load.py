@@ -6,25 +6,39 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
+from labrig.protocol.designed_needle import with_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.overrides import overridden, put
-from labrig.protocol.protocols import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol.protocols import (
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    ImportProtocol,
+    Needle,
+    SteerabilityProtocol,
+)
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.tree import Node, Place, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree, tree_of_file
 from labrig.protocol.yaml_text import read_tree
 
-AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol
+AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol | DesignProtocol
 
-_MODELS: dict[str, type[SteerabilityProtocol] | type[CameraCalibrationProtocol] | type[ImportProtocol]] = {
+_MODELS: dict[
+    str,
+    type[SteerabilityProtocol]
+    | type[CameraCalibrationProtocol]
+    | type[ImportProtocol]
+    | type[DesignProtocol],
+] = {
     "steerability": SteerabilityProtocol,
     "camera-calibration": CameraCalibrationProtocol,
     "import": ImportProtocol,
+    "design": DesignProtocol,
 }
 
 
 def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | None = None) -> AnyProtocol:
-    """Return the protocol in a file.
+    """Return the protocol in a file; the numbers of a design file that it names are put into it.
 
     Parameters
     ----------
@@ -41,12 +55,12 @@ def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | N
         With every problem of the file and of the overrides.
     """
     tree = overridden(tree_of_file(Path(path)), overrides)
-    return _protocol_of(tree if seed is None else _with_seed(tree, seed))
+    return _protocol_of(tree if seed is None else _with_seed(tree, seed), Path(path).parent)
 
 
 def parse_protocol(text: str, source: str) -> AnyProtocol:
     """Return the protocol in a text; `source` names it in messages. Raises as `load_protocol`."""
-    return _protocol_of(read_tree(text, source))
+    return _protocol_of(read_tree(text, source), None)
 
 
 def protocol_schema() -> JsonSchema:
@@ -59,8 +73,10 @@ def _with_seed(tree: Tree, seed: int) -> Tree:
     return Tree(put(tree.root, ("seed",), Node("scalar", place, seed, key_place=place)), tree.faults)
 
 
-def _protocol_of(tree: Tree) -> AnyProtocol:
+def _protocol_of(tree: Tree, folder: Path | None) -> AnyProtocol:
     chosen = tree.root.children.get("experiment")
     if chosen is None or chosen.scalar not in _MODELS:
         raise file_format_error([*tree.faults, choice_fault(tree.root, ("experiment",), tuple(_MODELS))])
-    return model_of_tree(tree, _MODELS[str(chosen.scalar)])
+    model = _MODELS[str(chosen.scalar)]
+    takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
+    return model_of_tree(with_design(tree, folder) if takes_design else tree, model)

@@ -1,11 +1,12 @@
-"""The experiments that labrig knows: steerability, camera calibration, imported pictures."""
+"""The experiments that labrig knows: steerability, camera calibration, imported pictures, a design of hinges."""
 
 from collections.abc import Iterator
 from math import cos, pi
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
+from labrig.protocol.design_file import Basis, TubeSection
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -34,13 +35,55 @@ class Protocol(Model):
     seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
 
 
+class NeedleDesignSection(Model):
+    """What a design file said of the needle when the protocol was read; labrig writes it, people name the file."""
+
+    file: str = Field(max_length=1000, description="Name of the design file, as the protocol had it.")
+    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of that file.")
+    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
+    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
+    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
+    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
+    basis: Basis = Field(description="By which plane the inclination was computed.")
+
+
+_NUMBERS_OR_FILE: dict[str, Any] = {
+    "properties": {
+        "design_file": {
+            "description": "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to "
+            "this file; written by labrig design --out, or by a design run.",
+            "type": "string",
+            "minLength": 1,
+            "maxLength": 1000,
+        }
+    },
+    "required": ["needle_id"],
+    "if": {"required": ["design_file"]},
+    "then": {"properties": {"diameter_mm": False, "design_radius_mm": False, "design": False}},
+    "else": {"required": ["diameter_mm", "design_radius_mm"]},
+}
+
+
+def _allow_design_file(schema: dict[str, Any]) -> None:
+    """Let editors accept a design file instead of the numbers; the reader puts the numbers in before validation."""
+    schema["properties"] |= _NUMBERS_OR_FILE["properties"]
+    schema |= {key: each for key, each in _NUMBERS_OR_FILE.items() if key != "properties"}
+
+
 class Needle(Model):
-    """The needle of the run."""
+    """The needle of the run: its numbers, or `design_file` instead of them."""
+
+    model_config = ConfigDict(json_schema_extra=_allow_design_file)
 
     needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
     diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     design_radius_mm: PositiveMm = Field(
         description="Radius of curvature that the needle was designed for [mm]."
+    )
+    design: NeedleDesignSection | None = Field(
+        None, description="What a design file said; labrig writes it into records."
     )
 
     def conflicts(self) -> Iterator[Conflict]:
@@ -259,6 +302,48 @@ class ImportProtocol(Protocol):
         """Yield a sheath that the needle does not fit through."""
         if self.sheath_diameter_mm is not None:
             yield from _sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
+
+
+class DesignTolerances(Model):
+    """How sure the laser is."""
+
+    clearance_mm: float = Field(
+        ge=0, le=0.05, description="How sure the width of the cut is, plus or minus [mm]."
+    )
+    cut_deg: float = Field(ge=0, le=10, description="How sure the inclination is, plus or minus [degrees].")
+
+
+class MeasuredNeedle(Model):
+    """A needle of this tube that was measured: its radius tells its effective clearance."""
+
+    radius_mm: PositiveMm = Field(description="Radius that was measured [mm].")
+    beta_cut_deg: float | None = Field(
+        None, ge=0, le=90, description="Inclination that it was cut at [degrees]; null: as equation (3) says."
+    )
+
+
+class DesignProtocol(Protocol):
+    """Section III of the paper: what to cut for a steering radius. It moves no rig.
+
+    What the contour's limits and the equations refuse is told by `labrig.experiments.find_problems`: only `needle`
+    knows them.
+    """
+
+    experiment: Literal["design"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Design of the hinges", description="Heading of the report.")
+    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
+    radius_mm: PositiveMm = Field(description="Steering radius wanted [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    tolerances: DesignTolerances = Field(description="How sure the laser is.")
+    grid_points: int = Field(
+        7, ge=3, le=25, description="Points of the searched grid, along each of its two sides."
+    )
+    tip_length_mm: PositiveMm | None = Field(
+        None, description="Length of the tip, into which whole links fit [mm]; null if not asked."
+    )
+    measured: MeasuredNeedle | None = Field(
+        None, description="A needle that was measured, for its effective clearance; null if none was."
+    )
 
 
 def _must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:

@@ -19,7 +19,7 @@ What is decided here:
   marker too.
 """
 
-from labrig.report.design_figure import hinge_figure, hinge_table
+from labrig.report.design_figure import hinge_figure
 from labrig.report.page import write_report
 
-__all__ = ["hinge_figure", "hinge_table", "write_report"]
+__all__ = ["hinge_figure", "write_report"]

@@ -1,6 +1,5 @@
-"""Figure 3 of the paper on our own contour, and its table."""
+"""Figure 3 of the paper on our own contour."""
 
-import csv
 import io
 from collections.abc import Sequence
 from typing import Any
@@ -27,16 +26,6 @@ _SETTINGS: dict[Any, Any] = {
 # Okabe and Ito (2008).
 _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
 _MARKERS = "osD^vPX"
-_COLUMNS = (
-    "clearance_mm",
-    "beta_cut_deg",
-    "beta_a_deg",
-    "beta_b_deg",
-    "beta_rot_deg",
-    "plane_deg",
-    "residual_deg",
-    "equation_3_deg",
-)
 
 
 def hinge_figure(cells: Sequence[Cell], plane: RotationPlane, picture_format: str) -> bytes:
@@ -122,30 +111,3 @@ def _draw_residuals(axes: Axes, cells: Sequence[Cell], plane: RotationPlane) -> 
 
 def _residual_deg(cell: Cell, plane: RotationPlane) -> float:
     return cell.beta_rot_deg - plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)
-
-
-def hinge_table(cells: Sequence[Cell], plane: RotationPlane) -> bytes:
-    """Return the searched grid as CSV, one line a cell, both planes beside it."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_COLUMNS)
-    for cell in cells:
-        fitted_deg = plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)
-        writer.writerow(
-            [
-                f"{cell.clearance_mm:.6g}",
-                f"{cell.beta_cut_deg:.6g}",
-                *(
-                    f"{value:.4f}"
-                    for value in (
-                        cell.beta_a_deg,
-                        cell.beta_b_deg,
-                        cell.beta_rot_deg,
-                        fitted_deg,
-                        cell.beta_rot_deg - fitted_deg,
-                        EQUATION_3.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm),
-                    )
-                ),
-            ]
-        )
-    return text.getvalue().encode("utf-8")

@@ -6,14 +6,21 @@ from datetime import datetime
 
 from labrig import __version__
 from labrig.analysis import AnalysisResult
-from labrig.protocol import CameraCalibrationProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol import (
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    ImportProtocol,
+    Needle,
+    SteerabilityProtocol,
+)
 from labrig.record import Run
-from labrig.report.words import UNKNOWN, count_of, joined, moment, shown
+from labrig.report.words import UNKNOWN, count_of, interval, joined, moment, shown
 
 _EYEBROWS = {
     "steerability": "Steerability test",
     "camera-calibration": "Camera calibration",
     "import": "Imported pictures",
+    "design": "Design of the hinges",
 }
 _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
 
@@ -117,9 +124,14 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Started", moment(manifest.get("started"))),
         ("Ended", moment(manifest.get("ended"))),
         *_experiment_facts(run),
-        ("Pictures recorded", str(len(run.frame_table))),
+        ("Pictures recorded", _pictures(run)),
         ("Seed", shown(manifest.get("seed"))),
     ]
+
+
+def _pictures(run: Run) -> str:
+    """Return how many pictures there are; unknown of a run that takes none."""
+    return UNKNOWN if isinstance(run.protocol, DesignProtocol) else str(len(run.frame_table))
 
 
 def _experiment_facts(run: Run) -> list[tuple[str, str]]:
@@ -128,7 +140,7 @@ def _experiment_facts(run: Run) -> list[tuple[str, str]]:
         insertion = protocol.insertion
         return [
             ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-            ("Design radius", f"{protocol.needle.design_radius_mm:g} mm"),
+            ("Design radius", _design_radius(protocol.needle)),
             ("Gels", joined(f"{one.gelatin_percent:g} %" for one in protocol.specimens)),
             ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
             ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
@@ -142,4 +154,24 @@ def _experiment_facts(run: Run) -> list[tuple[str, str]]:
             ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
             ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
         ]
-    return []
+    return _design_facts(protocol)
+
+
+def _design_radius(needle: Needle) -> str:
+    if needle.design is None:
+        return f"{needle.design_radius_mm:g} mm"
+    low_to_high = interval((needle.design.radius_low_mm, needle.design.radius_high_mm))
+    return f"{needle.design_radius_mm:g} mm, {low_to_high} within tolerance"
+
+
+def _design_facts(protocol: DesignProtocol) -> list[tuple[str, str]]:
+    tube, tolerances = protocol.tube, protocol.tolerances
+    return [
+        (
+            "Tube",
+            f"{tube.outer_diameter_mm:g} / {tube.inner_diameter_mm:g} mm, links of {tube.link_length_mm:g} mm",
+        ),
+        ("Radius wanted", f"{protocol.radius_mm:g} mm"),
+        ("Clearance", f"{protocol.clearance_mm:g} ± {tolerances.clearance_mm:g} mm"),
+        ("Inclination", f"± {tolerances.cut_deg:g} degrees"),
+    ]

@@ -9,6 +9,8 @@ What is decided here
 - Frames are those of the steering plane: z along the insertion (right in the picture), y up, x away from the
   camera. The origin is seen at `lens.origin_px`; the sheath's tip stands there, but for the sheath's play,
   when the linear axis is at `sheath_tip_at_origin_linear_mm`. At linear axis 0 it touches the gel's surface.
+- A needle of a known design draws its radius once, uniformly within the design's tolerance, by seed and needle_id; the
+  gels' radii, which are those of the paper's needle, are scaled by it over 30 mm. What the hinges do is not simulated.
 - The needle stays in the steering plane: at a roll other than 0 and pi only the curvature's component in the
   plane acts.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
@@ -17,6 +19,7 @@ What is decided here
 """
 
 from labrig.simulation.description import (
+    DesignDescription,
     GelDescription,
     LensDescription,
     LightDescription,
@@ -27,6 +30,7 @@ from labrig.simulation.description import (
 from labrig.simulation.world import World
 
 __all__ = [
+    "DesignDescription",
     "GelDescription",
     "LensDescription",
     "LightDescription",

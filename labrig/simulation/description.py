@@ -30,6 +30,23 @@ class GelDescription(Model):
             yield Conflict("radius_sd_mm", message)
 
 
+GELS_DESIGN_RADIUS_MM = 30.0
+"""Radius that the needle was designed for whose radii the gels tell: the paper's."""
+
+
+class DesignDescription(Model):
+    """What a needle was designed for: its hinges let it steer at some radius within the tolerance."""
+
+    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
+    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield an interval that holds nothing."""
+        if self.radius_low_mm > self.radius_high_mm:
+            message = f"{self.radius_low_mm:g} mm; must be at most radius_high_mm, {self.radius_high_mm:g} mm"
+            yield Conflict("radius_low_mm", message)
+
+
 class NeedleDescription(Model):
     """The needle as it is, not as it was designed."""
 
@@ -43,6 +60,11 @@ class NeedleDescription(Model):
     )
     link_mm: PositiveMm = Field(
         3.0, description="Length of a link between two hinges; each cut shows as a tick [mm]."
+    )
+    design: DesignDescription | None = Field(
+        None,
+        description="What the needle was designed for; each needle draws its radius in between, and the gels' radii "
+        "are scaled by it over 30 mm. null: the gels' radii as they are, or what the protocol's design file says.",
     )
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.simulation.description import GelDescription, WorldDescription
+from labrig.simulation.description import GELS_DESIGN_RADIUS_MM, GelDescription, WorldDescription
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.track import Track
@@ -40,6 +40,18 @@ def radius_law_mm(gels: tuple[GelDescription, ...], gelatin_percent: float) -> t
     mean = np.interp(gelatin_percent, percents, [gel.radius_mean_mm for gel in gels])
     sd = np.interp(gelatin_percent, percents, [gel.radius_sd_mm for gel in gels])
     return float(mean), float(sd)
+
+
+def needle_scale(world: WorldDescription, seed: int, needle_id: str | None) -> float:
+    """Return how much wider than the paper's a needle steers: its own radius, drawn once, over 30 mm.
+
+    A design's tolerance is a worst case, so the draw is uniform between its ends. Without a design it is 1.
+    """
+    design = world.needle.design
+    if design is None:
+        return 1.0
+    radius_mm = stream(seed, "needle", needle_id).uniform(design.radius_low_mm, design.radius_high_mm)
+    return float(radius_mm / GELS_DESIGN_RADIUS_MM)
 
 
 @dataclass
@@ -124,13 +136,17 @@ def make_hole(
     random: np.random.Generator,
     gelatin_percent: float,
     place: tuple[int | None, float],
+    scale: float = 1.0,
 ) -> Hole:
-    """Return an unused hole at a place (number, position) with its radius and the sheath's play drawn."""
+    """Return an unused hole at a place (number, position) with its radius and the sheath's play drawn.
+
+    `scale` is the needle's, from `needle_scale`.
+    """
     mean, sd = radius_law_mm(world.gels, gelatin_percent)
     radius, play, angle = random.standard_normal(3).tolist()
     return Hole(
         *place,
-        radius_mm=mean + sd * radius,
+        radius_mm=scale * (mean + sd * radius),
         play_mm=world.sheath.lateral_play_sd_mm * play,
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
         patchiness=_patchiness(random),

@@ -10,7 +10,15 @@ from labrig.errors import InputError
 from labrig.simulation import bench, painting
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.drawing import Reach
-from labrig.simulation.gel import LAST_POSITION_MM, Hole, Specimen, cast_specimen, make_hole, no_gel
+from labrig.simulation.gel import (
+    LAST_POSITION_MM,
+    Hole,
+    Specimen,
+    cast_specimen,
+    make_hole,
+    needle_scale,
+    no_gel,
+)
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blurred
@@ -206,7 +214,10 @@ class World:
         place = (number, position_mm)
         if place not in specimen.holes:
             random = stream(self._seed, "hole", specimen.name, number, self._needle_id)
-            specimen.holes[place] = make_hole(self.description, random, specimen.gelatin_percent, place)
+            scale = needle_scale(self.description, self._seed, self._needle_id)
+            specimen.holes[place] = make_hole(
+                self.description, random, specimen.gelatin_percent, place, scale
+            )
         self._hole = specimen.holes[place]
 
     def _refuse_if_stuck(self, deed: str) -> None:

@@ -13,6 +13,7 @@ import pytest
 from labrig.cli.designing import print_design
 from labrig.cli.main import run_command
 from labrig.needle import TABLE_1, Tube
+from labrig.protocol import load_design
 from tests.cli.conftest import Labrig, Sweep
 
 
@@ -23,13 +24,14 @@ class Designed:
     document: dict[str, Any]
     figure: Path
     table: Path
+    design: Path
 
 
 @pytest.fixture(scope="module")
 def designed(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Designed:
     """Return the paper's needle, with a sweep's measured radius, figure and table, on a coarse grid."""
     folder = tmp_path_factory.mktemp("a design, é")
-    figure, table = folder / "figure 3.png", folder / "figure 3.csv"
+    figure, table, design = folder / "figure 3.png", folder / "figure 3.csv", folder / "needle.json"
     printed = io.StringIO()
     command = [
         "design",
@@ -44,9 +46,11 @@ def designed(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Designed
         "40",
     ]
     with contextlib.redirect_stdout(printed):
-        exit_code = run_command([*command, "--figure", str(figure), "--csv", str(table)])
+        exit_code = run_command(
+            [*command, "--figure", str(figure), "--csv", str(table), "--out", str(design)]
+        )
     assert exit_code == 0
-    return Designed(json.loads(printed.getvalue()), figure, table)
+    return Designed(json.loads(printed.getvalue()), figure, table, design)
 
 
 def test_the_papers_needle_is_the_default(designed: Designed) -> None:
@@ -100,6 +104,15 @@ def test_the_figure_is_a_picture(designed: Designed) -> None:
     assert designed.figure.read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_design_file_says_how_it_was_made(designed: Designed) -> None:
+    """Tube, cut, radius and its worst cases, with the code and the command that computed them."""
+    design = load_design(designed.design)
+    assert Tube(**design.tube.model_dump()) == TABLE_1.tube
+    assert (design.radius_mm, design.clearance_mm) == (30.0, 0.025)
+    assert [design.radius_low_mm, design.radius_high_mm] == designed.document["tolerance"]["radius_mm"]
+    assert {"labrig", "command_line", "packages"} <= set(design.provenance)
+
+
 def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixture[str]) -> None:
     """The text names both inclinations, table I, the measured needle and what our contour is not."""
     print_design(designed.document)
@@ -127,6 +140,7 @@ def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixtu
         (["--measured-radius-mm", "27.6", "--from-run", "somewhere"], 2, "give one of them"),
         (["--from-run", "nowhere"], 4, "nowhere"),
         (["--figure", "figure.bmp"], 2, ".png, .svg, .pdf"),
+        (["--out", "no-such-folder/needle.json"], 2, "no-such-folder"),
         (["--csv", "no-such-folder/table.csv"], 2, "no-such-folder"),
     ],
 )
@@ -141,7 +155,7 @@ def test_bad_input_is_refused_before_the_search(
     assert "searching" not in done.err
 
 
-@pytest.mark.parametrize("option", ["--figure", "--csv"])
+@pytest.mark.parametrize("option", ["--out", "--figure", "--csv"])
 def test_an_existing_file_is_refused(option: str, labrig: Labrig, tmp_path: Path) -> None:
     """A file that exists is not replaced without --force."""
     existing = tmp_path / "figure.svg"

@@ -7,7 +7,8 @@ import pytest
 from labrig.devices import RigDescription, check_axis_move, load_rig, rig_schema
 from labrig.devices.rig_file import require_complete, unknown_entries
 from labrig.errors import FileFormatError, InputError, LimitError
-from labrig.protocol import dump_yaml, parse_yaml_model, schema_text
+from labrig.protocol import Needle, NeedleDesignSection, dump_yaml, parse_yaml_model, schema_text
+from labrig.simulation import DesignDescription
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
 
 
@@ -112,3 +113,50 @@ def test_a_speed_between_two_rpm_is_refused_with_both() -> None:
     with pytest.raises(LimitError) as refusal:
         check_axis_move(simulated_rig(), "insertion", 1.0, 1.5 / 120)
     assert "0.008333 or 0.01667 mm/s" in refusal.value.hint
+
+
+def _designed_needle(diameter_mm: float = 1.4) -> Needle:
+    return Needle(
+        needle_id="N2",
+        diameter_mm=diameter_mm,
+        design_radius_mm=45.0,
+        design=NeedleDesignSection(
+            file="n2.json",
+            sha256="0" * 64,
+            radius_low_mm=42.5,
+            radius_high_mm=48.0,
+            inner_diameter_mm=0.8,
+            link_length_mm=3.5,
+            clearance_mm=0.03,
+            beta_cut_deg=2.5,
+            basis="our contour",
+        ),
+    )
+
+
+def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
+    """Diameter, links and the tolerance of the radius come from the design; the rig's files stay where they are."""
+    plain = simulated_rig()
+    rig = plain.with_needle(_designed_needle())
+    assert rig.world is not None
+    needle = rig.world.needle
+    assert (needle.diameter_mm, needle.link_mm) == (1.4, 3.5)
+    assert needle.design == DesignDescription(radius_low_mm=42.5, radius_high_mm=48.0)
+    assert rig.calibration_paths() == plain.calibration_paths()
+
+
+def test_a_world_stays_as_it_is_without_a_design_and_where_the_rig_file_says_otherwise() -> None:
+    """A needle of numbers alone changes nothing, nor does a design where the rig file has its own, nor on a bench."""
+    plain = simulated_rig()
+    needle = _designed_needle()
+    assert plain.with_needle(needle.model_copy(update={"design": None})) is plain
+    own = simulated_rig("world.needle.design={radius_low_mm: 20, radius_high_mm: 21}")
+    assert own.with_needle(needle) is own
+    bench = load_rig(BENCH)
+    assert bench.with_needle(needle) is bench
+
+
+def test_a_needle_that_the_simulated_sheath_does_not_take_is_refused() -> None:
+    """A design wider than the world's sheath names both diameters."""
+    with pytest.raises(FileFormatError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
+        simulated_rig().with_needle(_designed_needle(2.2))

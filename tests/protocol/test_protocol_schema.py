@@ -49,7 +49,7 @@ def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
     words = [branch["properties"]["experiment"]["const"] for branch in branches]
-    assert words == ["steerability", "camera-calibration", "import"]
+    assert words == ["steerability", "camera-calibration", "import", "design"]
     assert all("experiment" in branch["required"] for branch in branches)
 
 

@@ -95,9 +95,9 @@ def test_a_seed_out_of_range_is_told_at_its_option():
 def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path):
     """Both are told at once."""
     path = tmp_path / "p.yaml"
-    path.write_text(
-        STEERABILITY.read_text(encoding="utf-8").replace("hole_spacing_mm: 10", "hole_spacing_mm: ten")
-    )
+    text = STEERABILITY.read_text(encoding="utf-8").replace("hole_spacing_mm: 10", "hole_spacing_mm: ten")
+    path.write_text(text)
+    line = text[: text.index("hole_spacing_mm: ten")].count("\n") + 1
     with pytest.raises(FileFormatError) as caught:
         load_yaml_model(path, SteerabilityProtocol, ["seed=x"])
-    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [f"{path}:41:18", "--set"]
+    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [f"{path}:{line}:18", "--set"]

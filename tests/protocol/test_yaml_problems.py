@@ -223,7 +223,8 @@ def test_a_missing_experiment_is_told_with_the_choices():
     """Without `experiment:` no model can be chosen; the message lists what there is."""
     (problem,) = problems_of(changed("experiment: steerability\n", ""))
     assert (
-        problem.message == "experiment is missing, expected one of steerability, camera-calibration, import"
+        problem.message
+        == "experiment is missing, expected one of steerability, camera-calibration, import, design"
     )
     assert problem.hint == "add a line `experiment: steerability`"
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.simulation import GelDescription, NeedleDescription, World, WorldDescription
-from labrig.simulation.gel import make_hole, radius_law_mm
+from labrig.simulation import DesignDescription, GelDescription, NeedleDescription, World, WorldDescription
+from labrig.simulation.gel import make_hole, needle_scale, radius_law_mm
 from labrig.simulation.seeds import stream
 from tests.simulation.benches import QUIET, bench
 
@@ -54,6 +54,36 @@ def test_hole_specimen_needle_and_seed_each_change_the_draw() -> None:
         world.place_specimen(name, 13.0)
         world.shift_to_hole(name, 0, 35.0)
     assert len({world.truth()["radius_mm"] for world in (*worlds, other_needle, other_specimen)}) == 5
+
+
+def designed(low_mm: float, high_mm: float) -> WorldDescription:
+    """Return a quiet world whose needle was designed for a radius in between."""
+    design = DesignDescription(radius_low_mm=low_mm, radius_high_mm=high_mm)
+    return QUIET.model_copy(update={"needle": NeedleDescription(design=design)})
+
+
+def test_a_design_scales_the_radii_of_the_gels() -> None:
+    """A needle designed for 45 mm steers half as tight again as the paper's, designed for 30, in the same hole."""
+    paper, wide = bench().truth()["radius_mm"], bench(designed(45.0, 45.0)).truth()["radius_mm"]
+    assert isinstance(paper, float)
+    assert wide == pytest.approx(1.5 * paper)
+    assert bench(designed(30.0, 30.0)).truth() == bench().truth()
+
+
+def test_each_needle_draws_its_own_radius_within_the_tolerance() -> None:
+    """One draw a needle and seed, the same in every hole, spread over the whole tolerance."""
+    world = designed(27.0, 33.0)
+    scales = [needle_scale(world, 5, f"N{number}") for number in range(200)]
+    assert 27.0 / 30 < min(scales) < 27.3 / 30
+    assert 32.7 / 30 < max(scales) < 33.0 / 30
+    assert needle_scale(world, 5, "N1") == scales[1] != needle_scale(world, 6, "N1")
+    assert needle_scale(QUIET, 5, "N1") == 1.0
+
+
+def test_a_tolerance_that_holds_nothing_is_refused() -> None:
+    """The smaller radius comes first."""
+    with pytest.raises(ValueError, match="must be at most radius_high_mm, 27 mm"):
+        DesignDescription(radius_low_mm=33.0, radius_high_mm=27.0)
 
 
 def test_gels_out_of_order_are_refused() -> None:

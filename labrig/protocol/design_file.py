@@ -1,0 +1,76 @@
+"""A design file: what was cut, for which radius within which tolerance, and how that was computed.
+
+`labrig design --out` and design runs write it as JSON. JSON is YAML, so it is read as every other file is, and its
+faults have a line too. It stands here and not in `needle` because protocols name it, and what knows protocols must not
+thereby know how a hinge is computed: the simulated world is one of those.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Model, PositiveMm
+from labrig.protocol.yaml_file import load_yaml_model
+
+Basis: TypeAlias = Literal["equation (3)", "our contour"]
+
+
+class TubeSection(Model):
+    """The tube that the needle's tip is cut from."""
+
+    outer_diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the tube [mm].")
+    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
+    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a bore that leaves no wall."""
+        if self.inner_diameter_mm >= self.outer_diameter_mm:
+            message = (
+                f"inner_diameter_mm is {self.inner_diameter_mm:g}, must be below outer_diameter_mm, "
+                f"{self.outer_diameter_mm:g}"
+            )
+            yield Conflict("inner_diameter_mm", message, "the two may have been given the wrong way round")
+
+
+class NeedleDesign(Model):
+    """A design, as other rooms take it: diameter, and the radius with its worst cases within the laser's tolerances."""
+
+    kind: Literal["labrig-needle-design"] = Field(description="Which kind of file this is.")
+    schema_version: Literal[1] = Field(
+        description="Version of this file format; a higher one needs a newer labrig."
+    )
+    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
+    radius_mm: PositiveMm = Field(description="Steering radius that it is cut for [mm].")
+    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
+    radius_high_mm: float = Field(gt=0, description="Largest radius within the laser's tolerances [mm].")
+    basis: Basis = Field(description="By which plane inclination and tolerance were computed.")
+    provenance: dict[str, Any] = Field(description="Code version, packages, host and command line.")
+
+    @property
+    def diameter_mm(self) -> float:
+        """Outer diameter of the needle."""
+        return self.tube.outer_diameter_mm
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius that lies outside of its own tolerance."""
+        low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
+        if not low_mm <= self.radius_mm <= high_mm:
+            message = (
+                f"radius_mm is {self.radius_mm:g}, must be within its tolerance, {low_mm:g} to {high_mm:g}"
+            )
+            yield Conflict("radius_mm", message, "write the file again with `labrig design --out`")
+
+
+def load_design(path: Path) -> NeedleDesign:
+    """Read a design file.
+
+    Raises
+    ------
+    FileFormatError
+        When it is missing, of another kind, newer than this program, or lacks a value; with line and hint.
+    """
+    return load_yaml_model(path, NeedleDesign)

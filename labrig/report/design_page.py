@@ -1,0 +1,109 @@
+"""What the page of a design run shows."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from labrig.analysis import AnalysisResult, DesignResult, design_basis
+from labrig.needle import STEEPEST_CUT_DEG, Cell, RotationPlane
+from labrig.report.design_figure import hinge_figure
+from labrig.report.pictures import data_uri
+from labrig.report.words import count_of, interval, number
+
+
+def design_page(result: AnalysisResult, content: DesignResult) -> dict[str, Any]:
+    """Return what the template needs, everything drawn."""
+    fit = RotationPlane(**content.search["fit"])
+    cells = tuple(Cell(**cell.model_dump()) for cell in content.cells)
+    return {
+        "content": content,
+        "folder": f"analysis/{result.path.name}",
+        "figure": data_uri(hinge_figure(cells, fit, "svg"), "image/svg+xml"),
+        "answers": _answers(content),
+        "planes": (
+            ("degrees per degree of inclination", "a", 3),
+            ("degrees per mm of clearance", "b", 1),
+            ("constant, degrees", "c", 3),
+            ("RMSE, degrees", "rmse_deg", 4),
+        ),
+        "basis": design_basis(content.model_dump()),
+        "clearances_mm": sorted({cell.clearance_mm for cell in cells}),
+        "rows": _grid_rows(cells),
+        "steepest_deg": STEEPEST_CUT_DEG,
+        "shifts": {
+            "b_percent": 100 * (content.search["fit"]["b"] / content.equation_3["b"] - 1),
+            "cut_deg": content.search["beta_cut_deg"] - content.beta_cut_deg,
+        },
+    }
+
+
+def design_verdict(content: DesignResult) -> list[str]:
+    """Return the page in a sentence or two."""
+    sentence = (
+        f"For a radius of {number(content.radius_mm)} mm two hinges turn {number(content.beta_rot_deg)} degrees. "
+        f"At a clearance of {content.clearance_mm:g} mm equation (3) asks for an inclination of "
+        f"{number(content.beta_cut_deg)} degrees, our own contour for {number(content.search['beta_cut_deg'])}."
+    )
+    if content.table_1 is None:
+        return [sentence]
+    printed = (
+        f"Table I of the paper prints {number(content.table_1['beta_cut_deg'])} degrees; equation (3) solved for it "
+        f"gives {number(content.beta_cut_deg)}."
+    )
+    return [sentence, printed]
+
+
+def _answers(content: DesignResult) -> list[tuple[str, str, str]]:
+    """Return the rows of the table of answers: what, by equation (3), by our contour."""
+    search = content.search
+    both: list[tuple[str, Mapping[str, Any]]] = [("paper", content.model_dump()), ("ours", search)]
+    tolerances = [answer["tolerance"] for _, answer in both]
+    low_to_high = [_radius_interval(tolerance["radius_mm"]) for tolerance in tolerances]
+    rows = [
+        ("Inclination to cut [degrees]", *(number(answer["beta_cut_deg"]) for _, answer in both)),
+        ("Two hinges turn [degrees]", *(number(answer["beta_rot_deg"]) for _, answer in both)),
+        ("of it hinge a, hinge b [degrees]", number(None), _pair(search["beta_a_deg"], search["beta_b_deg"])),
+        ("Radius [mm]", *(number(answer["radius_mm"]) for _, answer in both)),
+        ("Radius within the tolerances [mm]", *low_to_high),
+        (
+            "Change of radius for 0.001 mm of clearance [mm]",
+            *(number(tolerance["radius_mm_per_clearance_mm"] / 1000, 3) for tolerance in tolerances),
+        ),
+        (
+            "Change of radius for 0.1 degrees of inclination [mm]",
+            *(number(tolerance["radius_mm_per_cut_deg"] / 10, 3) for tolerance in tolerances),
+        ),
+    ]
+    return [(label, paper, ours) for label, paper, ours in rows] + _optional_answers(content)
+
+
+def _optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
+    rows = []
+    if content.measured is not None:
+        measured = content.measured
+        label = (
+            f"Effective clearance of a needle measured at {number(measured['radius_mm'])} mm "
+            f"({number(measured['beta_rot_deg'])} degrees), cut at {number(measured['beta_cut_deg'])} degrees [mm]"
+        )
+        rows.append((label, number(measured["clearance_mm"], 4), number(measured["search_clearance_mm"], 4)))
+    if content.links is not None:
+        links = count_of(content.links, "link")
+        rows.append(("The tip takes", links, links))
+    return rows
+
+
+def _radius_interval(low_high: list[float | None]) -> str:
+    low_mm, high_mm = low_high
+    if low_mm is None or high_mm is None:
+        return f"{number(low_mm)} or more"
+    return interval((low_mm, high_mm))
+
+
+def _pair(one: float, other: float) -> str:
+    return f"{number(one)}, {number(other)}"
+
+
+def _grid_rows(cells: tuple[Cell, ...]) -> list[tuple[float, list[Cell]]]:
+    """Return a row for each inclination, its cells by rising clearance."""
+    cuts_deg = sorted({cell.beta_cut_deg for cell in cells})
+    by_clearance = sorted(cells, key=lambda cell: cell.clearance_mm)
+    return [(cut, [cell for cell in by_clearance if cell.beta_cut_deg == cut]) for cut in cuts_deg]

@@ -1,0 +1,31 @@
+"""The study of a design, beside what the commands of tests/cli show of it."""
+
+import pytest
+
+from labrig.analysis import design_file, hinge_table
+from labrig.errors import InputError
+from labrig.needle import EQUATION_3, Cell
+
+CELLS = tuple(
+    Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
+    for d in (0.01, 0.025, 0.04)
+    for cut in (0.0, 4.0, 8.0)
+)
+
+
+def test_the_table_holds_what_the_plane_leaves() -> None:
+    """Cells that lie in the plane leave nothing, and each line carries both hinges' rotations."""
+    lines = hinge_table(CELLS, EQUATION_3).decode().splitlines()
+    assert len(lines) == 1 + len(CELLS)
+    heads = lines[0].split(",")
+    for line in lines[1:]:
+        row = dict(zip(heads, line.split(","), strict=True))
+        assert float(row["residual_deg"]) == pytest.approx(0.0, abs=1e-4)
+        assert float(row["beta_b_deg"]) == 2.0
+
+
+def test_hinges_that_might_not_turn_make_no_design_file() -> None:
+    """A radius without an upper limit cannot be handed on."""
+    document = {"equation_3": {"same_tube": True}, "tolerance": {"radius_mm": [20.0, None]}}
+    with pytest.raises(InputError, match="no upper limit"):
+        design_file(document, {})

@@ -1,0 +1,186 @@
+"""`labrig run protocols/design.yaml`: a design as a run, without a rig, and what other runs take from it."""
+
+import csv
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.cli.main import run_command
+from labrig.protocol import load_design
+from labrig.record import open_run
+from tests.cli.conftest import RIG, ROOT, Labrig
+from tests.protocol.designs import sweep_with
+
+DESIGN = ROOT / "protocols" / "design.yaml"
+COARSE = ("--set", "grid_points=3")
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A design that was run once: its folder, and what `labrig run --json` printed."""
+
+    run: Path
+    document: dict[str, Any]
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """The design document."""
+        found: dict[str, Any] = self.document["result"]
+        return found
+
+    @property
+    def analysis(self) -> Path:
+        """The folder of its first result."""
+        return self.run / "analysis" / "001"
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    """Return the committed protocol on a coarse grid, run where the only rig file there could be is missing."""
+    import contextlib
+    import io
+
+    printed = io.StringIO()
+    runs = tmp_path_factory.mktemp("top") / "runs"
+    with pytest.MonkeyPatch.context() as environment, contextlib.redirect_stdout(printed):
+        environment.setenv("LABRIG_RIG", str(runs / "no-such-rig.yaml"))
+        exit_code = run_command(
+            ["run", str(DESIGN), "--runs-dir", str(runs), "--run-name", "design", "--json", *COARSE]
+        )
+    assert exit_code == 0
+    document = json.loads(printed.getvalue())
+    return Ran(Path(document["run"]), document)
+
+
+def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
+    """4.12 degrees by equation (3) beside table I's 4.13, the search's own, and the measured needle's clearance."""
+    assert ran.document["exit_status"] == "success"
+    assert ran.result["beta_cut_deg"] == pytest.approx(4.12, abs=0.005)
+    assert ran.result["table_1"]["beta_cut_deg"] == 4.13
+    assert ran.result["search"]["beta_cut_deg"] == pytest.approx(3.33, abs=0.02)
+    assert ran.result["measured"]["clearance_mm"] == pytest.approx(0.0283, abs=5e-5)
+
+
+def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
+    """A closed run without rig.yaml, pictures or moves, whose protocol says what was asked."""
+    run = open_run(ran.run)
+    assert run.problems == ()
+    assert not (ran.run / "rig.yaml").exists()
+    assert run.protocol.experiment == "design"
+    assert list(run.events["kind"]) == ["run_start", "run_stop"]
+    assert (len(run.frames), run.manifest["devices"]) == (0, {})
+
+
+def test_the_grid_stands_beside_the_result(ran: Ran) -> None:
+    """The CSV has a line for each cell of the result, with both hinges' rotations."""
+    rows = list(csv.DictReader((ran.analysis / "grid.csv").read_text(encoding="utf-8").splitlines()))
+    assert [float(row["beta_a_deg"]) for row in rows] == [
+        pytest.approx(cell["beta_a_deg"], abs=1e-4) for cell in ran.result["cells"]
+    ]
+
+
+def test_the_design_file_holds_the_answer(ran: Ran) -> None:
+    """Radius, its worst cases and the inclination of equation (3) can be read by other rooms."""
+    design = load_design(ran.analysis / "design.json")
+    assert (design.radius_mm, design.diameter_mm, design.basis) == (30.0, 1.2, "equation (3)")
+    assert design.beta_cut_deg == ran.result["beta_cut_deg"]
+    assert [design.radius_low_mm, design.radius_high_mm] == ran.result["tolerance"]["radius_mm"]
+
+
+def test_the_page_says_what_is_claimed(ran: Ran) -> None:
+    """The figure, both answers, table I's other digit, and what the contour cannot reproduce."""
+    page = Path(ran.document["report"]).read_text(encoding="utf-8")
+    for part in ("data:image/svg+xml", "4.12", "4.13", "3.33", "27.60 to 32.86", "grid.csv", "design.json",
+                 "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
+        assert part in page
+    assert "simulated rig" not in page
+
+
+def test_a_design_can_be_studied_again(ran: Ran, labrig: Labrig, tmp_path: Path) -> None:
+    """`reanalyze` searches again, into a new result with the same numbers; nothing that was asked can be changed."""
+    run = tmp_path / "again"
+    shutil.copytree(ran.run, run)
+    assert labrig("reanalyze", run, "--json").exit_code == 0
+    again = json.loads((run / "analysis" / "002" / "result.json").read_text(encoding="utf-8"))
+    same = ("beta_cut_deg", "search", "cells", "measured")
+    assert {key: again[key] for key in same} == {key: ran.result[key] for key in same}
+    assert again["parent"] == 1
+    assert labrig("reanalyze", run, "--set", "radius_mm=40").exit_code == 2
+
+
+def test_report_and_runs_know_a_design(ran: Ran, labrig: Labrig) -> None:
+    """The page can be written again, and the list names the experiment."""
+    assert labrig("report", ran.run).exit_code == 0
+    assert labrig("runs", "--runs-dir", ran.run.parent, "--json").json()[0]["protocol"] == "design"
+
+
+def test_check_needs_no_rig(labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing moves and no rig file is read."""
+    monkeypatch.setenv("LABRIG_RIG", "no-such-rig.yaml")
+    done = labrig("check", DESIGN, "--json")
+    assert (done.exit_code, done.json()["ok"], done.json()["duration_s"]) == (0, True, 0.0)
+    assert "without a rig" in labrig("check", DESIGN).out
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("clearance_mm=30", "0.03"),
+        ("clearance_mm=0", "above 0"),
+        ("clearance_mm=0.3", "slip out of its socket"),
+        ("clearance_mm=-0.025", "above 0"),
+        ("radius_mm=7", "cuts the socket's lips through"),
+        ("radius_mm=200", "no inclination gives"),
+        ("tube.inner_diameter_mm=1.3", "must be below outer_diameter_mm, 1.2"),
+        ("tube.inner_diameter_mm=0.05", "inner diameter is 0.05 mm"),
+        ("tube.link_length_mm=0.5", "at least 0.928 mm"),
+        ("tolerances.clearance_mm=3", "0.003"),
+        ("tolerances={clearance_mm: 0.05, cut_deg: 10}", "do not turn at all"),
+        ("tip_length_mm=4", "tip length is 4 mm"),
+        ("measured.radius_mm=300", "no clearance gives"),
+        ("measured.beta_cut_deg=44", "cutting inclination is 44 degrees"),
+        ("grid_points=2", "grid_points is 2"),
+    ],
+)
+def test_what_cannot_be_designed_leaves_no_run(
+    setting: str, said: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Lengths and angles beyond a limit, and mistaken units, are refused with the limit and a hint, at their key."""
+    done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--set", setting)
+    assert done.exit_code == 2
+    assert said in done.err
+    assert "hint:" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [("--rig", RIG), ("--set", "rig.world.noise_sd=0")])
+def test_a_rig_for_a_design_is_a_mistake(
+    arguments: tuple[object, ...], labrig: Labrig, tmp_path: Path
+) -> None:
+    """A rig that was named would not be used, and that is said."""
+    done = labrig("run", DESIGN, "--runs-dir", tmp_path, *arguments)
+    assert done.exit_code == 2
+    assert "moves no rig" in done.err
+
+
+def test_a_sweep_takes_the_design_of_a_run(ran: Ran, labrig: Labrig, tmp_path: Path) -> None:
+    """The needle's numbers come from design.json, and the world draws its radius within the tolerance."""
+    top = ran.run.parent.parent
+    sweep = sweep_with(top / "protocols", "  design_file: ../runs/design/analysis/001/design.json\n")
+    one = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]")
+    quiet = ("--set", "rig.world.gels=[{gelatin_percent: 10, radius_mean_mm: 28.34, radius_sd_mm: 0}]")
+    done = labrig("run", sweep, "--rig", RIG, "--runs-dir", tmp_path, "--json", *one, *quiet)
+    assert done.exit_code == 0
+    run = open_run(done.json()["run"])
+    design = load_design(ran.analysis / "design.json")
+    (drawn_mm,) = run.truth["radius_mm"]
+    assert design.radius_low_mm < drawn_mm * 30 / 28.34 < design.radius_high_mm
+    assert drawn_mm != 28.34
+    protocol = run.protocol
+    assert protocol.experiment == "steerability"
+    assert protocol.needle.design_radius_mm == 30.0
+    assert "within tolerance" in Path(done.json()["report"]).read_text(encoding="utf-8")

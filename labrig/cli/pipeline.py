@@ -135,9 +135,7 @@ def _open_record(order: Order, rig: Rig) -> Recorder:
     }
     return Recorder.create(
         order.runs_dir,
-        order.run_name
-        if order.run_name is not None
-        else _free_name(order.runs_dir, started, order.protocol.experiment),
+        name,
         manifest,
         dump_yaml(order.protocol),
         dump_yaml(order.rig),

@@ -16,7 +16,8 @@ from tests.needle.no_fit import NoFit
 from tests.needle.test_search import random_hinge
 
 DESIGNS = 20
-# 0.01 degrees over the whole box are 50 000 angles and half an hour of processor time, 15 minutes on two cores. Around the answer the step is that, further on ten times that.
+# 0.01 degrees over the whole box are 50 000 angles and half an hour of processor time, 15 minutes on two cores.
+# Around the answer the step is that, further on ten times that.
 FINE_DEG, COARSE_DEG = 0.01, 0.1
 FINE_REACH_DEG = 0.5
 

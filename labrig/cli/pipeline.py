@@ -13,7 +13,7 @@ from labrig.cli.progress import progress
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.clock import Clock
 from labrig.devices import RigDescription, SystemClock, open_rig
-from labrig.errors import FileFormatError, InputError, LabrigError
+from labrig.errors import AnswerIsNoError, FileFormatError, InputError, LabrigError
 from labrig.experiments import (
     Outcome,
     Session,
@@ -40,7 +40,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Finished:
-    """How it ended; `result` and `report` are None where the run did not come to its end."""
+    """How it ended; `result` and `report` are None where the run did not come to its end, or the answer is no."""
 
     run: Path
     exit_status: str
@@ -68,7 +68,10 @@ def perform(order: Order) -> Finished:
     path, outcome = _record(order, needs.work)
     if outcome.error is not None:
         return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error)
-    result = analyze(path, order.command_line)
+    try:
+        result = analyze(path, order.command_line)
+    except AnswerIsNoError as error:
+        return Finished(path, outcome.exit_status, error.message, None, None, error)
     # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
     from labrig.report import write_report
 

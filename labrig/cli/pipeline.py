@@ -13,7 +13,14 @@ from labrig.cli.progress import progress
 from labrig.cli.signals import Interruption, SignalNote, note_signals
 from labrig.clock import Clock
 from labrig.devices import Rig, RigDescription, SystemClock, open_rig
-from labrig.errors import FileFormatError, InputError, InterruptedRunError, LabrigError, MachineError
+from labrig.errors import (
+    AnswerIsNoError,
+    FileFormatError,
+    InputError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+)
 from labrig.experiments import (
     Outcome,
     Session,
@@ -40,7 +47,7 @@ class Order:
 
 @dataclass(frozen=True)
 class Finished:
-    """How it ended; `result` and `report` are None where it was not measured.
+    """How it ended; `result` and `report` are None where it was not measured, or the answer is no.
 
     `needle` says where the needle was left, and is empty where it is out.
     """
@@ -86,6 +93,8 @@ def perform(order: Order) -> Finished:
         report = write_report(open_run(path), result, SystemClock().utc())
     except Interruption as interruption:
         return _unmeasured(path, str(interruption))
+    except AnswerIsNoError as error:
+        return Finished(path, outcome.exit_status, error.message, None, None, error, "")
     return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None, "")
 
 

@@ -102,6 +102,10 @@ def _in_reach(named: Node, folder: Path | None) -> Path:
     path, reach = folder / name, folder.resolve().parent
     if not path.resolve().is_relative_to(reach):
         raise InputError(f"{KEY} is {named.scalar}, which leaves the folder above the protocol's", _REACH)
+    if not path.is_file():
+        raise InputError(
+            f"{KEY} is {named.scalar}, and {path} is no file", "write one with `labrig design --out FILE`"
+        )
     return path
 
 

@@ -112,6 +112,15 @@ def test_a_design_can_be_studied_again(ran: Ran, labrig: Labrig, tmp_path: Path)
     assert labrig("reanalyze", run, "--set", "radius_mm=40").exit_code == 2
 
 
+def test_a_radius_that_our_contour_cannot_give_keeps_its_record(labrig: Labrig, tmp_path: Path) -> None:
+    """Equation (3) can give 45 mm at 0.025 mm and our contour cannot: exit code 1, the reason, and the run by name."""
+    done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--json", *COARSE, "--set", "radius_mm=45")
+    document = done.json()
+    assert (done.exit_code, document["exit_status"], document["result"]) == (1, "success", None)
+    assert "no inclination gives" in document["reason"]
+    assert open_run(document["run"]).problems == ()
+
+
 def test_report_and_runs_know_a_design(ran: Ran, labrig: Labrig) -> None:
     """The page can be written again, and the list names the experiment."""
     assert labrig("report", ran.run).exit_code == 0

@@ -100,4 +100,7 @@ def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path)
     line = text[: text.index("hole_spacing_mm: ten")].count("\n") + 1
     with pytest.raises(FileFormatError) as caught:
         load_yaml_model(path, SteerabilityProtocol, ["seed=x"])
-    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [f"{path}:{line}:18", "--set"]
+    assert [problem.where.split(" ")[0] for problem in caught.value.problems] == [
+        f"{path}:{line}:18",
+        "--set",
+    ]

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli import calibrate, devices, measure, protocols, record, run
+from labrig.cli import calibrate, devices, measure, plan, protocols, record, run
 from labrig.cli.output import print_failure
 from labrig.cli.signals import raise_on_signals
 from labrig.errors import DiskError, InputError, LabrigError
@@ -25,6 +25,7 @@ app = typer.Typer(
 )
 run.register(app)
 protocols.register(app)
+plan.register(app)
 record.register(app)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(measure.app, name="measure")

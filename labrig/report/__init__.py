@@ -20,5 +20,6 @@ What is decided here:
 """
 
 from labrig.report.page import write_report
+from labrig.report.plan_figure import write_plan_figure
 
-__all__ = ["write_report"]
+__all__ = ["write_plan_figure", "write_report"]

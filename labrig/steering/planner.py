@@ -84,7 +84,7 @@ def plan_path(problem: PlanProblem, method: PlanMethod = "best") -> Plan:
     if reason is not None:
         return Plan(found=False, reason=reason)
     psi = _searched(around, method)
-    if psi is None and np.linalg.norm(around.target_mm) <= problem.tolerance_mm:
+    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _goes_nearer(psi, around):
         psi = np.zeros((0, 2))
     if psi is None:
         failed = "resolved motion rate found no path" if method == "paper" else refusal_after_search(around)
@@ -104,6 +104,14 @@ def _searched(around: Surroundings, method: PlanMethod) -> FloatArray | None:
     if method == "paper":
         return resolved_motion_rate(around)
     return search_plane(around) if around.problem.planar else search_space(around)
+
+
+def _goes_nearer(psi: FloatArray | None, around: Surroundings) -> bool:
+    """Return whether a path is worth making where the tip is within the tolerance: it halves the distance."""
+    if psi is None:
+        return False
+    tip = path_frames(psi, around.problem.radius_mm).positions_mm[-1]
+    return bool(np.linalg.norm(tip - around.target_mm) < np.linalg.norm(around.target_mm) / 2)
 
 
 def _plan_of(psi: FloatArray, around: Surroundings) -> Plan:

@@ -2,12 +2,13 @@
 
 import sys
 
-from tests.benchmarks import chessboard, real_insertions, start_up, sweep
+from tests.benchmarks import chessboard, planner, real_insertions, start_up, sweep
 
 TABLES = {
     "start-up": start_up.print_table,
     "chessboard": chessboard.print_table,
     "real-insertions": real_insertions.print_table,
+    "planner": planner.print_table,
     "sweep": sweep.print_table,
 }
 

@@ -26,6 +26,7 @@ def plan(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
+    from labrig.cli.scenario import problem_of
     from labrig.devices import SystemClock
     from labrig.protocol import Scenario, load_yaml_model
     from labrig.steering import plan_path
@@ -33,7 +34,7 @@ def plan(
     if figure is not None:
         _check_figure(figure, force)
     asked = load_yaml_model(scenario, Scenario)
-    problem = asked.problem()
+    problem = problem_of(asked)
     clock = SystemClock()
     started_s = clock.now_s()
     found = plan_path(problem, asked.method)

@@ -2,11 +2,9 @@
 
 from typing import Annotated, Literal, TypeAlias
 
-import numpy as np
 from pydantic import Field
 
 from labrig.protocol.model import Model, NonNegativeMm, PositiveMm
-from labrig.steering import Obstacle, PlanProblem, PlanWeights
 
 Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 PointMm: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
@@ -71,7 +69,9 @@ class Scenario(Model):
     obstacles: tuple[ScenarioObstacle, ...] = Field(
         (), max_length=100, description="Spheres to keep off, any number up to a hundred."
     )
-    planar: bool = Field(default=False, description="Stay in the y-z plane of the start; rolls are 0 and pi then.")
+    planar: bool = Field(
+        default=False, description="Stay in the y-z plane of the start; rolls are 0 and pi then."
+    )
     clearance_mm: NonNegativeMm = Field(
         0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
     )
@@ -81,27 +81,3 @@ class Scenario(Model):
         "best", description="The default planner, or the paper's for comparison."
     )
     weights: ScenarioWeights = ScenarioWeights()
-
-    def problem(self) -> PlanProblem:
-        """Return the problem for `labrig.steering.plan_path`.
-
-        Raises
-        ------
-        InputError
-            Where values that are right alone make no problem: a start or target inside an obstacle, no rotation.
-        """
-        start = np.eye(4)
-        start[:3, :3], start[:3, 3] = self.start.rotation, self.start.position_mm
-        return PlanProblem(
-            target_mm=self.target.position_mm,
-            obstacles=tuple(Obstacle(o.position_mm, o.radius_mm) for o in self.obstacles),
-            start=start,
-            radius_mm=self.needle.radius_mm,
-            diameter_mm=self.needle.diameter_mm,
-            tolerance_mm=self.target.tolerance_mm,
-            clearance_mm=self.clearance_mm,
-            max_arcs=self.max_arcs,
-            max_length_mm=self.max_length_mm,
-            planar=self.planar,
-            weights=PlanWeights(**self.weights.model_dump()),
-        )

@@ -7,12 +7,14 @@ if that ray meets the arc, and is one of the arc's ends otherwise.
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import path_frames, rotation_z
+from labrig.needle import Frames, path_frames, rotation_z
 
 FloatArray = NDArray[np.float64]
 
 
-def arc_distances(psi: FloatArray, radius_mm: float, centres_mm: FloatArray) -> FloatArray:
+def arc_distances(
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: Frames | None = None
+) -> FloatArray:
     """Return the distance from each arc's centre line to each point.
 
     Parameters
@@ -22,12 +24,14 @@ def arc_distances(psi: FloatArray, radius_mm: float, centres_mm: FloatArray) -> 
     radius_mm : float
     centres_mm : (K, 3) array
         In {1b}.
+    frames : Frames, optional
+        Those of the paths, where they are known already.
 
     Returns
     -------
     (..., n, K) array
     """
-    frames = path_frames(psi, radius_mm)
+    frames = frames or path_frames(psi, radius_mm)
     bending = frames.rotations[..., :-1, :, :] @ rotation_z(psi[..., 1])
     offsets = centres_mm - frames.positions_mm[..., None, :]  # (..., n + 1, K, 3)
     local = offsets[..., :-1, :, :] @ bending

@@ -22,7 +22,7 @@ from labrig.steering.planar import (
     thinned,
 )
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import best, costs, feasible
+from labrig.steering.score import best_feasible
 
 FloatArray = NDArray[np.float64]
 
@@ -107,20 +107,18 @@ def _single(around: Surroundings, target: complex) -> FloatArray:
     return psi_of(np.mod(np.angle(ray) * signs, 2 * np.pi)[:, None], signs)
 
 
-def _best_of(found: list[FloatArray], around: Surroundings) -> FloatArray | None:
-    """Return the best feasible path of all families, each checked once more in three dimensions; or None."""
-    chosen = [path for family in found if (path := _best_of_family(family, around)) is not None]
-    if not chosen:
-        return None
-    prices = [costs(path[None], around)[0] for path in chosen]
-    return chosen[int(np.argmin(prices))]
+def _best_of(families: list[FloatArray], around: Surroundings) -> FloatArray | None:
+    """Return the best feasible path of all families, each path checked once more in three dimensions; or None."""
+    families = [_thin_family(family) for family in families]
+    arcs = max(family.shape[1] for family in families)
+    padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]
+    return best_feasible(np.concatenate(padded), around)
 
 
-def _best_of_family(family: FloatArray, around: Surroundings) -> FloatArray | None:
-    """Return the best of a family; of very many the shortest are scored, and a spread of the others."""
-    if len(family) > _SCORED:
-        order = np.argsort(family[..., 0].sum(axis=1))
-        shortest, others = order[: _SCORED // 2], order[_SCORED // 2 :]
-        family = family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // _SCORED]))]
-    family = family[feasible(family, around)]
-    return best(family, around) if len(family) else None
+def _thin_family(family: FloatArray) -> FloatArray:
+    """Return a family that is not too many to score: its shortest paths, and a spread of the others."""
+    if len(family) <= _SCORED:
+        return family
+    order = np.argsort(family[..., 0].sum(axis=1))
+    shortest, others = order[: _SCORED // 2], order[_SCORED // 2 :]
+    return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // _SCORED]))])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labrig.needle import control_jacobians, control_points, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import best, feasible
+from labrig.steering.score import best_feasible
 
 FloatArray = NDArray[np.float64]
 
@@ -37,9 +37,9 @@ def resolved_motion_rate(around: Surroundings) -> FloatArray | None:
         for iteration in range(_ITERATIONS):
             psi = _stepped(psi, around)
             if iteration % _CHECK_EVERY == _CHECK_EVERY - 1:
-                good = feasible(psi, around)
-                if good.any():
-                    return best(psi[good], around)
+                path = best_feasible(psi, around)
+                if path is not None:
+                    return path
     return None
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from labrig.needle import path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import best, feasible
+from labrig.steering.score import best_feasible
 
 FloatArray = NDArray[np.float64]
 
@@ -29,9 +29,9 @@ def search_space(around: Surroundings) -> FloatArray | None:
     for round_number in range(_ROUNDS):
         arcs = min(fewest + 1 + round_number % 3, problem.max_arcs)
         psi = _settled(_starts(rng, arcs, distance / problem.radius_mm), around)
-        psi = psi[feasible(psi, around)]
-        if len(psi):
-            return best(psi, around)
+        path = best_feasible(psi, around)
+        if path is not None:
+            return path
     return None
 
 

@@ -33,7 +33,9 @@ def _print_headings() -> None:
         paper, default = (heading_rmse_deg(RUNS, settings(planar, method=method)) for method in METHODS)
         curved = heading_rmse_deg(RUNS, settings(planar, radius_sd_mm=0.02 * RADIUS_MM))
         ratio = default / paper
-        rows.append([_world(planar), f"{paper:.2f}", f"{default:.2f}", f"{curved:.2f}", f"{ratio:.2f}", limit])
+        rows.append(
+            [_world(planar), f"{paper:.2f}", f"{default:.2f}", f"{curved:.2f}", f"{ratio:.2f}", limit]
+        )
     heads = ("heading RMSE, deg", "paper", "error-state", "curvature estimated", "ratio", "at most")
     print_rows(heads, rows)
 

@@ -1,7 +1,7 @@
 """The default method in the plane: enumerate, score, and look closer where nothing was found.
 
 Paths of up to four arcs are enumerated and the best is taken. Only where there is none, the tree is grown finer
-and deeper, thinned to one tip a cell, and ends elsewhere within the tolerance are tried too.
+and deeper, twice, thinned to one tip a cell, and ends elsewhere within the tolerance are tried too.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,10 @@ class Effort:
 
 
 _FIRST = Effort((56, 32), 0.0, 0.0, 0)
-_CLOSER = Effort((120, 48, 24, 20, 16, 16, 16, 16, 16, 16), 1.2, 0.06, 2500)
+_CLOSER = (
+    Effort((120, 48, 24, 20, 16, 16, 16, 16, 16, 16), 1.2, 0.06, 2500),
+    Effort((240, 64, 48, 32, 24, 24, 16, 16, 16, 16), 0.5, 0.03, 12_000),
+)
 
 
 def search_plane(around: Surroundings) -> FloatArray | None:
@@ -53,7 +56,9 @@ def search_plane(around: Surroundings) -> FloatArray | None:
         return quick
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
     ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)
-    return _deeper(around, field, np.concatenate(([target], target + ring)))
+    targets = np.concatenate(([target], target + ring))
+    deeper = (_deeper(around, field, targets, effort) for effort in _CLOSER)
+    return next((path for path in deeper if path is not None), None)
 
 
 def target_in_plane(around: Surroundings) -> complex:
@@ -71,13 +76,15 @@ def _all_levels(around: Surroundings, field: Field, target: complex, effort: Eff
     return _best_of(found, around)
 
 
-def _deeper(around: Surroundings, field: Field, targets: NDArray[np.complex128]) -> FloatArray | None:
+def _deeper(
+    around: Surroundings, field: Field, targets: NDArray[np.complex128], effort: Effort
+) -> FloatArray | None:
     """Return the best path with the fewest arcs that a finer tree finds, or None."""
     tips = root()
     for level in range(around.problem.max_arcs - 1):
         if level:
-            tips = grow(tips, field, _CLOSER.samples[level - 1])
-            tips = thinned(tips, _CLOSER.cell_mm, _CLOSER.cell_rad, _CLOSER.tips)
+            tips = grow(tips, field, effort.samples[level - 1])
+            tips = thinned(tips, effort.cell_mm, effort.cell_rad, effort.tips)
         for target in targets:
             path = _best_of([_closed(tips, field, target)], around)
             if path is not None:

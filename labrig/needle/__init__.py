@@ -1,4 +1,4 @@
-"""needle: what the needle is: the design of its hinges.
+"""needle: what the needle is: hinge design, reach, kinematics of arcs.
 
 A needle's tip is a row of links cut from a tube, each hinged to the next about a pin square to that of the
 hinge before it. The bevel drives the hinges to their stops, and the tip becomes an arc of radius r. Two
@@ -6,7 +6,7 @@ adjacent hinges turn by beta_rot together: r = 2 H / beta_rot (equation 1), beta
 (equation 2). This room says what to cut for a radius, twice: by equation (3) of the paper, and by a search on
 a contour of our own, because figure 2 is not in the paper's text.
 
-Angles are degrees here, as in equation (3) and table I, and names say so; lengths are mm.
+Angles of hinges are degrees, as in equation (3) and table I, and names say so; angles of arcs are rad; lengths are mm.
 
 What is decided here:
 
@@ -33,6 +33,9 @@ What is decided here:
 - **Whoever needs a radius** and not a hinge reads a design file (`labrig.protocol.load_design`). Its tolerance is a
   worst case, low to high, and no standard deviation. For a tube of the paper's section it speaks by equation (3), for
   any other by our contour, and it says which.
+- **Configurations are arrays (..., n, 2)**, columns (theta, delta) as in the paper's psi, and every function of the
+  kinematics takes any number of leading axes: a thousand paths cost little more than one.
+- **Where the paper misprints, the correction is implemented and cited** at the equation.
 - **Limits**: the links are rigid, the kerf is the same all along the cut, and the laser cuts along the pin.
 """
 
@@ -46,6 +49,19 @@ from labrig.needle.equations import (
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge, HingeView, LinkPair, Reach, widest_clearance_mm
+from labrig.needle.kinematics import (
+    Frames,
+    arc_jacobian,
+    arc_pose,
+    control_jacobians,
+    control_points,
+    cross_matrix,
+    path_frames,
+    path_jacobian,
+    path_points,
+    rotation_x,
+    rotation_z,
+)
 from labrig.needle.search import (
     DEFAULT_SEED,
     FreeRotation,
@@ -74,6 +90,7 @@ __all__ = [
     "STEEPEST_CUT_DEG",
     "TABLE_1",
     "Cell",
+    "Frames",
     "FreeRotation",
     "Hinge",
     "HingeRotation",
@@ -86,15 +103,25 @@ __all__ = [
     "SearchedDesign",
     "Tube",
     "allowed_rotation",
+    "arc_jacobian",
+    "arc_pose",
+    "control_jacobians",
+    "control_points",
+    "cross_matrix",
     "design_by_equations",
     "fit_plane",
     "grid_of_hinges",
     "interference_mm2",
     "largest_rotation",
     "links_in",
+    "path_frames",
+    "path_jacobian",
+    "path_points",
     "radius_mm",
     "radius_tolerance",
     "rotation_for_radius_deg",
+    "rotation_x",
+    "rotation_z",
     "search_cells",
     "search_design",
     "widest_clearance_mm",

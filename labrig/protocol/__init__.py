@@ -52,6 +52,7 @@ from labrig.protocol.protocols import (
     Specimen,
     SteerabilityProtocol,
 )
+from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema, schema_text
 from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_values, parse_yaml_model
 
@@ -82,6 +83,7 @@ __all__ = [
     "PixelUv",
     "PositiveMm",
     "Scale",
+    "Scenario",
     "Seed",
     "Sheath",
     "Specimen",

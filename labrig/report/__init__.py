@@ -21,5 +21,6 @@ What is decided here:
 
 from labrig.report.design_figure import hinge_figure
 from labrig.report.page import write_report
+from labrig.report.plan_figure import write_plan_figure
 
-__all__ = ["hinge_figure", "write_report"]
+__all__ = ["hinge_figure", "write_plan_figure", "write_report"]

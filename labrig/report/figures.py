@@ -21,7 +21,7 @@ from labrig.report.palette import DESIGN, Mark
 
 FloatArray = NDArray[np.float64]
 
-_SETTINGS: dict[Any, Any] = {
+SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "labrig",
     "svg.fonttype": "none",
     "text.parse_math": False,
@@ -44,7 +44,7 @@ _SETTINGS: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
-_NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Design:
 
 def steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> Markup:
     """Return figure 8 of the paper: all paths from one sheath tip, and the radii of each gel."""
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.3), layout="constrained")
         paths, radii = figure.subplots(1, 2, width_ratios=(1.12, 1))
         _draw_paths(paths, series, design)
@@ -189,7 +189,7 @@ def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
 def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int, int], name: str) -> Markup:
     """Return where in the picture the board's corners were seen, (N, 2) pixels a photograph."""
     width, height = image_size
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(5.6, 5.6 * height / width + 0.7), layout="constrained")
         axes = figure.subplots()
         for pixels in corners_px.values():
@@ -209,7 +209,7 @@ def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int,
 
 def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name: str) -> Markup:
     """Return the reprojection error of each photograph [px], and of all together."""
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(5.6, 0.6 + 0.2 * max(len(views), 3)), layout="constrained")
         axes = figure.subplots()
         places = np.arange(len(views))
@@ -226,7 +226,7 @@ def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name:
 def _svg(figure: Figure, name: str) -> Markup:
     """Return the figure as an element of the page, its identifiers like those of no other figure."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata=_NO_METADATA, transparent=True)
+    figure.savefig(buffer, format="svg", metadata=NO_METADATA, transparent=True)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+(xmlns(:\w+)?|version)="[^"]*"', "", text, count=3)

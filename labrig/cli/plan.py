@@ -1,0 +1,75 @@
+"""`labrig plan`: a path for a scenario, without any rig."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labrig.cli.output import AsJson, number, plural, print_json, print_table
+from labrig.errors import InputError, OutputExistsError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `labrig`."""
+    app.command("plan", help="Plan a path to a target around obstacles, or say why there is none.")(plan)
+
+
+def plan(
+    scenario: Annotated[
+        Path, typer.Argument(metavar="SCENARIO", help="Needle, target and obstacles (YAML or JSON).")
+    ],
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", help="Draw the plan, .svg or .png.", show_default=False),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing figure.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
+    from labrig.cli.scenario import problem_of
+    from labrig.devices import SystemClock
+    from labrig.protocol import Scenario, load_yaml_model
+    from labrig.steering import plan_path
+
+    if figure is not None:
+        _check_figure(figure, force)
+    asked = load_yaml_model(scenario, Scenario)
+    problem = problem_of(asked)
+    clock = SystemClock()
+    started_s = clock.now_s()
+    found = plan_path(problem, asked.method)
+    document = {**found.to_json(), "elapsed_s": clock.now_s() - started_s}
+    if figure is not None:
+        from labrig.report import write_plan_figure
+
+        write_plan_figure(figure, problem, found)
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+    return 0 if found.found else 1
+
+
+def _check_figure(figure: Path, force: bool) -> None:
+    """Refuse a figure that cannot be written before anything is planned."""
+    if figure.suffix.lower() not in {".svg", ".png"}:
+        raise InputError(f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example")
+    if figure.exists() and not force:
+        raise OutputExistsError(f"{figure} exists", "name another file, or replace it with --force")
+
+
+def _print(document: dict[str, Any]) -> None:
+    if not document["found"]:
+        typer.echo(f"no path: {document['reason']}")
+        return
+    rows = [
+        [place, number(arc["roll_rad"], 4), number(arc["angle_rad"], 4), number(arc["length_mm"], 2)]
+        for place, arc in enumerate(document["arcs"], start=1)
+    ]
+    print_table(("arc", "roll rad", "angle rad", "length mm"), rows)
+    x, y, z = document["tip_mm"]
+    typer.echo(
+        f"\n{plural(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "
+        f"{document['target_error_mm']:.2f} mm from the target, clearance {number(document['clearance_mm'], 2)} mm, "
+        f"planned in {1000 * document['elapsed_s']:.1f} ms"
+    )

@@ -1,0 +1,96 @@
+"""A plan as a figure of its own: path, obstacles and target, true to scale."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+
+from labrig.errors import InputError
+from labrig.report.figures import NO_METADATA, SETTINGS
+from labrig.report.palette import DESIGN, mark
+from labrig.steering import Plan, PlanProblem, sample_path
+
+FloatArray = NDArray[np.float64]
+
+FORMATS = {".svg": "svg", ".png": "png"}
+_DOTS_PER_INCH = 150
+
+
+def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
+    """Draw a plan; without a path, what stands where.
+
+    Parameters
+    ----------
+    path : Path
+        `.svg` or `.png`.
+    problem : PlanProblem
+        A planar one is drawn in the y-z plane, any other from the side too.
+    plan : Plan
+
+    Raises
+    ------
+    InputError
+        For another suffix.
+    """
+    form = FORMATS.get(path.suffix.lower())
+    if form is None:
+        raise InputError(f"{path.name} is neither .svg nor .png", "name the figure plan.svg, for example")
+    views = (1,) if problem.planar else (1, 0)
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(8.0, 0.6 + 3.1 * len(views)), layout="constrained")
+        panels = figure.subplots(len(views), 1, squeeze=False)[:, 0]
+        for axes, across in zip(panels, views, strict=True):
+            _draw_view(axes, problem, plan, across)
+        panels[0].set_title(_title(plan))
+        metadata = NO_METADATA if form == "svg" else None
+        figure.savefig(path, format=form, dpi=_DOTS_PER_INCH, metadata=metadata, facecolor="white")
+
+
+def _title(plan: Plan) -> str:
+    if not plan.found:
+        return f"No path: {plan.reason}"
+    clearance = "" if plan.clearance_mm is None else f", clearance {plan.clearance_mm:.2f} mm"
+    return f"{len(plan.arcs)} arcs, {plan.length_mm:.1f} mm{clearance}"
+
+
+def _draw_view(axes: Axes, problem: PlanProblem, plan: Plan, across: int) -> None:
+    """Draw depth z to the right and one lateral axis upwards: y, or x."""
+    for number, obstacle in enumerate(problem.obstacles, start=1):
+        place = (obstacle.position_mm[2], obstacle.position_mm[across])
+        wider = obstacle.radius_mm + problem.clearance_mm + problem.diameter_mm / 2
+        axes.add_patch(Circle(place, wider, fill=False, edgecolor="#999999", linestyle=":", linewidth=0.8))
+        axes.add_patch(
+            Circle(place, obstacle.radius_mm, facecolor="#dddddd", edgecolor="#777777", linewidth=0.8)
+        )
+        axes.annotate(str(number), place, ha="center", va="center", fontsize=8.5, color="#333333")
+    target = (problem.target_mm[2], problem.target_mm[across])
+    axes.add_patch(Circle(target, problem.tolerance_mm, fill=False, edgecolor=mark(1).colour, linewidth=1.2))
+    axes.plot(*target, "+", color=mark(1).colour, markersize=9, label="target and tolerance")
+    start = np.asarray(problem.start)[:3, 3]
+    axes.plot(start[2], start[across], "s", color=DESIGN, markersize=4, label="start")
+    if plan.arcs:
+        _draw_path(axes, problem, plan, across)
+    axes.plot([], [], ":", color="#999999", label="centre line stays outside")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("z, along the insertion (mm)")
+    axes.set_ylabel(f"{'xy'[across]}, {'sideways' if across else 'away from the camera'} (mm)")
+    axes.grid(visible=True)
+    axes.legend(loc="best")
+
+
+def _draw_path(axes: Axes, problem: PlanProblem, plan: Plan, across: int) -> None:
+    points = sample_path(problem, plan)
+    axes.plot(points[:, 2], points[:, across], color=mark(0).colour, linewidth=1.8, label="path")
+    flips = points[:: len(points) // len(plan.arcs)][1:-1]
+    axes.plot(
+        flips[:, 2],
+        flips[:, across],
+        "o",
+        color=mark(0).colour,
+        markerfacecolor="white",
+        label="the bevel turns",
+    )

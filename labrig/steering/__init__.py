@@ -1,0 +1,24 @@
+"""steering: planner, tip estimator and the step that joins them, as pure functions."""
+
+from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
+from labrig.steering.planner import Plan, PlannedArc, plan_path, sample_path
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
+from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState
+
+__all__ = [
+    "EstimatorMethod",
+    "EstimatorSettings",
+    "Obstacle",
+    "Plan",
+    "PlanMethod",
+    "PlanProblem",
+    "PlanWeights",
+    "PlannedArc",
+    "TipObservation",
+    "TipState",
+    "estimate_tip_poses",
+    "plan_path",
+    "sample_path",
+    "start_tip",
+    "step_tip",
+]

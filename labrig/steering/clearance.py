@@ -1,0 +1,48 @@
+"""Exact distances from paths of arcs to the centres of spheres; nothing is sampled.
+
+Seen in the plane of an arc, the nearest point to a sphere's centre lies on the same ray from the arc's centre
+if that ray meets the arc, and is one of the arc's ends otherwise.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.needle import Frames, path_frames, rotation_z
+
+FloatArray = NDArray[np.float64]
+
+
+def arc_distances(
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: Frames | None = None
+) -> FloatArray:
+    """Return the distance from each arc's centre line to each point.
+
+    Parameters
+    ----------
+    psi : (..., n, 2) array
+        Paths, columns (theta, delta); 0 <= theta < 2 pi.
+    radius_mm : float
+    centres_mm : (K, 3) array
+        In {1b}.
+    frames : Frames, optional
+        Those of the paths, where they are known already.
+
+    Returns
+    -------
+    (..., n, K) array
+    """
+    frames = frames or path_frames(psi, radius_mm)
+    bending = frames.rotations[..., :-1, :, :] @ rotation_z(psi[..., 1])
+    offsets = centres_mm - frames.positions_mm[..., None, :]  # (..., n + 1, K, 3)
+    local = offsets[..., :-1, :, :] @ bending
+    out, across, along = local[..., 0], local[..., 1] + radius_mm, local[..., 2]
+    turned = np.mod(np.arctan2(along, across), 2 * np.pi)
+    beside = np.hypot(out, np.hypot(along, across) - radius_mm)
+    from_frames = np.linalg.norm(offsets, axis=-1)
+    from_ends = np.minimum(from_frames[..., :-1, :], from_frames[..., 1:, :])
+    return np.asarray(np.where(turned <= psi[..., 0, None], beside, from_ends))
+
+
+def path_distances(psi: FloatArray, radius_mm: float, centres_mm: FloatArray) -> FloatArray:
+    """Return the distance from each path to each point, (..., K); arguments as `arc_distances`."""
+    return np.asarray(arc_distances(psi, radius_mm, centres_mm).min(axis=-2))

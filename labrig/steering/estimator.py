@@ -1,0 +1,141 @@
+"""Poses of the tip from positions of it: step by step for the live loop, or a whole insertion at once."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labrig.errors import InputError
+from labrig.steering.error_state import step_error_state
+from labrig.steering.paper_filter import step_paper_filter
+from labrig.steering.tip import (
+    CURVATURE,
+    ERRORS,
+    EstimatorMethod,
+    EstimatorSettings,
+    FloatArray,
+    TipObservation,
+    TipState,
+    frozen,
+    numbers,
+    require_half_turns,
+    rigid_pose,
+)
+
+_STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSettings], TipState]] = {
+    "error-state": step_error_state,
+    "paper": step_paper_filter,
+}
+
+
+def start_tip(pose: ArrayLike, settings: EstimatorSettings) -> TipState:
+    """Return the tip at its start: its position is as good as one observation, its orientation as the settings say.
+
+    Parameters
+    ----------
+    pose : (4, 4) array
+    settings : EstimatorSettings
+
+    Raises
+    ------
+    InputError
+        For a pose that is none.
+    """
+    curvature = 1.0 / settings.radius_mm
+    sd = np.array([settings.observation_sd_mm] * 3 + [settings.start_sd_rad] * 3 + [0.0])
+    sd[CURVATURE] = settings.radius_sd_mm * curvature**2
+    variances = np.zeros(ERRORS)
+    variances[list(settings.errors)] = sd[list(settings.errors)] ** 2
+    at = frozen(rigid_pose("pose", pose))
+    return TipState(at, curvature, frozen(np.diag(variances)), nis=None, accepted=False, misses=0)
+
+
+def step_tip(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
+    """Return the tip after one observation: the needle is rolled, then advanced, then seen or missed.
+
+    Raises
+    ------
+    InputError
+        In the plane, for a roll that is no whole number of half turns.
+    """
+    if settings.planar:
+        require_half_turns(observation.roll_rad)
+    return _STEPS[settings.method](state, observation, settings)
+
+
+def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
+    positions_mm: ArrayLike,
+    step_mm: float,
+    roll_rad: ArrayLike,
+    radius_mm: float,
+    observation_sd_mm: float,
+    process_sd_rad: float,
+    method: EstimatorMethod = "error-state",
+    start: ArrayLike | None = None,
+    *,
+    planar: bool = False,
+    radius_sd_mm: float = 0.0,
+) -> FloatArray:
+    """Return the poses of the tip at each observed position.
+
+    Parameters
+    ----------
+    positions_mm : (T + 1, 3) array
+    step_mm : float
+        Inserted between one position and the next.
+    roll_rad : (T,) array
+        The roll applied before each step; the needle turns first, then advances.
+    radius_mm : float
+    observation_sd_mm : float
+        Of a position, along each axis.
+    process_sd_rad : float
+        Of the random turning of the tip in one step, about each of its axes.
+    method : {"error-state", "paper"}
+        The default filter, or the paper's as corrected.
+    start : (4, 4) array or None
+        The pose at the first position; None: along z, with the bevel at roll zero.
+    planar, radius_sd_mm
+        As in `EstimatorSettings`.
+
+    Returns
+    -------
+    (T + 1, 4, 4) array
+        T_w_t. The first is the start, improved by the first position.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite or out of its range, or a start that is no pose.
+    """
+    positions = numbers("positions_mm", positions_mm, (None, 3))
+    if len(positions) == 0:
+        raise InputError("positions_mm is empty", "the tip's position at the start is needed at least")
+    rolls = numbers("roll_rad", roll_rad, (len(positions) - 1,))
+    if not (math.isfinite(step_mm) and step_mm > 0.0):
+        raise InputError(f"step_mm is {step_mm:g}, it must be above 0")
+    settings = EstimatorSettings(
+        radius_mm,
+        observation_sd_mm,
+        process_sd_rad / math.sqrt(step_mm),
+        method,
+        planar,
+        radius_sd_mm,
+    )
+    state = _start_of_path(positions[0], start, settings)
+    poses = [state.pose]
+    for position, roll in zip(positions[1:], rolls, strict=True):
+        state = step_tip(state, TipObservation(position, step_mm, float(roll)), settings)
+        poses.append(state.pose)
+    return np.stack(poses)
+
+
+def _start_of_path(position_mm: FloatArray, start: ArrayLike | None, settings: EstimatorSettings) -> TipState:
+    """Return the state at the first position; a start that was given counts beside it."""
+    if start is not None:
+        state = start_tip(rigid_pose("start", start), settings)
+        return replace(step_tip(state, TipObservation(position_mm, 0.0), settings), misses=0)
+    pose = np.eye(4)
+    pose[:3, 3] = position_mm
+    return start_tip(pose, settings)

@@ -1,0 +1,117 @@
+"""The paper's filter: Euler angles as the state, equations (16) to (25) with their corrections.
+
+- (20) drops the increment of (18). Here it is kept as printed, and the pose is propagated by (17) after the
+  update, which equals (18) because R_x is the innermost factor.
+- (22) observes the position of t + 1, not of t.
+- The p_t inside h is itself measured, so that its noise counts twice: Q_obs = 2 sigma^2.
+- (25) has e_3^T R_y R_x as its third row, not e_3^T R_y.
+- A flip is R <- R R_z(delta); the angles are read off the new R.
+
+It stays for comparison. Its angles lock at phi_y = +-90 degrees, it has no gate, and its position is the measured one.
+"""
+
+import math
+
+import numpy as np
+
+from labrig.needle import cross_matrix, rotation_x, rotation_z
+from labrig.steering.motion import step_position_mm
+from labrig.steering.tip import (
+    ERRORS,
+    ORIENTATION,
+    POSITION,
+    EstimatorSettings,
+    FloatArray,
+    TipObservation,
+    TipState,
+    frozen,
+)
+
+# Singular values of the angles' map below this are taken as zero: phi_y is locked.
+_LOCK = 1e-6
+
+
+def step_paper_filter(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
+    """Return the tip after a roll, an advance and, where the tip was seen, an observation."""
+    roll = rotation_z(observation.roll_rad)
+    angles = euler_angles(state.rotation @ roll)
+    to_angles = np.linalg.pinv(body_rates(angles), rcond=_LOCK) @ roll.T
+    p_euler = to_angles @ state.covariance[ORIENTATION, ORIENTATION] @ to_angles.T
+    turning = np.diag((1.0, 0.0, 0.0) if settings.planar else (1.0, 1.0, 1.0))
+    p_euler = p_euler + settings.process_sd_rad_per_root_mm**2 * observation.step_mm * turning  # (21)
+    advance = step_position_mm(observation.step_mm, state.curvature)
+    position, nis = state.position_mm + rotation_of(angles) @ advance, None  # (16)
+    if observation.position_mm is not None:
+        angles, p_euler, nis = _update(angles, p_euler, advance, observation.position_mm - position, settings)
+        position = observation.position_mm
+    rotation = rotation_of(angles) @ rotation_x(observation.step_mm * state.curvature)  # (17)
+    rates = body_rates(euler_angles(rotation))
+    covariance = _covariance(rates @ p_euler @ rates.T, settings)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    misses = state.misses + 1 if nis is None else 0
+    return TipState(frozen(pose), state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
+
+
+def rotation_of(angles: FloatArray) -> FloatArray:
+    """Return R_z R_y R_x of the angles (phi_x, phi_y, phi_z), equation (16)."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    return np.array(
+        (
+            (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
+            (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
+            (-sy, cy * sx, cy * cx),
+        )
+    )
+
+
+def euler_angles(rotation: FloatArray) -> FloatArray:
+    """Return (phi_x, phi_y, phi_z) of a rotation, (3,)."""
+    across = math.hypot(rotation[2, 1], rotation[2, 2])
+    return np.array(
+        (
+            math.atan2(rotation[2, 1], rotation[2, 2]),
+            math.atan2(-rotation[2, 0], across),
+            math.atan2(rotation[1, 0], rotation[0, 0]),
+        )
+    )
+
+
+def body_rates(angles: FloatArray) -> FloatArray:
+    """Return (3, 3), from rates of the angles to the turning in the tip's frame.
+
+    Its columns are the rows e_1^T, e_2^T R_x and e_3^T R_y R_x of (25), the third one corrected.
+    """
+    (cx, cy, _), (sx, sy, _) = np.cos(angles), np.sin(angles)
+    return np.array(((1.0, 0.0, -sy), (0.0, cx, sx * cy), (0.0, -sx, cx * cy)))
+
+
+def position_jacobian(angles: FloatArray, advance: FloatArray) -> FloatArray:
+    """Return H of (25), (3, 3): how the position after a step changes with the angles."""
+    return -rotation_of(angles) @ cross_matrix(advance) @ body_rates(angles)
+
+
+def _update(
+    angles: FloatArray,
+    p_euler: FloatArray,
+    advance: FloatArray,
+    innovation: FloatArray,
+    settings: EstimatorSettings,
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return angles, their covariance and the NIS by (22), (23) and (24), seen in the tip's frame."""
+    view = settings.observed[:, POSITION] @ rotation_of(angles).T
+    h = view @ position_jacobian(angles, advance)
+    innovation_covariance = h @ p_euler @ h.T + 2.0 * settings.observation_sd_mm**2 * np.eye(len(h))
+    gain = np.linalg.solve(innovation_covariance, h @ p_euler).T
+    seen = view @ innovation
+    nis = float(seen @ np.linalg.solve(innovation_covariance, seen))
+    return angles + gain @ seen, p_euler - gain @ h @ p_euler, nis
+
+
+def _covariance(orientation: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Return (7, 7): the position is as good as it was measured, the orientation as the filter says."""
+    covariance = np.zeros((ERRORS, ERRORS))
+    seen = settings.observed[:, POSITION]
+    covariance[POSITION, POSITION] = settings.observation_sd_mm**2 * seen.T @ seen
+    covariance[ORIENTATION, ORIENTATION] = 0.5 * (orientation + orientation.T)
+    return frozen(covariance)

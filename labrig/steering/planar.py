@@ -1,0 +1,211 @@
+"""All paths of alternating arcs in a plane: a tree of first arcs, closed by the last two in closed form.
+
+In the steering plane the point (y, z) is the complex number z + i y, and a heading phi is the unit number
+exp(i phi). An arc of sign s (+1 bends towards +y) that starts at p with heading phi turns about
+p + i s r exp(i phi); the next arc, of sign -s, about a centre 2 r from that one. So the last arc's centre is
+where the circle of radius 2 r about the last-but-one arc's centre meets the circle of radius r about the target:
+two places at most. What is left to enumerate are the first n - 2 arcs, and of these only as far as they
+run free of obstacles.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.steering.problem import Surroundings
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Field:
+    """The plane with its discs: what a path has to reach and to keep off.
+
+    An obstacle whose sphere does not cut the steering plane, enlarged by the distance to keep, is no disc at all.
+    """
+
+    radius_mm: float
+    discs: ComplexArray
+    disc_radii_mm: FloatArray
+    max_length_mm: float
+    max_heading_rad: float
+
+    @classmethod
+    def of(cls, around: Surroundings) -> "Field":
+        """Return the steering plane's field of a problem."""
+        problem, centres = around.problem, around.centres_mm
+        left = around.keep_off_mm**2 - centres[:, 0] ** 2
+        cut = left > 0
+        discs = centres[cut, 2] + 1j * centres[cut, 1]
+        return cls(
+            problem.radius_mm, discs, np.sqrt(left[cut]), problem.max_length_mm, problem.max_heading_rad
+        )
+
+    def without_limits(self) -> "Field":
+        """Return the same plane without obstacles, for paths of any length."""
+        return Field(self.radius_mm, self.discs[:0], self.disc_radii_mm[:0], np.inf, self.max_heading_rad)
+
+
+@dataclass(frozen=True)
+class Tips:
+    """Where N beginnings of paths end, how they got there, and the sign of the arc that would come next.
+
+    Parameters
+    ----------
+    places : (N,) complex array
+    headings_rad : (N,) array
+    signs : (N,) array
+        Of the next arc.
+    angles_rad : (N, k) array
+        Of the k arcs so far.
+    """
+
+    places: ComplexArray
+    headings_rad: FloatArray
+    signs: FloatArray
+    angles_rad: FloatArray
+
+    def take(self, which: NDArray[np.intp] | BoolArray) -> "Tips":
+        """Return these of the tips."""
+        return Tips(self.places[which], self.headings_rad[which], self.signs[which], self.angles_rad[which])
+
+
+def root() -> Tips:
+    """Return the start, once for each sign of the first arc."""
+    return Tips(np.zeros(2, complex), np.zeros(2), np.array([1.0, -1.0]), np.zeros((2, 0)))
+
+
+def psi_of(angles_rad: FloatArray, first_signs: FloatArray) -> FloatArray:
+    """Return paths (N, n, 2): delta_1 is pi for a first arc towards +y and 0 otherwise, every later roll is pi."""
+    psi = np.full((*angles_rad.shape, 2), np.pi)
+    psi[..., 0] = angles_rad
+    psi[:, 0, 1] = np.where(first_signs > 0, np.pi, 0.0)
+    return psi
+
+
+def first_signs(tips: Tips) -> FloatArray:
+    """Return the sign of the first arc; signs alternate."""
+    return np.asarray(tips.signs * (-1.0) ** tips.angles_rad.shape[1])
+
+
+def free_angles(tips: Tips, field: Field) -> FloatArray:
+    """Return how far the next arc of each tip runs, (N,): to the first obstacle, or to the cap on the heading.
+
+    Half the angle that a disc of radius R cuts off a circle of radius r at distance d is
+    acos((r^2 + d^2 - R^2) / (2 r d)).
+    """
+    radius_mm = field.radius_mm
+    to_cap = field.max_heading_rad - tips.signs * tips.headings_rad
+    left = (field.max_length_mm / radius_mm) - tips.angles_rad.sum(axis=1)
+    free = np.minimum(to_cap, left)
+    outwards = -1j * tips.signs * np.exp(1j * tips.headings_rad)
+    seen = (field.discs - (tips.places - radius_mm * outwards)[:, None]) * outwards.conj()[:, None]
+    apart = np.abs(seen)
+    tip, disc = np.nonzero(np.abs(apart - radius_mm) < field.disc_radii_mm)
+    if tip.size:
+        far = apart[tip, disc]
+        cosine = (radius_mm**2 + far**2 - field.disc_radii_mm[disc] ** 2) / (2 * radius_mm * far)
+        ahead = np.angle(seen[tip, disc]) * tips.signs[tip]
+        np.minimum.at(free, tip, np.mod(ahead - np.arccos(np.clip(cosine, -1, 1)), 2 * np.pi))
+    return np.asarray(free)
+
+
+def grow(tips: Tips, field: Field, samples: int) -> Tips:
+    """Return the tips after one more arc: so many angles each, spread to where the arc stops being free."""
+    free = free_angles(tips, field)
+    angles = free[:, None] * (np.arange(1, samples + 1) / samples)
+    parent, _ = np.nonzero(angles > 0)
+    theta = angles[angles > 0]
+    before = tips.take(parent)
+    headings = before.headings_rad + before.signs * theta
+    chord = np.exp(1j * headings) - np.exp(1j * before.headings_rad)
+    places = before.places - 1j * before.signs * field.radius_mm * chord
+    grown = np.concatenate((before.angles_rad, theta[:, None]), axis=1)
+    return Tips(places, headings, -before.signs, grown)
+
+
+def thinned(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
+    """Return one tip of each cell of place, heading and sign, and of too many an even spread."""
+    keys = np.stack(
+        (
+            np.round(tips.places.real / cell_mm),
+            np.round(tips.places.imag / cell_mm),
+            np.round(tips.headings_rad / cell_rad),
+            tips.signs,
+        )
+    ).astype(np.int64)
+    packed = ((keys[0] * 4096 + keys[1]) * 4096 + keys[2]) * 4 + keys[3]
+    _, kept = np.unique(packed, return_index=True)
+    return tips.take(kept[:: len(kept) // limit + 1])
+
+
+@dataclass(frozen=True)
+class Closures:
+    """Candidate last pairs of arcs: for tip `parent[k]` the angles (k, 2), collisions not yet looked at."""
+
+    parent: NDArray[np.intp]
+    angles_rad: FloatArray
+    centres: ComplexArray
+    joints: ComplexArray
+
+
+def close(tips: Tips, field: Field, target: complex) -> Closures:
+    """Return every pair of arcs that leads from a tip to the target within the caps on heading and length.
+
+    With e the unit number from the first centre to the second, the heading at the joint is i s e; the heading at
+    the target is -i s (g - c_2) / r. Both have to point forwards, and neither arc may turn back.
+    """
+    r = field.radius_mm
+    start = np.exp(1j * tips.headings_rad)
+    first = tips.places + 1j * r * tips.signs * start
+    to_target = target - first
+    apart = np.abs(to_target)
+    cosine = (3 * r * r + apart**2) / (4 * r * np.maximum(apart, 1e-12))
+    meets = np.flatnonzero(cosine <= 1.0)
+    sine = np.sqrt(1 - cosine[meets] ** 2)
+    bases = to_target[meets] / apart[meets]
+    e = np.concatenate((bases * (cosine[meets] + 1j * sine), bases * (cosine[meets] - 1j * sine)))
+    parent = np.concatenate((meets, meets))
+    sign = tips.signs[parent]
+    joint = 1j * sign * e
+    second = first[parent] + 2 * r * e
+    end = -1j * sign * (target - second) / r
+    least = np.cos(field.max_heading_rad) - 1e-12
+    turn_1 = joint * start[parent].conj()
+    turn_2 = end * joint.conj()
+    fits = (joint.real >= least) & (end.real >= least) & (turn_1.imag * sign >= 0) & (turn_2.imag * sign <= 0)
+    fits = np.flatnonzero(fits)
+    sign = sign[fits]
+    angles = np.stack((sign * np.angle(turn_1[fits]), -sign * np.angle(turn_2[fits])), axis=1)
+    whole = tips.angles_rad[parent[fits]].sum(axis=1) + angles.sum(axis=1)
+    short = np.flatnonzero((whole * r <= field.max_length_mm) & np.all(angles >= 0, axis=1))
+    chosen = fits[short]
+    centres = np.stack((first[parent[chosen]], second[chosen]), axis=1)
+    return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen])
+
+
+def hits(closures: Closures, tips: Tips, field: Field, target: complex) -> BoolArray:
+    """Return which last pairs of arcs cut which discs, (k, K): the ends are inside, or the arc's middle is.
+
+    The middle of an arc is cut where the disc's centre is within R of the circle and within the arc's sector;
+    the sectors are narrower than half a turn, so two signs tell.
+    """
+    sign = tips.signs[closures.parent]
+    ends = np.full_like(closures.joints, target)
+    touched = np.abs(closures.joints[:, None] - field.discs) < field.disc_radii_mm
+    touched |= np.abs(target - field.discs) < field.disc_radii_mm
+    touched |= _middle_cut(closures.centres[:, 0], tips.places[closures.parent], closures.joints, sign, field)
+    return np.asarray(touched | _middle_cut(closures.centres[:, 1], closures.joints, ends, -sign, field))
+
+
+def _middle_cut(
+    centres: ComplexArray, starts: ComplexArray, ends: ComplexArray, signs: FloatArray, field: Field
+) -> BoolArray:
+    seen = field.discs - centres[:, None]
+    ring = np.abs(np.abs(seen) - field.radius_mm) < field.disc_radii_mm
+    after = (((starts - centres) * signs).conj()[:, None] * seen).imag >= 0
+    before = (((ends - centres) * signs).conj()[:, None] * seen).imag <= 0
+    return np.asarray(ring & after & before)

@@ -1,0 +1,131 @@
+"""The default method in the plane: enumerate, score, and look closer where nothing was found.
+
+Paths of up to four arcs are enumerated and the best is taken. Only where there is none, the tree is grown finer
+and deeper, twice, thinned to one tip a cell, and ends elsewhere within the tolerance are tried too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.steering.planar import (
+    Closures,
+    Field,
+    Tips,
+    close,
+    first_signs,
+    grow,
+    hits,
+    psi_of,
+    root,
+    thinned,
+)
+from labrig.steering.problem import Surroundings
+from labrig.steering.score import best_feasible
+
+FloatArray = NDArray[np.float64]
+
+_SCORED = 160
+_ENDS = 8
+_END_SHARE = 0.85
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How finely a tree is grown: angles of each successive first arc, and the most tips kept of a level."""
+
+    samples: tuple[int, ...]
+    cell_mm: float
+    cell_rad: float
+    tips: int
+
+
+_FIRST = Effort((56, 32), 0.0, 0.0, 0)
+_CLOSER = (
+    Effort((120, 48, 24, 20, 16, 16, 16, 16, 16, 16), 1.2, 0.06, 2500),
+    Effort((240, 64, 48, 32, 24, 24, 16, 16, 16, 16), 0.5, 0.03, 12_000),
+)
+
+
+def search_plane(around: Surroundings) -> FloatArray | None:
+    """Return the best path (n, 2) found for a planar problem, or None."""
+    field, target = Field.of(around), target_in_plane(around)
+    quick = _all_levels(around, field, target, _FIRST)
+    if quick is not None:
+        return quick
+    tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
+    ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)
+    targets = np.concatenate(([target], target + ring))
+    deeper = (_deeper(around, field, targets, effort) for effort in _CLOSER)
+    return next((path for path in deeper if path is not None), None)
+
+
+def target_in_plane(around: Surroundings) -> complex:
+    """Return the target as a point of the plane."""
+    return complex(around.target_mm[2], around.target_mm[1])
+
+
+def _all_levels(around: Surroundings, field: Field, target: complex, effort: Effort) -> FloatArray | None:
+    """Return the best path of up to four arcs, or None."""
+    tips, found = root(), [_single(around, target)]
+    for level in range(min(around.problem.max_arcs - 1, len(effort.samples) + 1)):
+        if level:
+            tips = grow(tips, field, effort.samples[level - 1])
+        found.append(_closed(tips, field, target))
+    return _best_of(found, around)
+
+
+def _deeper(
+    around: Surroundings, field: Field, targets: NDArray[np.complex128], effort: Effort
+) -> FloatArray | None:
+    """Return the best path with the fewest arcs that a finer tree finds, or None."""
+    tips = root()
+    for level in range(around.problem.max_arcs - 1):
+        if level:
+            tips = grow(tips, field, effort.samples[level - 1])
+            tips = thinned(tips, effort.cell_mm, effort.cell_rad, effort.tips)
+        for target in targets:
+            path = _best_of([_closed(tips, field, target)], around)
+            if path is not None:
+                return path
+    return None
+
+
+def _closed(tips: Tips, field: Field, target: complex) -> FloatArray:
+    """Return the collision-free paths (M, n, 2) that two more arcs make of these tips."""
+    closures = close(tips, field, target)
+    clear = ~np.any(hits(closures, tips, field, target), axis=1)
+    return paths_of(tips, closures, np.flatnonzero(clear))
+
+
+def paths_of(tips: Tips, closures: Closures, which: NDArray[np.intp]) -> FloatArray:
+    """Return paths (M, n, 2) of these closures."""
+    parents = tips.take(closures.parent[which])
+    angles = np.concatenate((parents.angles_rad, closures.angles_rad[which]), axis=1)
+    return psi_of(angles, first_signs(parents))
+
+
+def _single(around: Surroundings, target: complex) -> FloatArray:
+    """Return the one arc of each sign that passes nearest to the target, (2, 1, 2)."""
+    signs = np.array([1.0, -1.0])
+    # The angle at the arc's centre, from the start to the target.
+    ray = (target - 1j * signs * around.problem.radius_mm) * 1j * signs
+    return psi_of(np.mod(np.angle(ray) * signs, 2 * np.pi)[:, None], signs)
+
+
+def _best_of(families: list[FloatArray], around: Surroundings) -> FloatArray | None:
+    """Return the best feasible path of all families, each path checked once more in three dimensions; or None."""
+    families = [_thin_family(family) for family in families]
+    arcs = max(family.shape[1] for family in families)
+    padded = [np.pad(family, ((0, 0), (0, arcs - family.shape[1]), (0, 0))) for family in families]
+    return best_feasible(np.concatenate(padded), around)
+
+
+def _thin_family(family: FloatArray) -> FloatArray:
+    """Return a family that is not too many to score: its shortest paths, and a spread of the others."""
+    if len(family) <= _SCORED:
+        return family
+    order = np.argsort(family[..., 0].sum(axis=1))
+    shortest, others = order[: _SCORED // 2], order[_SCORED // 2 :]
+    return np.asarray(family[np.concatenate((shortest, others[:: 1 + 2 * len(others) // _SCORED]))])

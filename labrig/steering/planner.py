@@ -1,0 +1,146 @@
+"""One door to both planners: problem in, path or reason out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.needle import path_frames, path_points
+from labrig.steering.clearance import path_distances
+from labrig.steering.planar_search import search_plane
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
+from labrig.steering.refusal import refusal_after_search, refusal_at_once
+from labrig.steering.resolved_rate import resolved_motion_rate
+from labrig.steering.spatial_search import search_space
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlannedArc:
+    """One arc: the roll before it, relative to the roll so far, and its angle and length."""
+
+    roll_rad: float
+    angle_rad: float
+    length_mm: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A path, or why there is none.
+
+    Parameters
+    ----------
+    found : bool
+    reason : str or None
+        Why there is no path; None where there is one.
+    arcs : tuple of PlannedArc
+        Empty where there is no path, or where the tip is at the target already.
+    tip_mm : (x, y, z) or None
+        Where the path ends, in the world frame.
+    target_error_mm, length_mm : float or None
+    clearance_mm : float or None
+        Smallest distance from the needle's surface to an obstacle's; None without obstacles.
+    """
+
+    found: bool
+    reason: str | None
+    arcs: tuple[PlannedArc, ...] = ()
+    tip_mm: Point | None = None
+    target_error_mm: float | None = None
+    clearance_mm: float | None = None
+    length_mm: float | None = None
+
+    @property
+    def psi(self) -> FloatArray:
+        """The configuration, (n, 2), columns (theta, delta)."""
+        return np.array([(arc.angle_rad, arc.roll_rad) for arc in self.arcs]).reshape(-1, 2)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the plan with the keys of `labrig plan`, all but the time it took."""
+        return {
+            "found": self.found,
+            "reason": self.reason,
+            "arcs": [vars(arc) for arc in self.arcs],
+            "tip_mm": None if self.tip_mm is None else list(self.tip_mm),
+            "target_error_mm": self.target_error_mm,
+            "clearance_mm": self.clearance_mm,
+            "length_mm": self.length_mm,
+        }
+
+
+def plan_path(problem: PlanProblem, method: PlanMethod = "best") -> Plan:
+    """Return a path to the target, or the reason why there is none.
+
+    Parameters
+    ----------
+    problem : PlanProblem
+    method : {"best", "paper"}
+        "best" enumerates (in the plane) or starts many times (free rolls), and takes the best feasible path;
+        "paper" is the paper's resolved motion rate with null-space avoidance, made robust, for comparison.
+    """
+    around = Surroundings(problem)
+    reason = refusal_at_once(around)
+    if reason is not None:
+        return Plan(found=False, reason=reason)
+    psi = _searched(around, method)
+    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _goes_nearer(psi, around):
+        psi = np.zeros((0, 2))
+    if psi is None:
+        failed = "resolved motion rate found no path" if method == "paper" else refusal_after_search(around)
+        return Plan(found=False, reason=failed)
+    return _plan_of(psi, around)
+
+
+def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
+    """Return points along a plan in the world frame, (N, 3), the start first."""
+    start = np.asarray(problem.start, dtype=float)
+    fractions = np.arange(1, points_per_arc + 1) / points_per_arc
+    points = path_points(plan.psi, problem.radius_mm, fractions).reshape(-1, 3)
+    return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
+
+
+def _searched(around: Surroundings, method: PlanMethod) -> FloatArray | None:
+    if method == "paper":
+        return resolved_motion_rate(around)
+    return search_plane(around) if around.problem.planar else search_space(around)
+
+
+def _goes_nearer(psi: FloatArray | None, around: Surroundings) -> bool:
+    """Return whether a path is worth making where the tip is within the tolerance: it halves the distance."""
+    if psi is None:
+        return False
+    tip = path_frames(psi, around.problem.radius_mm).positions_mm[-1]
+    return bool(np.linalg.norm(tip - around.target_mm) < np.linalg.norm(around.target_mm) / 2)
+
+
+def _plan_of(psi: FloatArray, around: Surroundings) -> Plan:
+    problem = around.problem
+    start = np.asarray(problem.start, dtype=float)
+    arcs = tuple(
+        PlannedArc(_wrapped(roll), float(angle), float(problem.radius_mm * angle)) for angle, roll in psi
+    )
+    tip = path_frames(psi, problem.radius_mm).positions_mm[-1]
+    x, y, z = (start[:3, :3] @ tip + start[:3, 3]).tolist()
+    return Plan(
+        found=True,
+        reason=None,
+        arcs=arcs,
+        tip_mm=(x, y, z),
+        target_error_mm=float(np.linalg.norm(tip - around.target_mm)),
+        clearance_mm=_clearance(psi, around, problem.obstacles),
+        length_mm=float(problem.radius_mm * psi[:, 0].sum()),
+    )
+
+
+def _clearance(psi: FloatArray, around: Surroundings, obstacles: tuple[Obstacle, ...]) -> float | None:
+    if not obstacles:
+        return None
+    path = psi if len(psi) else np.zeros((1, 2))
+    apart = path_distances(path, around.problem.radius_mm, around.centres_mm)
+    return float((apart - around.needle_and_obstacle_mm).min())
+
+
+def _wrapped(roll_rad: float) -> float:
+    """Return the roll in (-pi, pi]."""
+    return float(np.pi - np.mod(np.pi - roll_rad, 2 * np.pi))

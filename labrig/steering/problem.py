@@ -1,0 +1,215 @@
+"""What a path is planned for, checked before anything is planned, and the same seen from the needle's tip."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+PlanMethod = Literal["best", "paper"]
+Point = tuple[float, float, float]
+
+HIGHEST_MAX_ARCS = 12
+_ROTATION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A sphere that the needle must not touch, in the world frame."""
+
+    position_mm: Point
+    radius_mm: float
+
+
+@dataclass(frozen=True)
+class PlanWeights:
+    """What makes one feasible path better than another; the smallest sum wins.
+
+    Parameters
+    ----------
+    length_per_mm, turn, target_error_per_mm : float
+        Cost of a millimetre of path, of a turn between arcs, and of a millimetre by which the tip misses the target.
+    clearance_per_mm, comfortable_clearance_mm : float
+        Cost of each millimetre that is missing to a comfortable clearance.
+    curvature_per_mm : float
+        Cost of each millimetre by which the tip moves when the radius is one per cent larger.
+    """
+
+    length_per_mm: float = 1.0
+    turn: float = 4.0
+    target_error_per_mm: float = 10.0
+    clearance_per_mm: float = 6.0
+    comfortable_clearance_mm: float = 3.0
+    curvature_per_mm: float = 4.0
+
+
+@dataclass(frozen=True)
+class PlanProblem:
+    """Where the needle is, where it has to go, and what stands between.
+
+    Parameters
+    ----------
+    target_mm : (x, y, z)
+        In the world frame, as everything here.
+    obstacles : tuple of Obstacle
+    start : (4, 4) array
+        Pose of {1b}: of the needle's tip, its z axis along the needle.
+    radius_mm, diameter_mm : float
+        Of the needle's arcs, and of the needle.
+    tolerance_mm : float
+        How far from the target the path may end.
+    clearance_mm : float
+        Asked for, from the needle's surface to an obstacle's.
+    max_arcs : int
+    max_length_mm : float
+    max_heading_rad : float
+        Largest angle between the path and its start, at most 90 degrees: the path never turns back.
+    planar : bool
+        The path stays in the y-z plane of the start: delta_1 is 0 or pi, every later roll is pi (errata, planar rule).
+    covariance : (k, k) array, optional
+        Of the start's position [mm] and rotation vector [rad] in the tip's frame, in the first six places.
+    margin_sigmas, margin_reach_mm : float
+        The clearance asked for grows by so many standard deviations of where the tip is this far ahead.
+    weights : PlanWeights
+
+    Raises
+    ------
+    InputError
+        Where a value is no number, a size is not positive, or the start is no pose.
+    """
+
+    target_mm: Point
+    obstacles: tuple[Obstacle, ...] = ()
+    start: FloatArray = field(default_factory=lambda: np.eye(4))
+    radius_mm: float = 27.6
+    diameter_mm: float = 1.2
+    tolerance_mm: float = 2.0
+    clearance_mm: float = 0.6
+    max_arcs: int = 6
+    max_length_mm: float = 150.0
+    max_heading_rad: float = math.pi / 2
+    planar: bool = False
+    covariance: FloatArray | None = None
+    margin_sigmas: float = 2.0
+    margin_reach_mm: float = 10.0
+    weights: PlanWeights = PlanWeights()
+
+    def __post_init__(self) -> None:
+        """Refuse what no path could be planned for."""
+        for name, value in self._positive():
+            _require(math.isfinite(value) and value > 0, name, value, "a positive number")
+        _require(_finite(self.target_mm), "target_mm", self.target_mm, "three numbers")
+        not_negative = math.isfinite(self.clearance_mm) and self.clearance_mm >= 0
+        _require(not_negative, "clearance_mm", self.clearance_mm, "a number, not negative")
+        arcs_fit = 1 <= self.max_arcs <= HIGHEST_MAX_ARCS
+        _require(arcs_fit, "max_arcs", self.max_arcs, f"between 1 and {HIGHEST_MAX_ARCS}")
+        heading_fits = self.max_heading_rad <= math.pi / 2 + 1e-12
+        _require(heading_fits, "max_heading_rad", self.max_heading_rad, "at most pi / 2")
+        _require(
+            self.diameter_mm < 2 * self.radius_mm,
+            "diameter_mm",
+            self.diameter_mm,
+            "below twice the arc radius",
+        )
+        self._check_start()
+        for number, obstacle in enumerate(self.obstacles, start=1):
+            _require(
+                _finite(obstacle.position_mm),
+                f"obstacle {number} position_mm",
+                obstacle.position_mm,
+                "numbers",
+            )
+            self._check_obstacle(number, obstacle)
+
+    def _positive(self) -> Iterator[tuple[str, float]]:
+        for name in ("radius_mm", "diameter_mm", "tolerance_mm", "max_length_mm", "max_heading_rad"):
+            yield name, getattr(self, name)
+        for number, obstacle in enumerate(self.obstacles, start=1):
+            yield f"obstacle {number} radius_mm", obstacle.radius_mm
+
+    def _check_start(self) -> None:
+        start = np.asarray(self.start)
+        fits = start.shape == (4, 4) and bool(np.all(np.isfinite(start)))
+        _require(fits, "start", start.tolist(), "a (4, 4) pose of numbers")
+        rotation = start[:3, :3]
+        proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROTATION_TOLERANCE)
+        _require(
+            proper and np.linalg.det(rotation) > 0, "start rotation", rotation.tolist(), "a rotation matrix"
+        )
+        if self.covariance is not None:
+            covariance = np.asarray(self.covariance)
+            known = (
+                covariance.ndim == 2 and min(covariance.shape) >= 6 and bool(np.all(np.isfinite(covariance)))
+            )
+            _require(known, "covariance", covariance.shape, "six by six numbers or more")
+
+    def _check_obstacle(self, number: int, obstacle: Obstacle) -> None:
+        centre = np.asarray(obstacle.position_mm)
+        for name, point in (("start", np.asarray(self.start)[:3, 3]), ("target", np.asarray(self.target_mm))):
+            apart = float(np.linalg.norm(point - centre))
+            if apart <= obstacle.radius_mm:
+                raise InputError(
+                    f"the {name} lies inside obstacle {number}: {apart:.2f} mm from its centre, "
+                    f"and its radius is {obstacle.radius_mm:g} mm",
+                    f"move the {name} or the obstacle",
+                )
+
+    @property
+    def margin_mm(self) -> float:
+        """How much the clearance grows because the start is not known exactly."""
+        if self.covariance is None:
+            return 0.0
+        position = float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])
+        turning = float(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1])
+        return self.margin_sigmas * math.sqrt(max(position + turning * self.margin_reach_mm**2, 0.0))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A problem in {1b}: the start is the origin and the needle points along z.
+
+    `keep_off_mm` (K,) is how far the needle's centre line stays from each obstacle's centre.
+    """
+
+    problem: PlanProblem
+
+    @cached_property
+    def target_mm(self) -> FloatArray:
+        """The target, (3,)."""
+        return self._seen_from_start(np.asarray(self.problem.target_mm, dtype=float))
+
+    @cached_property
+    def centres_mm(self) -> FloatArray:
+        """The obstacles' centres, (K, 3)."""
+        positions = [obstacle.position_mm for obstacle in self.problem.obstacles]
+        return self._seen_from_start(np.asarray(positions, dtype=float).reshape(-1, 3))
+
+    @cached_property
+    def needle_and_obstacle_mm(self) -> FloatArray:
+        """The distance from the centre line at which needle and obstacle touch, (K,)."""
+        radii = np.array([obstacle.radius_mm for obstacle in self.problem.obstacles], dtype=float)
+        return radii + self.problem.diameter_mm / 2
+
+    @cached_property
+    def keep_off_mm(self) -> FloatArray:
+        """The distance at which the clearance asked for, and the pose's margin, are kept, (K,)."""
+        return self.needle_and_obstacle_mm + self.problem.clearance_mm + self.problem.margin_mm
+
+    def _seen_from_start(self, points: FloatArray) -> FloatArray:
+        start = np.asarray(self.problem.start, dtype=float)
+        return np.asarray((points - start[:3, 3]) @ start[:3, :3])
+
+
+def _finite(point: Point) -> bool:
+    return len(point) == 3 and all(math.isfinite(value) for value in point)
+
+
+def _require(holds: bool | np.bool_, name: str, value: object, expected: str) -> None:
+    if not holds:
+        raise InputError(f"{name} is {value}, expected {expected}", "correct it and plan again")

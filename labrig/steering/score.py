@@ -1,0 +1,61 @@
+"""Which of many candidate paths are feasible, and which of these is best."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.needle import Frames, path_frames
+from labrig.steering.clearance import arc_distances
+from labrig.steering.problem import Surroundings
+
+FloatArray = NDArray[np.float64]
+
+_RADIUS_ERROR = 0.01
+_ROUNDING = 1e-9
+_NO_ARC_RAD = 1e-9
+
+
+def best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
+    """Return the path (n, 2) of least cost among those of paths (M, n, 2) that are feasible, or None.
+
+    Feasible is what reaches the target, keeps off the obstacles, and stays within the caps; `PlanWeights` says
+    what costs what. Empty arcs at a path's end are left off.
+    """
+    frames = path_frames(psi, around.problem.radius_mm)
+    kept = _within_caps(psi, frames, around)
+    psi, frames = psi[kept], Frames(frames.positions_mm[kept], frames.rotations[kept])
+    gaps = np.full(len(psi), np.inf)
+    if len(around.centres_mm):
+        apart = arc_distances(psi, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
+        gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
+        clear = np.flatnonzero(np.all(apart >= around.keep_off_mm - _ROUNDING, axis=1))
+        psi, gaps = psi[clear], gaps[clear]
+        frames = Frames(frames.positions_mm[clear], frames.rotations[clear])
+    if not len(psi):
+        return None
+    cheapest = psi[np.argmin(_costs(psi, frames, gaps, around))]
+    return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > _NO_ARC_RAD).max(initial=-1) + 1])
+
+
+def _within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArray[np.intp]:
+    problem = around.problem
+    errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
+    # With a cap of 90 degrees or less an arc whose ends point forwards points forwards everywhere.
+    headings = frames.rotations[:, :, 2, 2].min(axis=-1)
+    good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - _ROUNDING)
+    good &= np.all((psi[..., 0] >= 0) & (psi[..., 0] <= np.pi), axis=-1)
+    good &= problem.radius_mm * psi[..., 0].sum(axis=-1) <= problem.max_length_mm + _ROUNDING
+    return np.flatnonzero(good)
+
+
+def _costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
+    weights, radius_mm = around.problem.weights, around.problem.radius_mm
+    tips = frames.positions_mm[:, -1]
+    # The lengths inserted and the rolls stay as planned while the radius is another one.
+    wider = psi * np.array([1 / (1 + _RADIUS_ERROR), 1.0])
+    moved = path_frames(wider, radius_mm * (1 + _RADIUS_ERROR)).positions_mm[:, -1] - tips
+    cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
+    cost += weights.turn * (psi[..., 0] > _NO_ARC_RAD).sum(axis=-1)
+    cost += weights.target_error_per_mm * np.linalg.norm(tips - around.target_mm, axis=-1)
+    cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1)
+    cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
+    return np.asarray(cost)

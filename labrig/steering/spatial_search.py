@@ -1,0 +1,58 @@
+"""Free rolls: many starts at once, each brought to the target by damped least squares, the best feasible one taken.
+
+Starts are drawn from a fixed seed, so the same problem gives the same plan. The arcs of a start turn alternately,
+more or less, and are long enough together to reach the target. Rounds are added until a path is found.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.needle import path_frames, path_jacobian
+from labrig.steering.problem import Surroundings
+from labrig.steering.score import best_feasible
+
+FloatArray = NDArray[np.float64]
+
+_STARTS = 192
+_STEPS = 7
+_ROUNDS = 12
+_LONGEST_ARC_RAD = np.pi / 2
+_DAMPING = 1e-3
+
+
+def search_space(around: Surroundings) -> FloatArray | None:
+    """Return the best path (n, 2) found with free rolls, or None."""
+    rng = np.random.default_rng(0)
+    problem = around.problem
+    distance = float(np.linalg.norm(around.target_mm))
+    fewest = max(1, int(np.ceil(distance / (problem.radius_mm * _LONGEST_ARC_RAD))))
+    for round_number in range(_ROUNDS):
+        arcs = min(fewest + 1 + round_number % 3, problem.max_arcs)
+        psi = _settled(_starts(rng, arcs, distance / problem.radius_mm), around)
+        path = best_feasible(psi, around)
+        if path is not None:
+            return path
+    return None
+
+
+def _starts(rng: np.random.Generator, arcs: int, turning_rad: float) -> FloatArray:
+    psi = np.empty((_STARTS, arcs, 2))
+    share = rng.dirichlet(np.full(arcs, 2.0), _STARTS)
+    psi[..., 0] = np.minimum(share * turning_rad * rng.uniform(1.0, 1.3, (_STARTS, 1)), _LONGEST_ARC_RAD)
+    psi[..., 1] = np.pi + rng.normal(0.0, 0.9, (_STARTS, arcs))
+    psi[:, 0, 1] = rng.uniform(-np.pi, np.pi, _STARTS)
+    return psi
+
+
+def _settled(psi: FloatArray, around: Surroundings) -> FloatArray:
+    """Return the paths after a few damped Newton steps of their tips towards the target."""
+    radius_mm = around.problem.radius_mm
+    for _ in range(_STEPS):
+        error = around.target_mm - path_frames(psi, radius_mm).positions_mm[:, -1]
+        jacobian = path_jacobian(psi, radius_mm)
+        across = np.swapaxes(jacobian, -1, -2)
+        normal = jacobian @ across + _DAMPING * radius_mm**2 * np.eye(3)
+        step = (across @ np.linalg.solve(normal, error[..., None]))[..., 0]
+        psi = psi + np.clip(step.reshape(psi.shape), -0.5, 0.5)
+        psi[..., 0] = np.clip(psi[..., 0], 0.0, np.pi)
+    return psi

@@ -1,0 +1,252 @@
+"""What is known of the tip, what is observed of it, and with which noise: the values that the filters pass on."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri
+
+from labrig.errors import InputError
+
+FloatArray = NDArray[np.float64]
+EstimatorMethod = Literal["error-state", "paper"]
+
+# The seven errors of a tip: position and rotation vector, both in the tip's own frame, and curvature.
+ERRORS = 7
+POSITION, ORIENTATION, CURVATURE = slice(0, 3), slice(3, 6), 6
+# In the plane the tip moves along its y and z axes and turns about its x axis.
+_PLANAR_ERRORS, _SPATIAL_ERRORS = (1, 2, 3), (0, 1, 2, 3, 4, 5)
+_ROTATION_TOLERANCE = 1e-6
+_HALF_TURN_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """How the tip is estimated, and the noise that is assumed.
+
+    Parameters
+    ----------
+    radius_mm : float
+        Of the needle's path.
+    observation_sd_mm : float
+        Of an observed position, along each axis.
+    process_sd_rad_per_root_mm : float
+        Random turning of the tip about each of its axes, after one millimetre; it grows with the square root of
+        the length inserted.
+    method : {"error-state", "paper"}
+    planar : bool
+        The needle stays in the y-z plane of its start: disturbances out of it are ignored, as in section V-C of
+        the paper, and so is what is observed out of it. Rolls are then whole half turns.
+    radius_sd_mm : float
+        Of the radius. 0: the radius is known; above it, the error-state filter estimates the curvature too.
+    start_sd_rad : float
+        Of the orientation at the start, about each axis.
+    gate_probability : float
+        Share of good observations that the error-state filter's gate lets pass.
+    patience : int
+        So many observations in a row may fail the gate; at the next that does, the filter doubts itself and
+        widens its covariance until the observation is an ordinary one.
+
+    Raises
+    ------
+    InputError
+        For a setting that is not finite or out of its range, with its name.
+    """
+
+    radius_mm: float
+    observation_sd_mm: float
+    process_sd_rad_per_root_mm: float
+    method: EstimatorMethod = "error-state"
+    planar: bool = False
+    radius_sd_mm: float = 0.0
+    start_sd_rad: float = 0.02
+    gate_probability: float = 0.9999
+    patience: int = 3
+
+    def __post_init__(self) -> None:
+        if self.method not in get_args(EstimatorMethod):
+            raise InputError(
+                f"method {self.method!r} is unknown", f"use {' or '.join(get_args(EstimatorMethod))}"
+            )
+        for name in ("radius_mm", "observation_sd_mm"):
+            _require(name, getattr(self, name), getattr(self, name) > 0.0, "above 0")
+        for name in ("process_sd_rad_per_root_mm", "radius_sd_mm", "start_sd_rad", "patience"):
+            _require(name, getattr(self, name), getattr(self, name) >= 0.0, "0 or more")
+        _require(
+            "gate_probability", self.gate_probability, 0.0 < self.gate_probability < 1.0, "between 0 and 1"
+        )
+        if self.method == "paper" and self.radius_sd_mm > 0.0:
+            message = (
+                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
+            )
+            raise InputError(message, "set it to 0, or use the error-state filter")
+
+    @cached_property
+    def errors(self) -> tuple[int, ...]:
+        """Which of the seven errors of a tip are uncertain here: the degrees of freedom of its NEES."""
+        pose = _PLANAR_ERRORS if self.planar else _SPATIAL_ERRORS
+        return (*pose, CURVATURE) if self.radius_sd_mm > 0.0 else pose
+
+    @cached_property
+    def observed(self) -> FloatArray:
+        """H, (2 or 3, 7): which errors an observation sees, in the tip's frame; x is not seen in the plane."""
+        return frozen(np.eye(ERRORS)[1:3] if self.planar else np.eye(ERRORS)[:3])
+
+    @cached_property
+    def gate_nis(self) -> float:
+        """The NIS beyond which an observation is rejected, from the chi-square distribution."""
+        return float(chdtri(len(self.observed), 1.0 - self.gate_probability))
+
+
+@dataclass(frozen=True, eq=False)
+class TipObservation:
+    """One observation: the roll applied, then the length inserted, then the position seen.
+
+    Parameters
+    ----------
+    position_mm : (3,) array or None
+        None where the tip was not found.
+    step_mm : float
+        Inserted since the observation before.
+    roll_rad : float
+        Turned before that, about the needle's axis.
+
+    Raises
+    ------
+    InputError
+        For another shape, a number that is not finite, or a negative step.
+    """
+
+    position_mm: FloatArray | None
+    step_mm: float
+    roll_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require("step_mm", self.step_mm, self.step_mm >= 0.0, "0 or more")
+        _require("roll_rad", self.roll_rad, math.isfinite(self.roll_rad), "a number")
+        if self.position_mm is not None:
+            object.__setattr__(self, "position_mm", frozen(numbers("position_mm", self.position_mm, (3,))))
+
+
+@dataclass(frozen=True, eq=False)
+class TipState:
+    """The tip as estimated.
+
+    Attributes
+    ----------
+    pose : (4, 4) array
+        T_w_t, in mm; read-only.
+    curvature : float
+        Of the path [1/mm].
+    covariance : (7, 7) array
+        Of the errors of position [mm] and orientation (rotation vector, [rad]), both in the tip's own frame, and
+        of curvature [1/mm]; zero in what is taken as known. Read-only.
+    nis : float or None
+        Normalised innovation squared of the last observation; None where nothing was observed.
+    accepted : bool
+        Whether the last observation was used.
+    misses : int
+        Observations in a row that were missing or rejected.
+    """
+
+    pose: FloatArray
+    curvature: float
+    covariance: FloatArray
+    nis: float | None
+    accepted: bool
+    misses: int
+
+    @property
+    def position_mm(self) -> FloatArray:
+        """The tip's position, (3,)."""
+        return self.pose[:3, 3]
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The tip's orientation, (3, 3)."""
+        return self.pose[:3, :3]
+
+    @property
+    def heading_rad(self) -> float:
+        """Angle of the tangent in the y-z plane, zero along z and positive towards +y."""
+        return math.atan2(self.pose[1, 2], self.pose[2, 2])
+
+    @property
+    def position_sd_mm(self) -> float:
+        """Standard deviation of the position along its least certain axis."""
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[POSITION, POSITION])[-1]))
+
+    @property
+    def heading_sd_rad(self) -> float:
+        """Standard deviation of the tangent's direction about the less certain of the tip's x and y axes."""
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1]))
+
+
+def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return finite numbers of a shape, in which None stands for any length.
+
+    Raises
+    ------
+    InputError
+        With the name, and the shape or the first place that is wrong.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is not an array of numbers: {error}") from error
+    if array.ndim != len(shape) or any(s not in {None, n} for s, n in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("N" if s is None else str(s) for s in shape)
+        raise InputError(f"{name} has shape {array.shape}, expected ({wanted})")
+    if not np.isfinite(array).all():
+        place = [int(i) for i in np.argwhere(~np.isfinite(array))[0]]
+        raise InputError(f"{name}{place} is {array[tuple(place)]}", "leave out what was not measured")
+    return array
+
+
+def rigid_pose(name: str, value: ArrayLike) -> FloatArray:
+    """Return a pose (4, 4).
+
+    Raises
+    ------
+    InputError
+        For another shape, a number that is not finite, or a matrix that does not hold a rotation.
+    """
+    pose = numbers(name, value, (4, 4))
+    rotation = pose[:3, :3]
+    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if off > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        raise InputError(
+            f"the upper left 3x3 of {name} is no rotation: R^T R is off by {off:.2g}, det R is "
+            f"{np.linalg.det(rotation):.4g}",
+            "its columns are the tip's axes: orthogonal, of length 1, right-handed",
+        )
+    if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)):
+        raise InputError(f"the last row of {name} is {pose[3].tolist()}, expected [0, 0, 0, 1]")
+    return pose
+
+
+def require_half_turns(roll_rad: float) -> None:
+    """Refuse a roll that would turn the bend out of the plane.
+
+    Raises
+    ------
+    InputError
+        With the roll.
+    """
+    if abs(math.sin(roll_rad)) > _HALF_TURN_TOLERANCE:
+        message = f"roll_rad is {roll_rad:.6g}, but in the plane the needle is rolled by whole half turns"
+        raise InputError(message, "use 0 or pi, or estimate without planar")
+
+
+def frozen(array: FloatArray) -> FloatArray:
+    """Return the array itself, read-only from now on."""
+    array.flags.writeable = False
+    return array
+
+
+def _require(name: str, value: float, fits: bool, limit: str) -> None:
+    if not (math.isfinite(value) and fits):
+        raise InputError(f"{name} is {value:g}, it must be {limit}")

@@ -1,0 +1,107 @@
+"""A planner that shares no code and no formula with labrig's: it drives every path of a grid, step by step.
+
+Paths are integrated by the midpoint rule with steps of about half a millimetre; each arc's angle is one of a grid,
+signs alternate, and a path that touches an obstacle or points backwards goes no further. A path counts as a solution
+if a point of it lies within the tolerance; the caps on arcs, angle and length are those of the planner.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Disc = tuple[float, float, float]
+
+STEP_RAD = math.radians(1.0)
+ANGLES_PER_ARC = 45  # of 2 degrees each
+
+
+def oracle_solves(
+    target: tuple[float, float],
+    discs: list[Disc],
+    *,
+    radius: float,
+    half_needle: float,
+    clearance: float,
+    tolerance: float,
+    max_arcs: int,
+    max_length: float,
+    beam: int = 30_000,
+) -> bool:
+    """Return whether some path of the grid reaches the target (y, z); discs are (y, z, radius)."""
+    states = np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0, -1.0]])  # y, z, heading, length, sign
+    walls = np.array(discs, dtype=float).reshape(-1, 3)
+    step = radius * STEP_RAD
+    for _ in range(max_arcs):
+        ends = []
+        walking = states
+        for count in range(1, 2 * ANGLES_PER_ARC + 1):
+            walking = _walk(walking, step)
+            walking = walking[_allowed(walking, walls, half_needle + clearance, max_length)]
+            if not len(walking):
+                break
+            if np.any(np.hypot(walking[:, 0] - target[0], walking[:, 1] - target[1]) <= tolerance):
+                return True
+            if count % 2 == 0:
+                ends.append(walking * np.array([1, 1, 1, 1, -1]))
+        if not ends:
+            return False
+        states = _one_per_cell(np.concatenate(ends), beam)
+    return False
+
+
+def _walk(states: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    y, z, heading, length, sign = states.T
+    middle = heading + sign * STEP_RAD / 2
+    return np.stack(
+        (
+            y + step * np.sin(middle),
+            z + step * np.cos(middle),
+            heading + sign * STEP_RAD,
+            length + step,
+            sign,
+        ),
+        axis=1,
+    )
+
+
+def _allowed(
+    states: NDArray[np.float64], walls: NDArray[np.float64], gap: float, max_length: float
+) -> NDArray[np.bool_]:
+    fine = (np.abs(states[:, 2]) <= math.pi / 2 + 1e-9) & (states[:, 3] <= max_length)
+    for y, z, radius in walls:
+        fine &= np.hypot(states[:, 0] - y, states[:, 1] - z) >= radius + gap
+    return fine
+
+
+def _one_per_cell(states: NDArray[np.float64], beam: int) -> NDArray[np.float64]:
+    """Keep one state a cell of 0.5 mm and 2 degrees, and an even spread of these."""
+    cells = np.round(states[:, [0, 1, 2, 4]] / np.array([0.5, 0.5, math.radians(2.0), 1.0])).astype(int)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    return states[first[:: len(first) // beam + 1]]
+
+
+def integrated_path(
+    arcs: list[tuple[float, float]], radius: float, step: float = 0.02
+) -> NDArray[np.float64]:
+    """Return points (N, 3) of a path of (roll, angle) arcs from the origin along z, by steps of `step` mm.
+
+    The needle's frame is turned by its angular velocity alone, with none of the closed forms of an arc.
+    """
+    place, frame, points = np.zeros(3), np.eye(3), [np.zeros(3)]
+    for roll, angle in arcs:
+        turn = np.array(
+            [[math.cos(roll), -math.sin(roll), 0], [math.sin(roll), math.cos(roll), 0], [0.0, 0.0, 1.0]]
+        )
+        frame = frame @ turn
+        count = max(1, math.ceil(angle * radius / step))
+        half = angle / count / 2
+        for _ in range(count):
+            for part in range(2):
+                y, z = frame[:, 1].copy(), frame[:, 2].copy()
+                frame[:, 1] = math.cos(half) * y + math.sin(half) * z
+                frame[:, 2] = math.cos(half) * z - math.sin(half) * y
+                if part == 0:
+                    place = place + angle * radius / count * frame[:, 2]
+            points.append(place)
+    return np.array(points)

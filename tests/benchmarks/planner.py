@@ -1,0 +1,83 @@
+"""The planner on random problems, beside an oracle and beside OMPL's control RRT on the same needle."""
+
+import importlib.util
+import time
+
+import numpy as np
+
+from labrig.steering import PlanProblem, plan_path
+from tests.benchmarks.oracle import oracle_solves
+from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems
+from tests.benchmarks.table import print_rows
+
+SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
+RIVAL_PROBLEMS = 50
+RIVAL_LIMIT_S = 2.0
+
+
+def print_table() -> None:
+    """Solved, missed against the oracle, and times, for each set of problems."""
+    rows = [_row(count, [planar_problem(rng, count) for _ in range(size)]) for count, size, rng in _sets()]
+    rows.append(_row(3, spatial_problems(40, seed=3)))
+    heads = ("problems", "solved", "oracle", "oracle alone", "bad", "median ms", "95 % ms", "worst ms")
+    print_rows(heads, rows)
+    problems = [planar_problem(np.random.default_rng([2, k]), 2) for k in range(RIVAL_PROBLEMS)]
+    print("\nside by side, the same planar problems with two obstacles")
+    print_rows(("planner", "solved", "median ms", "95 % ms"), _side_by_side(problems))
+
+
+def _sets() -> list[tuple[int, int, np.random.Generator]]:
+    return [(count, size, np.random.default_rng(count)) for count, size in SETS]
+
+
+def _row(count: int, problems: list[PlanProblem]) -> list[object]:
+    solved, times = [], []
+    for problem in problems:
+        started = time.perf_counter()
+        solved.append(plan_path(problem).found)
+        times.append(1000 * (time.perf_counter() - started))
+    bad = sum(bool(faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
+    planar = problems[0].planar
+    known = [oracle(problem) for problem in problems] if planar else [True] * len(problems)
+    alone = sum(theirs and not ours for theirs, ours in zip(known, solved, strict=True))
+    median, late = np.percentile(times, (50, 95))
+    name = f"{len(problems)} {'planar' if planar else '3-D'}, {count} obstacles"
+    return [
+        name, sum(solved), sum(known) if planar else "witness", alone, bad, f"{median:.1f}", f"{late:.1f}",
+        f"{max(times):.1f}",
+    ]  # fmt: skip
+
+
+def oracle(problem: PlanProblem) -> bool:
+    """Return whether the oracle solves a planar problem."""
+    discs = [(o.position_mm[1], o.position_mm[2], o.radius_mm) for o in problem.obstacles]
+    return oracle_solves(
+        problem.target_mm[1:], discs, radius=problem.radius_mm, half_needle=problem.diameter_mm / 2,
+        clearance=problem.clearance_mm, tolerance=problem.tolerance_mm, max_arcs=problem.max_arcs,
+        max_length=problem.max_length_mm,
+    )  # fmt: skip
+
+
+def _side_by_side(problems: list[PlanProblem]) -> list[list[object]]:
+    """Return a row a planner; the planners take turns, so that the machine's load is the same for each."""
+    planners = {"labrig": lambda p: plan_path(p).found}
+    if importlib.util.find_spec("ompl") is not None:
+        from tests.benchmarks.ompl_rrt import rrt_solves
+
+        planners["OMPL control RRT"] = lambda p: rrt_solves(p, RIVAL_LIMIT_S)
+    planners["paper, made robust"] = lambda p: plan_path(p, "paper").found
+    done: dict[str, list[tuple[bool, float]]] = {name: [] for name in planners}
+    for problem in problems:
+        for name, planner in planners.items():
+            started = time.perf_counter()
+            solved = planner(problem)
+            done[name].append((solved, 1000 * (time.perf_counter() - started)))
+    rows: list[list[object]] = []
+    for name, results in done.items():
+        times = [taken for _, taken in results]
+        median, late = np.percentile(times, (50, 95))
+        solved_of = f"{sum(ok for ok, _ in results)} of {len(results)}"
+        rows.append([name, solved_of, f"{median:.1f}", f"{late:.1f}"])
+    if "OMPL control RRT" not in planners:
+        rows.append(["OMPL control RRT", "pip install ompl", "-", "-"])
+    return rows

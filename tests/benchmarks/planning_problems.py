@@ -1,0 +1,99 @@
+"""The planning problems of the tables and the tests, all drawn from seeds."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.steering import Obstacle, PlanProblem, plan_path
+from tests.benchmarks.oracle import integrated_path
+
+RADIUS_MM, DIAMETER_MM, CLEARANCE_MM, TOLERANCE_MM = 27.6, 1.2, 0.6, 2.0
+MAX_ARCS, MAX_LENGTH_MM = 6, 150.0
+
+
+def planar_problem(rng: np.random.Generator, obstacles: int) -> PlanProblem:
+    """Return a planar problem: with two obstacles these are of 8 mm near the line, otherwise anywhere."""
+    target = (0.0, rng.uniform(-15, 15), rng.uniform(95, 103))
+    spheres = _near_the_line(rng, target) if obstacles == 2 else _anywhere(rng, obstacles)
+    return PlanProblem(
+        target, spheres, radius_mm=RADIUS_MM, diameter_mm=DIAMETER_MM, tolerance_mm=TOLERANCE_MM,
+        clearance_mm=CLEARANCE_MM, max_arcs=MAX_ARCS, max_length_mm=MAX_LENGTH_MM, planar=True,
+    )  # fmt: skip
+
+
+def _near_the_line(rng: np.random.Generator, target: tuple[float, float, float]) -> tuple[Obstacle, ...]:
+    depths = (rng.uniform(28, 42), rng.uniform(60, 76))
+    return tuple(Obstacle((0.0, target[1] * z / target[2] + rng.uniform(-6, 6), z), 8.0) for z in depths)
+
+
+def _anywhere(rng: np.random.Generator, count: int) -> tuple[Obstacle, ...]:
+    return tuple(
+        Obstacle((0.0, rng.uniform(-26, 26), rng.uniform(18, 86)), rng.uniform(3, 6)) for _ in range(count)
+    )
+
+
+def spatial_problems(count: int, seed: int) -> list[PlanProblem]:
+    """Return problems with three spheres, built around a witness path, that block the plan made without them."""
+    rng = np.random.default_rng(seed)
+    problems: list[PlanProblem] = []
+    while len(problems) < count:
+        problem = _around_a_witness(rng)
+        if problem is not None:
+            problems.append(problem)
+    return problems
+
+
+def _around_a_witness(rng: np.random.Generator) -> PlanProblem | None:
+    arcs = int(rng.integers(3, 6))
+    rolls = np.pi + rng.normal(0, 1, arcs)
+    rolls[0] = rng.uniform(-np.pi, np.pi)
+    witness = integrated_path(list(zip(rolls, rng.uniform(0.4, 1.1, arcs), strict=True)), RADIUS_MM, 0.3)
+    target = (float(witness[-1, 0]), float(witness[-1, 1]), float(witness[-1, 2]))
+    if target[2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05):
+        return None
+    free = plan_path(PlanProblem(target))
+    if not free.found:
+        return None
+    blocked = integrated_path([(arc.roll_rad, arc.angle_rad) for arc in free.arcs], RADIUS_MM, 0.3)
+    spheres = _spheres_beside(rng, witness, blocked)
+    return PlanProblem(target, spheres) if spheres else None
+
+
+def _spheres_beside(
+    rng: np.random.Generator, witness: NDArray[np.float64], blocked: NDArray[np.float64]
+) -> tuple[Obstacle, ...]:
+    """Return three spheres that leave the witness its clearance; the first cuts the free plan; or none."""
+    spheres: list[Obstacle] = []
+    for _ in range(300):
+        path = witness if spheres else blocked
+        middle = path[int(rng.integers(len(path) // 4, 3 * len(path) // 4))]
+        x, y, z = (middle + rng.normal(0, 6, 3)).tolist()
+        radius = float(rng.uniform(4, 8))
+        far = (
+            np.linalg.norm(witness - (x, y, z), axis=1).min() > radius + DIAMETER_MM / 2 + CLEARANCE_MM + 0.2
+        )
+        cuts = np.linalg.norm(blocked - (x, y, z), axis=1).min() < radius
+        if far and (spheres or cuts):
+            spheres.append(Obstacle((x, y, z), radius))
+        if len(spheres) == 3:
+            return tuple(spheres)
+    return ()
+
+
+def faults(problem: PlanProblem) -> list[str]:
+    """Plan, drive the plan by integration, and return what is wrong with it."""
+    plan = plan_path(problem)
+    if not plan.found:
+        return [plan.reason or "no reason"]
+    path = integrated_path([(arc.roll_rad, arc.angle_rad) for arc in plan.arcs], problem.radius_mm)
+    found = []
+    if np.linalg.norm(path[-1] - problem.target_mm) > problem.tolerance_mm + 1e-3:
+        found.append("the target is missed")
+    for obstacle in problem.obstacles:
+        gap = np.linalg.norm(path - obstacle.position_mm, axis=1).min() - obstacle.radius_mm
+        if gap < problem.diameter_mm / 2 + problem.clearance_mm - 1e-3:
+            found.append("an obstacle is too near")
+    if len(plan.arcs) > problem.max_arcs or (plan.length_mm or 0) > problem.max_length_mm + 1e-6:
+        found.append("too many arcs or too long")
+    if np.any(np.diff(path[:, 2]) < -1e-6):
+        found.append("the path turns back")
+    return found

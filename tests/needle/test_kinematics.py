@@ -1,0 +1,157 @@
+"""Laws of the kinematics of arcs, at zero, tiny and random configurations."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from labrig.needle import (
+    arc_jacobian,
+    arc_pose,
+    control_jacobians,
+    control_points,
+    path_frames,
+    path_jacobian,
+    path_points,
+)
+
+FloatArray = NDArray[np.float64]
+RADIUS_MM = 27.6
+POINTS = 5
+ZERO = np.zeros((4, 2))
+TINY = 1e-9 * np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0], [2.0, 1.0]])
+
+
+def _random(arcs: int, seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    return np.column_stack((rng.uniform(-0.3, 1.6, arcs), rng.uniform(-np.pi, np.pi, arcs)))
+
+
+CONFIGURATIONS = [ZERO, TINY, *(_random(arcs, seed) for seed, arcs in enumerate((1, 2, 3, 4, 5, 6)))]
+
+
+def _integrated(psi: FloatArray, steps: int = 400) -> FloatArray:
+    """Return the tip by following curvature and roll in small steps, with none of the closed forms."""
+    position, rotation = np.zeros(3), Rotation.identity()
+    for theta, delta in psi:
+        rotation = rotation * Rotation.from_rotvec([0.0, 0.0, delta])
+        half, whole = (
+            Rotation.from_rotvec([theta / steps / 2, 0, 0]),
+            Rotation.from_rotvec([theta / steps, 0, 0]),
+        )
+        for _ in range(steps):
+            position = position + RADIUS_MM * theta / steps * (rotation * half).apply([0.0, 0.0, 1.0])
+            rotation = rotation * whole
+    return position
+
+
+def _differences(tip: object, psi: FloatArray, step: float = 1e-4) -> FloatArray:
+    """Return fourth-order central differences of a function of psi, the 2n variables last."""
+    columns = []
+    for k in range(psi.size):
+        nudge = np.zeros(psi.size)
+        nudge[k] = step
+        nudge = nudge.reshape(psi.shape)
+        near = tip(psi + nudge) - tip(psi - nudge)
+        far = tip(psi + 2 * nudge) - tip(psi - 2 * nudge)
+        columns.append((8 * near - far) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("psi", CONFIGURATIONS)
+def test_the_tip_is_where_integration_ends(psi: FloatArray) -> None:
+    """Equations (5) to (8) agree with stepwise integration of curvature and roll."""
+    tip = path_frames(psi, RADIUS_MM).positions_mm[-1]
+    np.testing.assert_allclose(tip, _integrated(psi), atol=1e-4)
+
+
+@pytest.mark.parametrize("psi", CONFIGURATIONS)
+def test_the_path_jacobian_is_the_derivative_of_the_tip(psi: FloatArray) -> None:
+    """Equation (10) agrees with central differences to 1e-7."""
+    expected = _differences(lambda p: path_frames(p, RADIUS_MM).positions_mm[-1], psi)
+    np.testing.assert_allclose(path_jacobian(psi, RADIUS_MM), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("psi", CONFIGURATIONS)
+def test_the_control_jacobians_are_the_derivatives_of_the_control_points(psi: FloatArray) -> None:
+    """Equation (15), its own-arc block corrected, agrees with central differences to 1e-7."""
+    expected = _differences(lambda p: control_points(p, RADIUS_MM, POINTS), psi)
+    np.testing.assert_allclose(control_jacobians(psi, RADIUS_MM, POINTS), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("psi", CONFIGURATIONS)
+def test_the_arc_jacobian_is_the_derivative_of_one_arc(psi: FloatArray) -> None:
+    """Equation (9) agrees with central differences to 1e-7."""
+    for arc in psi:
+        expected = _differences(lambda p: arc_pose(p[0], p[1], RADIUS_MM)[0], arc)
+        np.testing.assert_allclose(arc_jacobian(arc[0], arc[1], RADIUS_MM), expected, atol=1e-7)
+
+
+def test_no_arc_goes_nowhere() -> None:
+    """At psi = 0 every frame is {1b}, and the tip can move along z alone."""
+    frames = path_frames(ZERO, RADIUS_MM)
+    assert np.all(frames.positions_mm == 0)
+    assert np.all(frames.rotations == np.eye(3))
+    expected = np.zeros((3, 8))
+    expected[2, ::2] = RADIUS_MM
+    np.testing.assert_array_equal(path_jacobian(ZERO, RADIUS_MM), expected)
+
+
+def test_tiny_arcs_keep_their_digits() -> None:
+    """An arc of a nanoradian deflects by r theta squared over two, not by rounding."""
+    position, _ = arc_pose(1e-9, 0.0, RADIUS_MM)
+    assert position[1] == pytest.approx(-RADIUS_MM * 0.5e-18, rel=1e-12)
+
+
+@pytest.mark.parametrize(("roll_rad", "side"), [(0.0, -1), (np.pi, 1)])
+def test_roll_zero_bends_towards_minus_y(roll_rad: float, side: int) -> None:
+    """delta = 0 bends towards -y, delta = pi towards +y, and neither leaves the plane."""
+    position, _ = arc_pose(np.pi / 2, roll_rad, RADIUS_MM)
+    np.testing.assert_allclose(position, [0.0, side * RADIUS_MM, RADIUS_MM], atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_frames_are_rotations_on_the_arcs(seed: int, arcs: int) -> None:
+    """Frames stay right-handed and orthonormal, and chords are 2 r sin(theta / 2)."""
+    psi = _random(arcs, seed)
+    frames = path_frames(psi, RADIUS_MM)
+    turned = frames.rotations @ np.swapaxes(frames.rotations, -1, -2)
+    np.testing.assert_allclose(turned, np.broadcast_to(np.eye(3), turned.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frames.rotations), 1.0)
+    chords = np.linalg.norm(np.diff(frames.positions_mm, axis=0), axis=1)
+    np.testing.assert_allclose(chords, 2 * RADIUS_MM * np.abs(np.sin(psi[:, 0] / 2)), atol=1e-10)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.95))
+def test_an_arc_cut_in_two_is_the_same_path(seed: int, cut: float) -> None:
+    """Two arcs without a roll between them end where the one ends."""
+    theta, delta = _random(1, seed)[0]
+    whole = path_frames(np.array([[theta, delta]]), RADIUS_MM)
+    halves = path_frames(np.array([[cut * theta, delta], [(1 - cut) * theta, 0.0]]), RADIUS_MM)
+    np.testing.assert_allclose(halves.positions_mm[-1], whole.positions_mm[-1], atol=1e-11)
+    np.testing.assert_allclose(halves.rotations[-1], whole.rotations[-1], atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_many_paths_at_once_are_each_path_alone(seed: int) -> None:
+    """Leading axes change nothing: a stack of paths gives the stack of results."""
+    stack = np.stack([_random(3, seed), _random(3, seed + 1)])
+    for k, psi in enumerate(stack):
+        np.testing.assert_allclose(
+            path_jacobian(stack, RADIUS_MM)[k], path_jacobian(psi, RADIUS_MM), atol=1e-12
+        )
+        both = control_jacobians(stack, RADIUS_MM, POINTS)[k]
+        np.testing.assert_allclose(both, control_jacobians(psi, RADIUS_MM, POINTS), atol=1e-12)
+
+
+def test_the_last_control_point_of_an_arc_is_its_end() -> None:
+    """Control points end at {ie}, and fraction zero is {ib}."""
+    psi = _random(4, 3)
+    frames = path_frames(psi, RADIUS_MM)
+    np.testing.assert_allclose(
+        control_points(psi, RADIUS_MM, POINTS)[:, -1], frames.positions_mm[1:], atol=1e-12
+    )
+    starts = path_points(psi, RADIUS_MM, np.zeros(1))[:, 0]
+    np.testing.assert_allclose(starts, frames.positions_mm[:-1], atol=1e-12)

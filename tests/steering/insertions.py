@@ -1,0 +1,129 @@
+"""Simulated insertions for the estimator: truth by the paper's model with its disturbances, and what is seen of it.
+
+The world of the figures: 100 mm in steps of 1 mm, observations with 0.2 mm, the tip turned at random by 0.3 degrees
+per square-root millimetre, a start that is 0.02 rad off about each axis, and two flips; in the plane by half turns,
+in space by any angle.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from labrig.steering import EstimatorSettings, TipObservation, TipState, start_tip, step_tip
+
+Floats = NDArray[np.float64]
+
+STEPS, RADIUS_MM, SIGMA_MM = 100, 27.6, 0.2
+PROCESS_SD_RAD, START_SD_RAD = math.radians(0.3), 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Insertion:
+    """Truth (T + 1, 4, 4) and its curvature; observed positions (T + 1, 3) and rolls (T,)."""
+
+    truth: Floats
+    curvature: float
+    positions_mm: Floats
+    roll_rad: Floats
+
+    @property
+    def observations(self) -> list[TipObservation]:
+        """The steps after the start."""
+        return [
+            TipObservation(position, 1.0, float(roll))
+            for position, roll in zip(self.positions_mm[1:], self.roll_rad, strict=True)
+        ]
+
+
+def settings(planar: bool, **changes: object) -> EstimatorSettings:
+    """Return the settings that fit the simulated world."""
+    given = {"planar": planar, "start_sd_rad": START_SD_RAD} | changes
+    return EstimatorSettings(RADIUS_MM, SIGMA_MM, PROCESS_SD_RAD, **given)  # type: ignore[arg-type]
+
+
+def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float = 1.0) -> Insertion:
+    """Simulate one insertion in closed form; `noise` scales every disturbance and the observations' noise."""
+    rng = np.random.default_rng([seed, planar])
+    rolls = np.zeros(STEPS)
+    rolls[rng.choice(np.arange(10, STEPS - 10), 2, replace=False)] = (
+        math.pi if planar else rng.uniform(-math.pi, math.pi, 2)
+    )
+    turns_about = np.array((1.0, 0.0, 0.0) if planar else (1.0, 1.0, 1.0))
+    turns = noise * turns_about * rng.normal(0.0, PROCESS_SD_RAD, (STEPS, 3))
+    angle = 1.0 / radius_mm
+    arc = np.eye(4)
+    arc[:3, :3] = Rotation.from_rotvec((angle, 0.0, 0.0)).as_matrix()
+    arc[:3, 3] = radius_mm * np.array((0.0, math.cos(angle) - 1.0, math.sin(angle)))
+    truth = [_turn(noise * turns_about * rng.normal(0.0, START_SD_RAD, 3))]
+    for roll, turn in zip(rolls, turns, strict=True):
+        truth.append(truth[-1] @ _turn((0.0, 0.0, roll)) @ arc @ _turn(turn))
+    poses = np.stack(truth)
+    seen_along = np.array((0.0, 1.0, 1.0) if planar else (1.0, 1.0, 1.0))
+    seen = poses[:, :3, 3] + noise * seen_along * rng.normal(0.0, SIGMA_MM, (STEPS + 1, 3))
+    return Insertion(poses, 1.0 / radius_mm, seen, rolls)
+
+
+def follow(insertion: Insertion, chosen: EstimatorSettings) -> list[TipState]:
+    """Return the states of a whole insertion, from a start along z at the first position."""
+    pose = np.eye(4)
+    pose[:3, 3] = insertion.positions_mm[0]
+    states = [start_tip(pose, chosen)]
+    for observation in insertion.observations:
+        states.append(step_tip(states[-1], observation, chosen))
+    return states
+
+
+def heading_errors_rad(poses: Floats, truth: Floats) -> Floats:
+    """Return the angles between estimated and true tangents, (T + 1,)."""
+    crossed = np.linalg.norm(np.cross(poses[:, :3, 2], truth[:, :3, 2]), axis=1)
+    return np.arctan2(crossed, np.sum(poses[:, :3, 2] * truth[:, :3, 2], axis=1))
+
+
+def nees(state: TipState, truth: Floats, curvature: float, chosen: EstimatorSettings) -> float:
+    """Return the normalised estimation error squared of what is uncertain."""
+    turned = Rotation.from_matrix(state.rotation.T @ truth[:3, :3]).as_rotvec()
+    moved = state.rotation.T @ (truth[:3, 3] - state.position_mm)
+    error = np.array((*moved, *turned, curvature - state.curvature))[list(chosen.errors)]
+    covariance = state.covariance[np.ix_(chosen.errors, chosen.errors)]
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def share_in_band(values: Floats, degrees: int) -> float:
+    """Return the share of steps at which the mean over the runs, values (N, T), lies in its 95 % band."""
+    low, high = chi2.ppf((0.025, 0.975), len(values) * degrees) / len(values)
+    means = values.mean(axis=0)
+    return float(np.mean((low <= means) & (means <= high)))
+
+
+def mean_nees_in_band(runs: int, planar: bool, radius_sd_mm: float) -> tuple[float, float]:
+    """Return the share of steps in the band, and the mean NEES per degree of freedom, over runs of fixed seeds."""
+    chosen = settings(planar, radius_sd_mm=radius_sd_mm)
+    values = np.empty((runs, STEPS + 1))
+    for seed in range(runs):
+        drawn = np.random.default_rng([seed, 7]).normal(1.0 / RADIUS_MM, radius_sd_mm / RADIUS_MM**2)
+        insertion = insert(seed, planar, 1.0 / drawn)
+        states = follow(insertion, chosen)
+        values[seed] = [
+            nees(s, t, insertion.curvature, chosen) for s, t in zip(states, insertion.truth, strict=True)
+        ]
+    return share_in_band(values, len(chosen.errors)), float(values.mean()) / len(chosen.errors)
+
+
+def heading_rmse_deg(runs: int, chosen: EstimatorSettings) -> float:
+    """Return the RMSE of the heading over runs of fixed seeds, half of them 2 % too tight and half too wide."""
+    squares = []
+    for seed in range(runs):
+        insertion = insert(seed, chosen.planar, RADIUS_MM * (1.02 if seed % 2 else 0.98))
+        poses = np.stack([state.pose for state in follow(insertion, chosen)])
+        squares.append(np.mean(heading_errors_rad(poses, insertion.truth) ** 2))
+    return math.degrees(math.sqrt(np.mean(squares)))
+
+
+def _turn(vector: tuple[float, float, float] | Floats) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
+    return pose

@@ -1,0 +1,303 @@
+"""The tip estimator: what it promises on clean, noisy, missing and wild observations."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from labrig.errors import InputError
+from labrig.steering import TipObservation, TipState, estimate_tip_poses, start_tip, step_tip
+from tests.steering.insertions import (
+    PROCESS_SD_RAD,
+    RADIUS_MM,
+    SIGMA_MM,
+    Insertion,
+    follow,
+    heading_errors_rad,
+    heading_rmse_deg,
+    insert,
+    mean_nees_in_band,
+    settings,
+)
+from tests.steering.plain_ekf import plain_ekf
+
+METHODS = ("error-state", "paper")
+PLANES = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
+
+
+def estimate(insertion: Insertion, **changes: object) -> np.ndarray:
+    """Estimate a whole insertion, with the noise of the simulated world unless told otherwise."""
+    given_values = {
+        "positions_mm": insertion.positions_mm,
+        "step_mm": 1.0,
+        "roll_rad": insertion.roll_rad,
+        "radius_mm": RADIUS_MM,
+        "observation_sd_mm": SIGMA_MM,
+        "process_sd_rad": PROCESS_SD_RAD,
+    }
+    return estimate_tip_poses(**(given_values | changes))
+
+
+@PLANES
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("radius_mm", [5.0, 27.6, 300.0])
+def test_clean_observations_give_the_true_poses(method: str, planar: bool, radius_mm: float) -> None:
+    """Without noise the model's own path is followed exactly, flips and headings beyond 90 degrees included."""
+    insertion = insert(3, planar, radius_mm, noise=0.0)
+    poses = estimate(insertion, radius_mm=radius_mm, method=method, planar=planar)
+    assert poses.shape == (101, 4, 4)
+    np.testing.assert_allclose(poses, insertion.truth, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@given(seed=st.integers(0, 1000), vector=st.tuples(*[st.floats(-1.0, 1.0)] * 3), shift=st.floats(-50.0, 50.0))
+@hypothesis_settings(max_examples=8, deadline=None)
+def test_every_pose_is_rigid_and_moves_with_the_world(
+    method: str, seed: int, vector: tuple[float, float, float], shift: float
+) -> None:
+    """Poses stay rigid, and the default filter's turn with the world: they do not know where its axes point."""
+    insertion = insert(seed, planar=False)
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = Rotation.from_rotvec(vector).as_matrix(), shift
+    start = np.eye(4)
+    start[:3, 3] = insertion.positions_mm[0]
+    poses = estimate(insertion, start=start, method=method)
+    rotations = poses[:, :3, :3]
+    np.testing.assert_allclose(
+        rotations.transpose(0, 2, 1) @ rotations, np.tile(np.eye(3), (101, 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0, atol=1e-12)
+    if method == "error-state":
+        seen = insertion.positions_mm @ world[:3, :3].T + shift
+        turned = estimate(insertion, positions_mm=seen, start=world @ start)
+        np.testing.assert_allclose(turned, world @ poses, atol=1e-9)
+
+
+@PLANES
+@pytest.mark.parametrize("method", METHODS)
+def test_the_batch_is_the_live_steps(method: str, planar: bool) -> None:
+    """`estimate_tip_poses` and a chain of `step_tip` give the same poses, bit for bit."""
+    insertion = insert(11, planar)
+    stepped = [state.pose for state in follow(insertion, settings(planar, method=method))]
+    np.testing.assert_array_equal(estimate(insertion, method=method, planar=planar), np.stack(stepped))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_in_the_plane_the_needle_stays_in_the_plane(method: str) -> None:
+    """Out of its plane the planar filter neither moves nor turns, whatever is seen there."""
+    insertion = insert(5, planar=True)
+    positions = insertion.positions_mm + np.outer(np.sin(np.arange(101.0)), (0.5, 0.0, 0.0))
+    poses = estimate(insertion, positions_mm=positions, planar=True, method=method)
+    np.testing.assert_allclose(np.abs(poses[:, 0, 0]), 1.0, atol=1e-12)
+    if method == "error-state":
+        np.testing.assert_allclose(poses[:, 0, 3], positions[0, 0], atol=1e-9)
+
+
+def test_planar_and_spatial_filters_agree_in_the_plane() -> None:
+    """What is seen in the plane alone gives the same headings with and without the reduction."""
+    insertion = insert(6, planar=True)
+    reduced, full = estimate(insertion, planar=True), estimate(insertion)
+    np.testing.assert_allclose(reduced, full, atol=1e-6)
+
+
+def test_the_default_filter_equals_a_plain_one() -> None:
+    """An independent filter without filterpy, its Jacobians by differences, gives the same poses and covariances."""
+    insertion = insert(12, planar=False)
+    poses, covariances = plain_ekf(insertion)
+    states = follow(insertion, settings(planar=False))
+    np.testing.assert_allclose([s.pose for s in states], poses, atol=1e-7)
+    np.testing.assert_allclose([s.covariance[:6, :6] for s in states], covariances, atol=1e-9)
+
+
+@PLANES
+@pytest.mark.parametrize("radius_sd_mm", [0.0, 0.02 * RADIUS_MM], ids=["known", "estimated"])
+def test_the_covariance_tells_the_error(planar: bool, radius_sd_mm: float) -> None:
+    """The mean NEES of 40 runs lies in its 95 % band at four steps in five (the benchmark: 200 runs, nine in ten)."""
+    share, mean = mean_nees_in_band(40, planar, radius_sd_mm)
+    assert share >= 0.8
+    assert mean == pytest.approx(1.0, abs=0.1)
+
+
+@PLANES
+def test_innovations_are_as_large_as_foretold(planar: bool) -> None:
+    """The mean NIS of ten runs is the number of observed axes, within 6 %."""
+    states = [s for seed in range(10) for s in follow(insert(seed, planar), settings(planar))[1:]]
+    assert np.mean([s.nis for s in states]) == pytest.approx(2 if planar else 3, rel=0.06)
+
+
+@pytest.mark.parametrize(("planar", "limit"), [(True, 0.75), (False, 0.6)])
+def test_the_default_beats_the_paper(planar: bool, limit: float) -> None:
+    """With the radius 2 % wrong the heading is that much better than the corrected paper filter's, over 20 runs."""
+    paper = heading_rmse_deg(20, settings(planar, method="paper"))
+    assert heading_rmse_deg(20, settings(planar)) <= limit * paper
+
+
+def test_the_curvature_is_learnt() -> None:
+    """A radius 8 % wrong is found out along the way, over ten runs, and its uncertainty shrinks."""
+    errors = []
+    for seed in range(10):
+        insertion = insert(seed, planar=True, radius_mm=1.08 * RADIUS_MM)
+        states = follow(insertion, settings(planar=True, radius_sd_mm=0.1 * RADIUS_MM))
+        errors.append([states[0].curvature - insertion.curvature, states[-1].curvature - insertion.curvature])
+        assert states[-1].covariance[6, 6] < 0.1 * states[0].covariance[6, 6]
+    before, after = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert after < 0.4 * before
+
+
+def test_one_wild_observation_changes_nothing() -> None:
+    """An observation 5 mm off is rejected, its NIS kept, and the next headings are as if the tip had been missed."""
+    insertion, chosen = insert(4, planar=True), settings(planar=True)
+    state = follow(insertion, chosen)[50]
+    observation = insertion.observations[50]
+    wild = TipObservation(observation.position_mm + np.array((0.0, 5.0, 0.0)), 1.0, observation.roll_rad)
+    rejected = step_tip(state, wild, chosen)
+    missed = step_tip(state, TipObservation(None, 1.0, observation.roll_rad), chosen)
+    assert (rejected.accepted, rejected.misses) == (False, 1)
+    assert rejected.nis is not None
+    assert rejected.nis > 100.0
+    assert missed.nis is None
+    np.testing.assert_array_equal(rejected.pose, missed.pose)
+    np.testing.assert_array_equal(rejected.covariance, missed.covariance)
+
+
+def test_after_its_patience_the_filter_believes_what_it_sees() -> None:
+    """Where the needle went straight for 10 mm, as in a cavity, the gate does not lock the filter out for good."""
+    chosen = settings(planar=True)
+    state = start_tip(np.eye(4), chosen)
+    states = []
+    for t in range(1, 61):
+        along = RADIUS_MM * np.sin(max(t - 25, 0) / RADIUS_MM) + min(t, 25)
+        across = RADIUS_MM * (np.cos(max(t - 25, 0) / RADIUS_MM) - 1.0)
+        state = step_tip(state, TipObservation(np.array((0.0, across, along)), 1.0), chosen)
+        states.append(state)
+    heading = -35.0 / RADIUS_MM
+    assert any(not s.accepted for s in states)
+    assert max(s.misses for s in states) <= chosen.patience
+    assert states[-1].heading_rad == pytest.approx(heading, abs=0.05)
+
+
+def test_a_missing_observation_widens_the_covariance() -> None:
+    """Without sight of the tip it is moved by the model, and known less well at every step."""
+    chosen = settings(planar=False)
+    states = follow(insert(1, planar=False), chosen)[:31]
+    for _ in range(5):
+        states.append(step_tip(states[-1], TipObservation(None, 1.0), chosen))
+    lost = states[30:]
+    assert [s.misses for s in lost] == [0, 1, 2, 3, 4, 5]
+    assert all(np.diff([s.position_sd_mm for s in lost]) > 0.0)
+    assert all(np.diff([s.heading_sd_rad for s in lost]) > 0.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_states_are_values(method: str) -> None:
+    """A step leaves its state as it was, gives the same answer twice, and nothing in a state can be written."""
+    chosen = settings(planar=False, method=method)
+    insertion = insert(8, planar=False)
+    state = follow(insertion, chosen)[20]
+    before = state.pose.copy(), state.covariance.copy()
+    first, second = (step_tip(state, insertion.observations[20], chosen) for _ in range(2))
+    np.testing.assert_array_equal(first.pose, second.pose)
+    np.testing.assert_array_equal(state.pose, before[0])
+    np.testing.assert_array_equal(state.covariance, before[1])
+    with pytest.raises(ValueError, match="read-only"):
+        first.pose[0, 3] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        first.covariance[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_roll_without_an_advance_turns_the_tip(method: str) -> None:
+    """A flip in place is a rotation: the needle's axis stays, its bend changes sides."""
+    chosen = settings(planar=False, method=method)
+    state = follow(insert(9, planar=False), chosen)[40]
+    flipped = step_tip(state, TipObservation(None, 0.0, math.pi), chosen)
+    np.testing.assert_allclose(flipped.rotation, state.rotation @ np.diag((-1.0, -1.0, 1.0)), atol=1e-12)
+    np.testing.assert_array_equal(flipped.position_mm, state.position_mm)
+
+
+def test_a_start_in_another_direction_is_followed() -> None:
+    """A start that is given sets position and direction; the true poses follow from there."""
+    insertion = insert(10, planar=False, noise=0.0)
+    world = np.eye(4)
+    world[:3, :3] = Rotation.from_rotvec((0.3, -0.8, 2.0)).as_matrix()
+    world[:3, 3] = (5.0, -4.0, 12.0)
+    expected = world @ insertion.truth
+    poses = estimate(insertion, positions_mm=expected[:, :3, 3], start=world)
+    assert heading_errors_rad(poses, expected).max() < 1e-9
+    np.testing.assert_allclose(poses, expected, atol=1e-8)
+
+
+def _with(index: tuple[int, int], value: float) -> np.ndarray:
+    positions = insert(0, planar=False).positions_mm.copy()
+    positions[index] = value
+    return positions
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"positions_mm": _with((7, 1), math.nan)}, r"positions_mm\[7, 1\] is nan"),
+        ({"positions_mm": _with((100, 2), math.inf)}, r"positions_mm\[100, 2\] is inf"),
+        ({"positions_mm": np.zeros((101, 2))}, r"positions_mm has shape \(101, 2\), expected \(N, 3\)"),
+        ({"positions_mm": np.zeros((0, 3))}, "positions_mm is empty"),
+        ({"positions_mm": [["a", "b", "c"]]}, "positions_mm is not an array of numbers"),
+        ({"roll_rad": np.zeros(101)}, r"roll_rad has shape \(101,\), expected \(100\)"),
+        ({"roll_rad": np.full(100, math.nan)}, r"roll_rad\[0\] is nan"),
+        ({"step_mm": 0.0}, "step_mm is 0"),
+        ({"step_mm": math.nan}, "step_mm is nan"),
+        ({"radius_mm": 0.0}, "radius_mm is 0"),
+        ({"radius_mm": -27.6}, r"radius_mm is -27\.6"),
+        ({"radius_mm": math.nan}, "radius_mm is nan"),
+        ({"observation_sd_mm": 0.0}, "observation_sd_mm is 0"),
+        ({"process_sd_rad": -0.1}, r"process_sd_rad_per_root_mm is -0\.1"),
+        ({"radius_sd_mm": math.inf}, "radius_sd_mm is inf"),
+        ({"method": "kalman"}, "method 'kalman' is unknown"),
+        ({"method": "paper", "radius_sd_mm": 0.5}, "takes the radius as known"),
+        ({"planar": True, "roll_rad": np.full(100, 0.3)}, r"roll_rad is 0\.3, but in the plane"),
+        ({"start": np.eye(3)}, r"start has shape \(3, 3\), expected \(4, 4\)"),
+        ({"start": np.diag((1.0, 1.0, -1.0, 1.0))}, "3x3 of start is no rotation"),
+        ({"start": np.diag((2.0, 1.0, 1.0, 1.0))}, "3x3 of start is no rotation"),
+        ({"start": np.full((4, 4), math.nan)}, r"start\[0, 0\] is nan"),
+        ({"start": np.ones((4, 4)) * 0 + np.diag((1.0, 1.0, 1.0, 2.0))}, "last row of start"),
+    ],
+)
+def test_bad_input_is_named(changes: dict[str, object], message: str) -> None:
+    """What cannot be estimated from is an InputError with the name, the place and the value."""
+    with pytest.raises(InputError, match=message):
+        estimate(insert(0, planar=False), **changes)
+
+
+@pytest.mark.parametrize(
+    ("given_values", "message"),
+    [
+        (((0.0, math.nan, 1.0), 1.0, 0.0), r"position_mm\[1\] is nan"),
+        (((0.0, 1.0), 1.0, 0.0), r"position_mm has shape \(2,\), expected \(3\)"),
+        ((None, -0.5, 0.0), r"step_mm is -0\.5"),
+        ((None, 1.0, math.nan), "roll_rad is nan"),
+    ],
+)
+def test_an_observation_is_checked_when_it_is_made(
+    given_values: tuple[object, float, float], message: str
+) -> None:
+    """A live observation that cannot be used never reaches the filter."""
+    with pytest.raises(InputError, match=message):
+        TipObservation(*given_values)
+
+
+def test_a_single_position_is_its_own_answer() -> None:
+    """Before the first step the pose is the start's."""
+    poses = estimate_tip_poses([(1.0, 2.0, 3.0)], 1.0, [], 27.6, 0.2, 0.005)
+    np.testing.assert_array_equal(poses, [np.block([[np.eye(3), np.c_[[1.0, 2.0, 3.0]]], [0, 0, 0, 1]])])
+
+
+def test_a_state_says_where_it_heads() -> None:
+    """The heading is zero along z and positive towards +y; a bend at roll zero goes to -y."""
+    chosen = settings(planar=True)
+    state: TipState = start_tip(np.eye(4), chosen)
+    assert state.heading_rad == 0.0
+    moved = step_tip(state, TipObservation(None, 5.0), chosen)
+    assert moved.heading_rad == pytest.approx(-5.0 / RADIUS_MM)

@@ -1,0 +1,221 @@
+"""Plans: they reach, they keep off, they are the best of what there is, and refusals give the reason."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labrig.errors import InputError
+from labrig.needle import path_points
+from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, sample_path
+from labrig.steering.clearance import arc_distances, path_distances
+from tests.benchmarks.planner import oracle
+from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems
+
+TARGET = (0.0, 5.0, 100.0)
+OBSTACLES = (Obstacle((0.0, -2.0, 35.0), 8.0), Obstacle((0.0, 6.0, 68.0), 8.0))
+
+
+def _pose(rotation: object, position: object) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def _turned(seed: int) -> np.ndarray:
+    rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return rotation * np.linalg.det(rotation)
+
+
+@pytest.mark.parametrize("count", [2, 5, 9, 14])
+def test_what_the_oracle_solves_is_solved(count: int) -> None:
+    """Whatever stepwise driving over a grid of angles solves, the planner solves, and its path stands re-checking."""
+    rng = np.random.default_rng([count, 7])
+    for problem in [planar_problem(rng, count) for _ in range(8)]:
+        if plan_path(problem).found:
+            assert faults(problem) == []
+        else:
+            assert not oracle(problem)
+
+
+def test_blocked_free_plans_are_replaced_in_space() -> None:
+    """In 3-D every problem with a witness path is solved, although its obstacle-free plan would collide."""
+    assert [faults(problem) for problem in spatial_problems(10, seed=11)] == [[]] * 10
+
+
+@pytest.mark.parametrize(("planar", "target"), [(True, TARGET), (False, (8.0, 5.0, 95.0))])
+def test_the_papers_planner_reaches_too(planar: bool, target: tuple[float, float, float]) -> None:
+    """Resolved motion rate, made robust, finds a path around two obstacles within all limits."""
+    problem = PlanProblem(target, OBSTACLES, planar=planar)
+    plan = plan_path(problem, "paper")
+    assert plan.found
+    assert plan.target_error_mm <= problem.tolerance_mm
+    assert plan.clearance_mm >= problem.clearance_mm - 1e-9
+    assert plan.length_mm <= problem.max_length_mm
+
+
+@pytest.mark.parametrize("method", ["best", "paper"])
+def test_planar_rolls_alternate(method: PlanMethod) -> None:
+    """In the plane delta_1 is 0 or pi and every later roll is pi."""
+    rolls = [arc.roll_rad for arc in plan_path(PlanProblem(TARGET, OBSTACLES, planar=True), method).arcs]
+    assert rolls[0] in (0.0, math.pi)
+    assert set(rolls[1:]) == {math.pi}
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_distances_are_exact(seed: int) -> None:
+    """The closed form is the least distance of densely sampled points, and never more."""
+    rng = np.random.default_rng(seed)
+    psi = np.column_stack((rng.uniform(0, 3, 3), rng.uniform(-np.pi, np.pi, 3)))
+    centres = rng.uniform(-60, 60, (5, 3))
+    points = path_points(psi, 27.6, np.linspace(0, 1, 4001))
+    sampled = np.linalg.norm(points[:, :, None, :] - centres, axis=-1).min(axis=1)
+    exact = arc_distances(psi, 27.6, centres)
+    assert np.all(exact <= sampled + 1e-9)
+    np.testing.assert_allclose(exact, sampled, atol=1e-2)
+    np.testing.assert_allclose(path_distances(psi, 27.6, centres), exact.min(axis=0))
+
+
+def test_a_sphere_about_the_arcs_centre_is_a_radius_away() -> None:
+    """The centre of an arc is at its radius from all of it, and an empty arc at the distance of its point."""
+    centre = np.array([[0.0, -27.6, 0.0]])
+    for theta in (0.0, 1.0, 3.0):
+        distance = arc_distances(np.array([[theta, 0.0]]), 27.6, centre)[0, 0]
+        assert distance == pytest.approx(27.6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_moves_with_its_frame(seed: int) -> None:
+    """Turning and moving the start, the target and the obstacles together changes no arc."""
+    still = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))
+    rotation, shift = _turned(seed), np.array([10.0, -20.0, 5.0])
+    moved = PlanProblem(
+        tuple(rotation @ TARGET + shift),
+        tuple(Obstacle(tuple(rotation @ o.position_mm + shift), o.radius_mm) for o in OBSTACLES),
+        start=_pose(rotation, shift),
+        planar=True,
+    )
+    plan = plan_path(moved)
+    np.testing.assert_allclose(plan.psi, still.psi, atol=1e-6)
+    np.testing.assert_allclose(plan.tip_mm, moved.target_mm, atol=1e-6)
+    np.testing.assert_allclose(sample_path(moved, plan)[-1], plan.tip_mm, atol=1e-9)
+
+
+def test_a_mirrored_problem_has_the_mirrored_plan() -> None:
+    """With y reversed, the first roll is the other one and the angles are the same."""
+    plan = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))
+    mirrored = tuple(Obstacle((0.0, -o.position_mm[1], o.position_mm[2]), o.radius_mm) for o in OBSTACLES)
+    other = plan_path(PlanProblem((0.0, -5.0, 100.0), mirrored, planar=True))
+    np.testing.assert_allclose(other.psi[:, 0], plan.psi[:, 0], atol=1e-6)
+    assert {other.arcs[0].roll_rad, plan.arcs[0].roll_rad} == {0.0, math.pi}
+
+
+REFUSED = {
+    "behind": (PlanProblem((0.0, 0.0, -20.0), planar=True), "behind"),
+    "inside the turning circles": (PlanProblem((0.0, 25.0, 10.0), planar=True), "inside the turning circles"),
+    "beside": (PlanProblem((0.0, 70.0, 10.0), planar=True), "90 degrees"),
+    "too far": (PlanProblem((0.0, 0.0, 200.0)), "too long"),
+    "outside of the plane": (PlanProblem((9.0, 0.0, 100.0), planar=True), "outside of the steering plane"),
+    "a start without clearance": (
+        PlanProblem(TARGET, (Obstacle((0.0, 9.0, 0.0), 8.0),), planar=True),
+        "start is blocked by obstacle 1",
+    ),
+    "a target without clearance": (
+        PlanProblem(TARGET, (OBSTACLES[0], Obstacle((0.0, 13.5, 100.0), 8.4)), planar=True, tolerance_mm=0.5),
+        "target is blocked by obstacle 2",
+    ),
+    "a wall": (
+        PlanProblem(TARGET, (OBSTACLES[0], Obstacle((0.0, 0.0, 50.0), 45.0)), planar=True),
+        "blocked by obstacle 2",
+    ),
+    "too long a way round": (
+        PlanProblem((0.0, 0.0, 100.0), (), planar=True, max_length_mm=100.2, tolerance_mm=0.1, max_arcs=4),
+        "too long",
+    ),
+    "one arc": (PlanProblem(TARGET, planar=True, max_arcs=1), "no path of 1 arcs"),
+}
+
+
+@pytest.mark.parametrize(("problem", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_refusal_gives_its_reason(problem: PlanProblem, reason: str) -> None:
+    """What cannot be reached is refused with what stands in the way, and without arcs."""
+    plan = plan_path(problem)
+    assert not plan.found
+    assert reason in plan.reason
+    assert plan.arcs == ()
+    assert plan.length_mm is None
+
+
+BAD = {
+    "NaN": {"target_mm": (0.0, math.nan, 100.0)},
+    "an infinite length": {"max_length_mm": math.inf},
+    "a zero arc radius": {"radius_mm": 0.0},
+    "a negative diameter": {"diameter_mm": -1.2},
+    "a negative tolerance": {"tolerance_mm": -1.0},
+    "a negative clearance": {"clearance_mm": -0.1},
+    "no arcs": {"max_arcs": 0},
+    "a zero obstacle": {"obstacles": (Obstacle((0.0, 0.0, 50.0), 0.0),)},
+    "a negative obstacle": {"obstacles": (Obstacle((0.0, 0.0, 50.0), -3.0),)},
+    "an obstacle nowhere": {"obstacles": (Obstacle((0.0, math.nan, 50.0), 3.0),)},
+    "a start inside an obstacle": {"obstacles": (Obstacle((0.0, 1.0, 1.0), 3.0),)},
+    "a target inside an obstacle": {"obstacles": (Obstacle((0.0, 5.0, 99.0), 3.0),)},
+    "a needle thicker than its arc": {"radius_mm": 0.5},
+    "a start that mirrors": {"start": np.diag([1.0, 1.0, -1.0, 1.0])},
+    "a heading backwards": {"max_heading_rad": 2.0},
+    "a covariance without orientation": {"covariance": np.eye(3)},
+}
+
+
+@pytest.mark.parametrize("change", BAD.values(), ids=BAD.keys())
+def test_a_bad_problem_is_named(change: dict[str, object]) -> None:
+    """What makes no problem is refused before anything is planned."""
+    with pytest.raises(InputError):
+        PlanProblem(**{"target_mm": TARGET, "planar": True, **change})
+
+
+def test_the_margin_grows_with_the_covariance() -> None:
+    """An uncertain pose keeps farther off, by two standard deviations of where the tip will be."""
+    covariance = np.diag([0.09, 0.09, 0.09, 0.0004, 0.0004, 0.0004])
+    problem = PlanProblem(TARGET, OBSTACLES, planar=True, covariance=covariance, margin_reach_mm=10.0)
+    assert problem.margin_mm == pytest.approx(2 * math.sqrt(0.09 + 0.04))
+    assert plan_path(problem).clearance_mm >= problem.clearance_mm + problem.margin_mm - 1e-9
+
+
+def test_a_target_at_the_tip_needs_no_arc() -> None:
+    """Where the tip is within the tolerance and no path leads much nearer, the plan is to stay."""
+    plan = plan_path(PlanProblem((0.0, 0.0, -1.0), OBSTACLES, planar=True))
+    assert plan.found
+    assert plan.arcs == ()
+    assert plan.target_error_mm == pytest.approx(1.0)
+
+
+def test_obstacles_off_the_plane_count_by_their_cut() -> None:
+    """A sphere beside the plane narrows it by its cut with the plane, and one far away not at all."""
+    free = plan_path(PlanProblem(TARGET, planar=True))
+    middle = sample_path(PlanProblem(TARGET, planar=True), free)[60]
+    near, far = (
+        PlanProblem(TARGET, (Obstacle((out, float(middle[1]), float(middle[2])), 8.0),), planar=True)
+        for out in (5.0, 30.0)
+    )
+    assert faults(near) == []
+    assert not np.array_equal(plan_path(near).psi, free.psi)
+    assert np.array_equal(plan_path(far).psi, free.psi)
+
+
+def test_the_same_problem_has_the_same_plan() -> None:
+    """Planning draws from no clock and no global seed."""
+    problem = spatial_problems(1, seed=5)[0]
+    assert plan_path(problem) == plan_path(problem)
+
+
+def test_a_heavier_weight_buys_clearance() -> None:
+    """A higher price of missing clearance gives no less of it."""
+    problem = PlanProblem(TARGET, OBSTACLES, planar=True)
+    careless = replace(problem, weights=replace(problem.weights, clearance_per_mm=0.0))
+    careful = replace(problem, weights=replace(problem.weights, clearance_per_mm=100.0))
+    assert plan_path(careful).clearance_mm >= plan_path(careless).clearance_mm
+    assert plan_path(careless).length_mm <= plan_path(careful).length_mm

@@ -1,6 +1,7 @@
 """How the tables are printed, and how a command is measured."""
 
 import subprocess
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,18 +29,20 @@ class Measured:
 
 def measure(command: Sequence[str]) -> Measured:
     """Run a command and sample the proportional memory of it and its children twenty times a second."""
-    started = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    root = psutil.Process(process.pid)
-    peak = 0
-    while _still_runs(process):
-        peak = max(peak, _memory(root))
-    wall_s = time.perf_counter() - started
-    assert process.stdout is not None
-    return Measured(wall_s, peak / 1e6, process.returncode, process.stdout.read())
+    # Into a file: a pipe that nobody reads while the memory is sampled fills up, and the command waits for ever.
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as out:
+        started = time.perf_counter()
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        root = psutil.Process(process.pid)
+        peak = 0
+        while _still_runs(process):
+            peak = max(peak, _memory(root))
+        wall_s = time.perf_counter() - started
+        out.seek(0)
+        return Measured(wall_s, peak / 1e6, process.returncode, out.read())
 
 
-def _still_runs(process: subprocess.Popen[str]) -> bool:
+def _still_runs(process: subprocess.Popen[bytes]) -> bool:
     """Wait for a twentieth of a second and return whether the process still runs."""
     try:
         process.wait(timeout=0.05)

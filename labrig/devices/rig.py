@@ -1,7 +1,7 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 
@@ -82,6 +82,10 @@ class Rig:
     def axes(self) -> tuple[Axis, ...]:
         """The three axes."""
         return tuple(self._axes.values())
+
+    def axis(self, name: str) -> Axis:
+        """Return an axis by its name: insertion, rotation or linear."""
+        return self._axes[name]
 
     @property
     def state(self) -> RigState:
@@ -232,6 +236,18 @@ class Rig:
         for axis in self.axes:
             axis.reference_here()
         self._store.update(referenced=tuple(self._axes))
+
+    def believe_positions(self, positions: Mapping[str, float]) -> None:
+        """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
+
+        Only for taking a needle out: the axes stay without a reference, and the next run asks for zero.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        for name, position in positions.items():
+            self._axes[name].believe_position(position)
 
     def mark_needle_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""

@@ -36,18 +36,22 @@ Decided here:
 from labrig.record.catalogue import RunSummary, list_runs
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
+from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "FileLock",
     "Frames",
+    "LockOwner",
     "Recorder",
     "Run",
     "RunSummary",
     "collect_provenance",
     "encode_document",
     "list_runs",
+    "lock_owner",
     "open_run",
     "read_recorded_picture",
     "require_free_bytes",

@@ -18,7 +18,7 @@ from labrig.simulation.track import Track
 
 LAST_POSITION_MM = 240.0  # holes lie between 0 and here
 _LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # what comes into view from any hole
-_Z_MM = (-20.0, 80.0)
+_Z_MM = (-20.0, 130.0)
 _CLOUD_GRID_MM = 0.5
 
 

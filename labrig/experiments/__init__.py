@@ -13,6 +13,16 @@ by `conduct_without_rig`, and nothing is planned for it.
 """
 
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.commissioning import (
+    Finding,
+    check_backlash,
+    check_limits,
+    check_travel,
+    home_axes,
+    jog,
+    judge_backlash,
+    judge_travel,
+)
 from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
@@ -38,6 +48,7 @@ from labrig.experiments.withdrawal import (
 __all__ = [
     "SLOWLY",
     "Estimate",
+    "Finding",
     "Outcome",
     "PlannedMove",
     "Progress",
@@ -45,10 +56,17 @@ __all__ = [
     "Session",
     "Stance",
     "WithdrawalSpeeds",
+    "check_backlash",
+    "check_limits",
+    "check_travel",
     "conduct",
     "conduct_without_rig",
     "estimate",
     "find_problems",
+    "home_axes",
+    "jog",
+    "judge_backlash",
+    "judge_travel",
     "planned_moves",
     "recorded_path",
     "reverse_moves",

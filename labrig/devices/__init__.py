@@ -58,7 +58,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState
+from labrig.devices.state import RigState, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -110,6 +110,7 @@ __all__ = [
     "load_rig",
     "open_rig",
     "rig_schema",
+    "rig_state",
     "serve_drives",
     "stop_rig",
     "unknown_entries",

@@ -143,7 +143,7 @@ class Axis:
         if not (self.referenced or self.believed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
-                "reference the axes first",
+                f"first: labrig devices home --axis {self.name} --rig FILE",
             )
         target, rpm = self._counter(position), self._scale.to_rpm(speed)
         achieved = self._scale.to_speed(rpm)

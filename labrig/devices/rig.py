@@ -183,13 +183,16 @@ class Rig:
                 axis.name: {**axis.describe(), "drive": asdict(self._identities[axis.name])}
                 for axis in self.axes
             },
-            "camera": {
-                "driver": self.description.camera.driver,
-                "device": self.description.camera.device,
-                "asked": dict(self.camera.settings.asked),
-                "readback": dict(self.camera.settings.readback),
-            },
+            "camera": None if self._camera is None else self._describe_camera(self._camera),
             "state": asdict(self.state),
+        }
+
+    def _describe_camera(self, camera: Camera) -> dict[str, object]:
+        return {
+            "driver": self.description.camera.driver,
+            "device": self.description.camera.device,
+            "asked": dict(camera.settings.asked),
+            "readback": dict(camera.settings.readback),
         }
 
     # Moving

@@ -23,7 +23,7 @@ from labrig.experiments.commissioning import (
     judge_backlash,
     judge_travel,
 )
-from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
+from labrig.experiments.conduct import Outcome, conduct, conduct_withdrawal, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -36,6 +36,7 @@ from labrig.experiments.session import Progress, Session
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
+    WITHDRAWS,
     ReverseMove,
     Stance,
     WithdrawalSpeeds,
@@ -47,6 +48,7 @@ from labrig.experiments.withdrawal import (
 
 __all__ = [
     "SLOWLY",
+    "WITHDRAWS",
     "Estimate",
     "Finding",
     "Outcome",
@@ -60,6 +62,7 @@ __all__ = [
     "check_limits",
     "check_travel",
     "conduct",
+    "conduct_withdrawal",
     "conduct_without_rig",
     "estimate",
     "find_problems",

@@ -97,7 +97,9 @@ def _lead_advice(name: str, axis: AxisDescription, ratio: float) -> str:
     else:
         said = axis.gear_ratio or 1.0
         key, value = "gear_ratio", said / ratio
-    return f"write axes.{name}.{key}: {value:.4g} (it says {said:g}) if data sheet or type plate agree, then check again"
+    return (
+        f"write axes.{name}.{key}: {value:.4g} (it says {said:g}) if its data sheet agrees, then check again"
+    )
 
 
 def judge_backlash(name: str, axis: AxisDescription, commanded: float, measured: float) -> Finding:

@@ -33,27 +33,34 @@ Decided here:
 - The raw files are never rewritten. Only the manifest is, atomically, when the run is closed.
 """
 
+from labrig.record.can_log import CanFrame
 from labrig.record.catalogue import RunSummary, list_runs
+from labrig.record.check import Verdict, check_run
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
+from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "CanFrame",
     "FileLock",
     "Frames",
     "LockOwner",
     "Recorder",
     "Run",
     "RunSummary",
+    "Verdict",
+    "check_run",
     "collect_provenance",
     "encode_document",
     "list_runs",
     "lock_owner",
     "open_run",
     "read_recorded_picture",
+    "repair_run",
     "require_free_bytes",
     "write_atomically",
 ]

@@ -26,7 +26,8 @@ def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[
     command = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", disk]
     command += ["--run-name", "run", "--json", *SHORT_SWEEP, *sets]
     script = f"{mount} && \"$@\"; status=$?; cp -r '{disk}/run' '{copy}' && exit $status"
-    done = subprocess.run([*UNSHARE, script, "sh", *map(str, command)], cwd=ROOT, capture_output=True, text=True, check=False)  # fmt: skip
+    command = [*UNSHARE, script, "sh", *map(str, command)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
     return json.loads(done.stdout), copy
@@ -35,16 +36,16 @@ def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[
 @pytest.mark.parametrize(
     ("size", "settings", "reason"),
     [
-        ("24m", ("rig.recording.least_free_mb=0",), r"cannot write .*No space left on device"),
-        ("40m", ("rig.recording.least_free_mb=20",), r"has \d+\.\d MB free; a run ends below 20\.0 MB"),
+        ("30m", ("rig.recording.least_free_mb=0",), r"cannot write .*No space left on device"),
+        ("48m", ("rig.recording.least_free_mb=20",), r"has \d+\.\d MB free; a run ends below 20\.0 MB"),
     ],
 )
 def test_the_axes_stop_and_the_record_says_why(
     tmp_path: Path, size: str, settings: tuple[str, ...], reason: str
 ) -> None:
     """Full, or nearly full: exit code 3, the run closed as failed with the reason, and all of it readable."""
-    # Four insertions need 60 MB by the estimate that is made beforehand; pictures without noise take less.
-    document, run = _run_on_small_disk(tmp_path, size, *settings, "rig.camera.exposure_us=8000")
+    # Pictures so noisy take more than the estimate that is made beforehand, so that the run begins.
+    document, run = _run_on_small_disk(tmp_path, size, *settings, "rig.world.noise_sd=25")
     assert document["exit_status"] == "failed"
     opened, verdict = open_run(run), check_run(run)
     assert re.search(reason, str(opened.manifest["reason"]))

@@ -1,5 +1,6 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
+import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,6 +92,8 @@ class Axis:
         self.limits = description.limits
         self.max_speed = description.max_speed
         self.referenced = False
+        self.believed = False
+        self._offset_quadcounts = 0
         self._description = description
         self._scale = description.scale()
         self._window_quadcounts = self._scale.to_distance_quadcounts(description.position_window)
@@ -115,6 +118,10 @@ class Axis:
         """
         check_move(self.name, self._description, position, speed)
 
+    def nearest_speed(self, speed: float) -> float:
+        """Return the fastest speed of this axis, in integer rpm of its motor, that is no faster than `speed`."""
+        return self._scale.to_speed(max(1, math.floor(speed * self._scale.rpm_per_speed)))
+
     def start_move(self, position: float, speed: float) -> Setpoint:
         """Start a move and return at once; `read` and `Rig.read_states` say when it is done.
 
@@ -130,27 +137,35 @@ class Axis:
         LimitError
             Before anything is sent.
         SafetyStopError
-            When the axis is not referenced, so that no position means anything.
+            When the axis is not referenced, so that no position means anything, and none is believed.
         DriveError, BusError
         """
         self.check_move(position, speed)
-        if not self.referenced:
+        if not (self.referenced or self.believed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 "reference the axes first",
             )
-        target, rpm = self._scale.to_quadcounts(position), self._scale.to_rpm(speed)
+        target, rpm = self._counter(position), self._scale.to_rpm(speed)
         achieved = self._scale.to_speed(rpm)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
         self._go(target, rpm, self._beyond(position))
-        return Setpoint(position, speed, target, rpm, self._scale.to_position(target), achieved)
+        return Setpoint(position, speed, target, rpm, self._position(target), achieved)
 
     def _beyond(self, position: float) -> int | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
-        here = self._scale.to_position(self._drive.position())
+        here = self._position(self._drive.position())
         if not self._description.backlash or position >= here:
             return None
-        return self._scale.to_quadcounts(max(position - self._description.backlash, self.limits[0]))
+        return self._counter(max(position - self._description.backlash, self.limits[0]))
+
+    def _counter(self, position: float) -> int:
+        """Return what the drive's counter reads at a position."""
+        return self._scale.to_quadcounts(position) - self._offset_quadcounts
+
+    def _position(self, counter: int) -> float:
+        """Return the position at which the drive's counter reads this."""
+        return self._scale.to_position(counter + self._offset_quadcounts)
 
     def _go(self, target: int, rpm: int, beyond: int | None) -> None:
         self._inside_since_s = None
@@ -190,11 +205,11 @@ class Axis:
             self._due_s = None
         elif self._due_s is not None and self._clock.now_s() > self._due_s:
             raise DriveError(
-                f"axis {self.name} stands at {self._scale.to_position(quadcounts):.4g} {self.unit} "
+                f"axis {self.name} stands at {self._position(quadcounts):.4g} {self.unit} "
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        position = self._scale.to_position(quadcounts)
+        position = self._position(quadcounts)
         return AxisReadback(position, self._speed(position), statusword, decode_state(statusword), reached)
 
     def _has_arrived(self, statusword: int, quadcounts: int) -> bool:
@@ -315,7 +330,8 @@ class Axis:
         ------
         DriveError, BusError
         """
-        self.referenced = False
+        self.referenced = self.believed = False
+        self._offset_quadcounts = 0
         self._due_s = self._then = None
         self._free_limits()
         self._drive.start_homing(homing)
@@ -342,6 +358,21 @@ class Axis:
         self.referenced = True
         self._target = None
         self._set_limits()
+
+    def believe_position(self, position: float) -> None:
+        """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
+
+        Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits that the
+        drive may have from another zero are taken off; those of the rig file hold here.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self._free_limits()
+        self._offset_quadcounts = self._scale.to_quadcounts(position) - self._drive.position()
+        self._target = self._then = self._due_s = None
+        self.believed = True
 
     def _settings(self) -> dict[od.Entry, int]:
         scale, description = self._scale, self._description

@@ -16,6 +16,7 @@
                          over with the next state or event, so that a killed process loses the frames since
       truth.jsonl        what a simulated world drew; only the final comparison reads it
       SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
+      notes.jsonl        what people said of the run afterwards: tags, notes with their revisions, a verdict
       analysis/NNN/      results, made from the above and never overwritten
 
 Decided here:
@@ -30,10 +31,23 @@ Decided here:
   before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
   lines of the last `fsync_period_s` of rig time; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
+- What is listed and searched comes from the folders. `.catalogue.sqlite3` beside them is a cache of it, each row under
+  the time, size and inode of its files and with a CRC-32: throw it away, copy runs about, edit it, and the answers
+  stay the same.
 - The raw files are never rewritten. Only the manifest is, atomically, when the run is closed.
 """
 
-from labrig.record.catalogue import RunSummary, list_runs
+from labrig.record.annotations import (
+    Annotations,
+    Note,
+    Verdict,
+    judge_run,
+    note_on_run,
+    read_annotations,
+    tag_run,
+)
+from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
+from labrig.record.difference import Difference, compare_runs
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.lock import FileLock, LockOwner, lock_owner
@@ -42,18 +56,29 @@ from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "Annotations",
+    "Difference",
     "FileLock",
+    "FoundRun",
     "Frames",
     "LockOwner",
+    "Note",
     "Recorder",
     "Run",
     "RunSummary",
+    "Verdict",
     "collect_provenance",
+    "compare_runs",
     "encode_document",
+    "find_runs",
+    "judge_run",
     "list_runs",
     "lock_owner",
+    "note_on_run",
     "open_run",
+    "read_annotations",
     "read_recorded_picture",
     "require_free_bytes",
+    "tag_run",
     "write_atomically",
 ]

@@ -20,6 +20,7 @@ STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
 TRUTH_LINES = "truth.jsonl"
 CAN_LOG = "can.log"
+NOTES = "notes.jsonl"
 
 # ext4, XFS and most others allow 255 bytes; the rest is room for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200

@@ -138,6 +138,7 @@ def _record_on_rig(
             seed=order.protocol.seed,
             person=TerminalOperator(interrupted, sys.stdin),
             interrupted=interrupted,
+            doing=" ".join(("labrig", *order.command_line[1:])),
         ) as rig,
         progress(order.protocol.experiment, work) as reporter,
     ):

@@ -9,6 +9,7 @@ from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import Epos2, Identity
 from labrig.devices.operator import Answer, Operator, OperatorRequest
@@ -38,6 +39,8 @@ class Rig:
         Answers where the plant does not answer by itself.
     interrupted : callable
         Asked between two bus transactions whether a signal has arrived.
+    stop_requests : StopRequests or None
+        Where another labrig asks this one to stop.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class Rig:
         source: PictureSource,
         person: Operator,
         interrupted: Interrupted,
+        stop_requests: StopRequests | None = None,
     ) -> None:
         self.description = description
         self.clock = plant.clock
@@ -57,6 +61,7 @@ class Rig:
         self.state_period_s = 1 / description.recording.state_rate_hz
         self._plant = plant
         self._interrupted = interrupted
+        self._stop_requests = stop_requests
         self._store = StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
@@ -188,6 +193,10 @@ class Rig:
         signal_name = self._interrupted()
         if signal_name is not None:
             raise InterruptedRunError(f"interrupted by {signal_name}")
+        if self._stop_requests is not None and self._stop_requests.poll():
+            raise SafetyStopError(
+                "stopped by labrig devices stop", "find out who stopped it and why, then start again"
+            )
         for axis in self.axes:
             axis.check()
 
@@ -202,6 +211,8 @@ class Rig:
             When an axis is not known to stand still; names each and why.
         """
         failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
+        if self._stop_requests is not None:
+            self._stop_requests.answer(failures)
         if failures:
             self._dead_man.let_go()
             raise SafetyStopError(
@@ -344,7 +355,12 @@ def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
 
 @contextmanager
 def open_rig(
-    description: RigDescription, *, seed: int, person: Operator, interrupted: Interrupted
+    description: RigDescription,
+    *,
+    seed: int,
+    person: Operator,
+    interrupted: Interrupted,
+    doing: str = "labrig",
 ) -> Iterator[Rig]:
     """Open a rig, and stop and release it however the block is left.
 
@@ -358,23 +374,36 @@ def open_rig(
         Answers on a bench; a simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
+    doing : str
+        What the rig is used for, as another labrig that wants it is told.
 
     Raises
     ------
     InputError
         When the rig file has unknown entries.
+    LockedError
+        When another labrig has the rig.
     BusError, DriveError, CameraError
         When the rig cannot be opened; nothing has moved.
     """
     require_complete(description)
     with ExitStack() as stack:
+        stop_requests = stack.enter_context(possessed(description, doing))
         plant = make_plant(description, seed)
         stack.callback(plant.close)
         link = plant.open_link()
         stack.callback(link.close)
         source = plant.open_source()
         stack.callback(source.close)
-        rig = Rig(description, plant=plant, link=link, source=source, person=person, interrupted=interrupted)
+        rig = Rig(
+            description,
+            plant=plant,
+            link=link,
+            source=source,
+            person=person,
+            interrupted=interrupted,
+            stop_requests=stop_requests,
+        )
         stack.push(_closing(rig))
         rig.connect()
         yield rig

@@ -252,6 +252,11 @@ class CalibrationDescription(Model):
     plane: FileName | None = Field(
         description="File of the steering plane, beside the rig file. null: not yet."
     )
+    template: FileName | None = Field(
+        None,
+        description="Picture of the needle's tip by which insertions find it, beside the rig file, with a JSON of the "
+        "same name; labrig calibrate template makes it. null: not yet.",
+    )
 
 
 class RecordingDescription(Model):
@@ -368,9 +373,17 @@ class RigDescription(Model):
         named = {"intrinsics.json": self.calibration.intrinsics, "plane.json": self.calibration.plane}
         return {name: self._folder / file for name, file in named.items() if file is not None}
 
+    def template_paths(self) -> dict[str, Path]:
+        """Return picture and sidecar of the tip's template, by the name that they have in a record."""
+        if self.calibration.template is None:
+            return {}
+        picture = self._folder / self.calibration.template
+        return {"template.png": picture, "template.json": picture.with_suffix(".json")}
+
     def calibration_files(self) -> dict[str, Path]:
-        """Return those of `calibration_paths` that exist: a rig that is being calibrated has none yet."""
-        return {name: path for name, path in self.calibration_paths().items() if path.is_file()}
+        """Return the files named that exist: a rig that is being calibrated has none yet."""
+        named = self.calibration_paths() | self.template_paths()
+        return {name: path for name, path in named.items() if path.is_file()}
 
 
 def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:

@@ -4,9 +4,9 @@ import sys
 
 from tests.benchmarks import (
     catalogue,
-    chessboard,
     estimator,
     hinge,
+    intrinsics,
     planner,
     real_insertions,
     start_up,
@@ -15,7 +15,7 @@ from tests.benchmarks import (
 
 TABLES = {
     "start-up": start_up.print_table,
-    "chessboard": chessboard.print_table,
+    "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,

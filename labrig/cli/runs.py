@@ -7,10 +7,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from labrig.cli import checking
 from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json, print_table, say
 
-app = typer.Typer(help="List the runs, newest first; find, compare and annotate them.")
+app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
+checking.register(app)
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]

@@ -19,7 +19,7 @@ from labrig.record.layout import NOTES, checked_name, inside
 from labrig.record.lock import FileLock
 from labrig.record.manifest import read_document
 
-Verdict = Literal["good", "doubtful", "bad"]
+Judgement = Literal["good", "doubtful", "bad"]
 _MAX_TEXT = 10_000
 
 
@@ -112,7 +112,7 @@ def note_on_run(run: Path, text: str, *, revises: int | None, by: str, at: datet
         return remarks.add([{"kind": "note", "note": number, "revision": revision, "text": text}])
 
 
-def judge_run(run: Path, verdict: Verdict, reason: str, *, by: str, at: datetime) -> Annotations:
+def judge_run(run: Path, verdict: Judgement, reason: str, *, by: str, at: datetime) -> Annotations:
     """Say whether a run is to be trusted; the last verdict counts."""
     if reason:
         _check_text(reason)

@@ -3,6 +3,7 @@
 import sys
 
 from tests.benchmarks import (
+    catalogue,
     estimator,
     faults,
     hinge,
@@ -21,6 +22,7 @@ TABLES = {
     "planner": planner.print_table,
     "estimator": estimator.print_table,
     "faults": faults.print_table,
+    "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,
 }
 

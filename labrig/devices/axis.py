@@ -1,6 +1,7 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
@@ -8,9 +9,9 @@ from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import DIRECTIONS, HERE, Homing
+from labrig.devices.homing import DIRECTIONS, Homing
 from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, HomingDescription, check_move
-from labrig.errors import DriveError, DriveFaultError, SafetyStopError
+from labrig.errors import DriveError, DriveFaultError, MachineError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
@@ -54,6 +55,12 @@ class AxisReadback:
     target_reached: bool
 
 
+def raise_together(failures: Sequence[MachineError]) -> None:
+    """Raise the first failure with the messages of all, if there are any."""
+    if failures:
+        raise failures[0].reworded("; ".join(failure.message for failure in failures))
+
+
 class Axis:
     """One axis; made by `open_rig`.
 
@@ -95,7 +102,6 @@ class Axis:
         self._window_quadcounts = self._scale.to_distance_quadcounts(description.position_window)
         self._drive = drive
         self._clock = clock
-        self._homing: Homing | None = None
         self._target: int | None = None
         self._then: tuple[int, int] | None = None
         self._due_s: float | None = None
@@ -268,6 +274,10 @@ class Axis:
 
     # Stopping
 
+    def call_halt(self) -> None:
+        """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
+        self._drive.call_halt()
+
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
@@ -306,8 +316,21 @@ class Axis:
         DriveError, BusError
         """
         identity = self._drive.identify()
-        self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        failures = []
+        try:
+            self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        except DriveError as error:
+            failures.append(error)
+        try:
+            self._require_fingerprint()
+        except DriveError as error:
+            failures.append(error)
+        raise_together(failures)
         return identity
+
+    def _require_fingerprint(self) -> None:
+        if self._description.configuration_fingerprint is not None:
+            self._drive.require_fingerprint(self._description.configuration_fingerprint)
 
     def configure(self) -> None:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
@@ -323,7 +346,8 @@ class Axis:
         return {od.MAX_CURRENT: min(self._max_current_ma, self._own_current_ma)}
 
     def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
-        return self._drive.configure(settings, fingerprint(self._settings()))
+        ours = fingerprint(self._settings())
+        return self._drive.configure(settings, self._description.configuration_fingerprint or ours)
 
     def reported_fault(self) -> DriveFaultError | None:
         """Return the fault in which its drive is; None when it is in none. Raises `DriveError`, `BusError`."""
@@ -345,51 +369,12 @@ class Axis:
         """Switch the power stage off, and give the drive its current limit back. Raises `DriveError`, `BusError`."""
         self._drive.go_to(Goal.POWER_OFF)
         if self._own_current_ma is not None:
-            self._configure({od.MAX_CURRENT: self._own_current_ma})
+            self._drive.adjust({od.MAX_CURRENT: self._own_current_ma})
         self._drive.unwatch()
-        self._configure({})
 
     def is_referenced_in_drive(self) -> bool:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
         return self._drive.is_referenced()
-
-    def reference_here(self, position: float = 0.0) -> None:
-        """Make the position here zero or another, and give the drive the limits, which mean something from now on.
-
-        Raises
-        ------
-        DriveError, BusError
-        """
-        self._lose_reference()
-        self._drive.home(Homing(HERE, position=self._scale.to_quadcounts(position)))
-        self._be_referenced()
-
-    def start_homing(self, method: int) -> float:
-        """Begin to search for home as the rig file has it, by this method; return after how long to give up [s].
-
-        Raises
-        ------
-        DriveError, BusError
-        """
-        self._lose_reference()
-        self._homing = self._homing_by(method)
-        self._drive.start_homing(self._homing)
-        return self._homing.timeout_s
-
-    def has_homed(self) -> bool:
-        """Tell whether home has been found, and take the reference once it has.
-
-        Raises
-        ------
-        DriveError, BusError
-            The caller stops the axis.
-        """
-        if self._homing is None or not self._drive.has_homed():
-            return False
-        self._drive.finish_homing(self._homing)
-        self._homing = None
-        self._be_referenced()
-        return True
 
     def homing_direction(self, method: int) -> int:
         """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
@@ -400,7 +385,8 @@ class Axis:
         """How the rig file has this axis homed."""
         return self._description.homing
 
-    def _homing_by(self, method: int) -> Homing:
+    def homing_by(self, method: int) -> Homing:
+        """Return a homing by this method as the rig file has it, in the units of the drive."""
         described, scale = self._description.homing, self._scale
         offset = round(described.offset * scale.quadcounts_per_unit)
         return Homing(
@@ -414,13 +400,38 @@ class Axis:
             timeout_s=described.timeout_s,
         )
 
-    def _lose_reference(self) -> None:
+    def start_homing(self, homing: Homing) -> None:
+        """Begin to look for home, without a reference and its limits until `finish_homing`.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
         self.referenced = self.believed = False
         self._offset_quadcounts = 0
         self._due_s = self._then = None
         self._free_limits()
+        self._drive.start_homing(homing)
 
-    def _be_referenced(self) -> None:
+    def has_homed(self) -> bool:
+        """Tell whether home has been found.
+
+        Raises
+        ------
+        DriveError
+            When it cannot be found, or not in time.
+        BusError
+        """
+        return self._drive.has_homed()
+
+    def finish_homing(self, homing: Homing) -> None:
+        """Hold at home, and give the drive the limits, which mean something from now on.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self._drive.finish_homing(homing)
         self.referenced = True
         self._target = None
         self._set_limits()
@@ -445,8 +456,7 @@ class Axis:
 
     def _free_limits(self) -> None:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
-        self._drive.ensure(od.LOWER_LIMIT, od.LOWER_LIMIT.default)
-        self._drive.ensure(od.UPPER_LIMIT, od.UPPER_LIMIT.default)
+        self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
 
     def _set_limits(self) -> None:
         """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""

@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 
-from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import HERE, require_homing_allowed
+from labrig.devices.epos2 import POLL_S, Epos2, Identity
+from labrig.devices.homing import HERE, Homing, require_homing_allowed
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
@@ -32,7 +32,6 @@ AXES = ("insertion", "rotation", "linear")
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
-_LOOK_FOR_HOME_S = 0.05
 _WITHDRAW_FIRST = (
     "take it out along its path: labrig devices withdraw --rig FILE; "
     "after one by hand, the next labrig run asks to confirm that it is out"
@@ -211,6 +210,20 @@ class Rig:
             self._stop_because_of(error)
             raise
 
+    def look(self) -> tuple[Frame, dict[str, AxisReadback]]:
+        """Take a picture, and read where every axis stands.
+
+        Raises
+        ------
+        CameraError
+            Also for the same picture, to the last bit, after the needle or the sheath has moved.
+        DriveError, BusError
+        """
+        frame = self.camera.capture()
+        states = self.read_states()
+        self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
+        return frame, states
+
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, watching for signals and for what drives report.
 
@@ -285,7 +298,11 @@ class Rig:
         SafetyStopError
             When an axis is not known to stand still; names each and why.
         """
-        failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
+        failures = [
+            *_tried(self.axes, Axis.call_halt),
+            *_tried(self.axes, Axis.halt),
+            *_tried(self.axes, Axis.wait_until_still),
+        ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
         if failures:
@@ -313,11 +330,38 @@ class Rig:
             When a needle is in tissue or may be: its depth and roll would be lost.
         DriveError, BusError
         """
-        self._refuse_in_tissue("the axes are not referenced")
-        self._store.update(referenced=())
+        self._refuse_in_tissue("no axis is homed")
         for axis in self.axes:
-            axis.reference_here()
-        self._store.update(referenced=tuple(self._axes))
+            self.home(axis.name, Homing(HERE))
+
+    def home(self, axis_name: str, homing: Homing) -> None:
+        """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is in tissue or may be.
+        InterruptedRunError, DriveError, BusError
+            The axis is without a reference then.
+        """
+        self._refuse_in_tissue("no axis is homed")
+        axis = self._axes[axis_name]
+        self._note_reference(axis_name, known=False)
+        try:
+            axis.start_homing(homing)
+            while not axis.has_homed():
+                self.clock.sleep(POLL_S)
+                self.look_after()
+            axis.finish_homing(homing)
+        except (InterruptedRunError, MachineError) as error:
+            self._stop_because_of(error)
+            raise
+        self._note_reference(axis_name, known=True)
+
+    def _note_reference(self, axis_name: str, *, known: bool) -> None:
+        others = {name for name in self.state.referenced if name != axis_name}
+        kept = others | {axis_name} if known else others
+        self._store.update(referenced=tuple(name for name in AXES if name in kept))
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Refuse a homing that is not allowed as the rig stands. Raises `SafetyStopError`."""
@@ -330,8 +374,8 @@ class Rig:
             referenced=self.state.referenced,
         )
 
-    def home(self, name: str, method: int, *, needle_mounted: bool) -> None:
-        """Give one axis its reference by a homing method; the operator has confirmed it.
+    def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
+        """Give one axis its reference as the rig file has it, by this method; the operator has confirmed it.
 
         Raises
         ------
@@ -341,28 +385,7 @@ class Rig:
             The axis has been stopped and has no reference.
         """
         self.check_homing(name, method, needle_mounted=needle_mounted)
-        axis = self.axis(name)
-        others = tuple(one for one in self.state.referenced if one != name)
-        self._store.update(referenced=others)
-        if method == HERE:
-            axis.reference_here(axis.homing.position)
-        else:
-            self._search_home(axis, method)
-        self._store.update(referenced=tuple(one for one in AXES if one in {*others, name}))
-
-    def _search_home(self, axis: Axis, method: int) -> None:
-        try:
-            deadline_s = self.clock.now_s() + axis.start_homing(method)
-            while not axis.has_homed():
-                if self.clock.now_s() > deadline_s:
-                    raise DriveError(
-                        f"axis {axis.name} did not find home within {axis.homing.timeout_s:g} s",
-                        "see homing of this axis in the rig file: method, speed, current_threshold_ma, timeout_s",
-                    )
-                self.wait(_LOOK_FOR_HOME_S)
-        except DriveError as error:
-            self._stop_because_of(error)
-            raise
+        self.home(name, self.axis(name).homing_by(method))
 
     def _refuse_in_tissue(self, what: str) -> None:
         if self.state.needle_in_tissue is not False:
@@ -408,8 +431,7 @@ class Rig:
                     failures.append(error)
             if not failures:
                 failures += self._shared_cob_ids()
-            if failures:
-                raise failures[0].reworded("; ".join(failure.message for failure in failures))
+            raise_together(failures)
         self._recall_references()
         for axis in self.axes:
             axis.enable()

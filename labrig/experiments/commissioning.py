@@ -154,7 +154,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
         way = axis.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)
         _confirm(rig, _homing_request(rig, name, way, needle_mounted=needle_mounted))
-        rig.home(name, way, needle_mounted=needle_mounted)
+        rig.home_axis(name, way, needle_mounted=needle_mounted)
         position = rig.read_states()[name].position
         findings.append(
             Finding(name, "reference", "PASS", f"method {way}, stands at {position:.4g} {axis.unit}")

@@ -97,7 +97,7 @@ def test_a_bare_axis_searches_its_reference(method: int) -> None:
 
 def _home_linear(rig: Rig) -> None:
     """Home the linear module by its own method."""
-    rig.home("linear", rig.linear.homing.method, needle_mounted=False)
+    rig.home_axis("linear", rig.linear.homing.method, needle_mounted=False)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
     """With a needle mounted, or out of order, nothing moves; the hint says what to type instead."""
     with _bare() as (opened, _):
         with pytest.raises(SafetyStopError, match=words) as refusal:
-            opened.rig.home(axis, method, needle_mounted=mounted)
+            opened.rig.home_axis(axis, method, needle_mounted=mounted)
         assert refusal.value.hint
         assert all(not drive.is_moving for drive in opened.plant.drives.values())
 
@@ -136,8 +136,8 @@ def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
     """The time of the rig file bounds it; the axis stands still without a reference."""
     description = simulated_rig("axes.linear.homing={method: -4, speed: 0.1, timeout_s: 2}")
     with _bare(description) as (opened, _):
-        with pytest.raises(DriveError, match="did not find home within 2 s"):
-            opened.rig.home("linear", -4, needle_mounted=False)
+        with pytest.raises(DriveError, match="did not find home in time"):
+            opened.rig.home_axis("linear", -4, needle_mounted=False)
         assert not opened.plant.drives["linear"].is_moving
         assert opened.rig.state.referenced == ()
 
@@ -156,7 +156,7 @@ def test_limits_are_visited_once_the_axis_is_referenced() -> None:
     with _bare(simulated_rig("axes.linear.limits=[-1, 3]")) as (opened, watched):
         with pytest.raises(SafetyStopError, match="not referenced"):
             check_limits(opened.rig, "linear")
-        opened.rig.home("linear", 35, needle_mounted=True)
+        opened.rig.home_axis("linear", 35, needle_mounted=True)
         assert len(check_limits(opened.rig, "linear")) == 2
         assert [r.position for r in watched.asked if isinstance(r, ConfirmFree)] == [-1, 3]
         assert abs(opened.rig.read_states()["linear"].position) < 0.02
@@ -169,7 +169,7 @@ def test_a_jog_is_slow_short_and_within_limits() -> None:
             jog(opened.rig, "insertion", 25.0)
         with pytest.raises(InputError, match="not within 0 to 5 mm/s"):
             jog(opened.rig, "insertion", 1.0, 8.0)
-        opened.rig.home("insertion", 35, needle_mounted=True)
+        opened.rig.home_axis("insertion", 35, needle_mounted=True)
         with pytest.raises(LimitError):
             jog(opened.rig, "insertion", -5.0)
         assert opened.plant.drives["insertion"].shaft_quadcounts == 0

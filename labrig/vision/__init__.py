@@ -11,6 +11,9 @@ from labrig.vision.overlay import draw_measurement
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.template_file import load_template, save_template, template_files
+from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
 from labrig.vision.zhang import (
     board_points_mm,
     calibrate_from_pictures,
@@ -25,6 +28,9 @@ __all__ = [
     "Intrinsics",
     "Picture",
     "PlaneMap",
+    "TipFix",
+    "TipSettings",
+    "TipTemplate",
     "ViewResidual",
     "as_grey",
     "board_points_mm",
@@ -35,10 +41,15 @@ __all__ = [
     "find_board_corners",
     "load_intrinsics",
     "load_plane",
+    "load_template",
+    "locate_tip",
     "measure_curvature",
+    "next_region_px",
     "read_picture",
     "require_size",
     "save_intrinsics",
     "save_plane",
+    "save_template",
     "size_of",
+    "template_files",
 ]

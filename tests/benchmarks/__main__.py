@@ -2,7 +2,7 @@
 
 import sys
 
-from tests.benchmarks import chessboard, estimator, hinge, planner, real_insertions, start_up, sweep
+from tests.benchmarks import chessboard, estimator, hinge, planner, real_insertions, start_up, sweep, tip
 
 TABLES = {
     "start-up": start_up.print_table,
@@ -11,6 +11,7 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "tip": tip.print_table,
     "sweep": sweep.print_table,
 }
 

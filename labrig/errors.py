@@ -22,6 +22,7 @@
     │   │   └── DriveSilentError   it does not answer, or its heartbeat has stopped
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
+    │   ├── LockedError            a rig or a run that another labrig uses
     │   └── SafetyStopError        stopped because going on was not known to be safe
     ├── RecordError           (4)  a run on disk that is damaged, or is no run
     └── InterruptedRunError (130)  INT, TERM or HUP
@@ -191,6 +192,10 @@ class CameraError(MachineError):
 
 class DiskError(MachineError):
     """No space left, or a folder that cannot be written."""
+
+
+class LockedError(MachineError):
+    """A rig or a run is in use by another process."""
 
 
 class SafetyStopError(MachineError):

@@ -27,15 +27,15 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     return 1 if any(result.status == "FAIL" for result in results) else 0
 
 
-@app.command("stop", help="Stop every axis of the rig now.")
+@app.command("stop", help="Stop every axis of the rig now, through the labrig that has it or over the bus.")
 def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
-    """Open the bus and stop every node of the rig file."""
+    """Ask the run that has the rig; where nobody answers within a second, stop every node of the rig file."""
     from labrig.devices import load_rig, stop_rig
 
-    done = stop_rig(load_rig(rig_file(rig)))
+    report = stop_rig(load_rig(rig_file(rig)))
     if as_json:
-        print_json({"done": list(done)})
-    for line in done:
+        print_json({"by": report.by, "done": list(report.done)})
+    for line in report.done:
         say(line)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, run
+from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, run, runs
 from labrig.cli.output import print_failure
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
@@ -26,11 +26,12 @@ protocols.register(app)
 plan.register(app)
 record.register(app)
 design.register(app)
+app.add_typer(runs.app, name="runs")
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(measure.app, name="measure")
 app.add_typer(devices.app, name="devices")
 
-GROUPS = (["calibrate"], ["measure"], ["devices"])
+GROUPS = (["runs"], ["calibrate"], ["measure"], ["devices"])
 
 
 def _print_version(wanted: bool) -> None:

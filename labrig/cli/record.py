@@ -1,4 +1,4 @@
-"""`labrig runs`, `reanalyze`, `report`, `view` and `import`: everything that reads a run, or makes one of pictures."""
+"""`labrig reanalyze`, `report`, `view` and `import`: everything that reads a run, or makes one of pictures."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -16,38 +16,12 @@ RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Fold
 
 def register(app: typer.Typer) -> None:
     """Add the commands to `labrig`."""
-    app.command("runs", help="List the runs, newest first.")(runs)
     app.command("report", help="Write the report page of runs again, from their newest result.")(report)
     app.command("reanalyze", help="Measure the pictures of runs again, into a new numbered result.")(
         reanalyze
     )
     app.command("view", help="Make view.rrd from the record and open it in the rerun viewer.")(view)
     app.command("import", help="Turn folders of loose pictures into runs.")(import_)
-
-
-def runs(runs_dir: RunsDirOption = DEFAULT_RUNS_DIR, as_json: AsJson = False) -> None:
-    """List every run of a folder, damaged ones too."""
-    from dataclasses import asdict
-
-    from labrig.record import list_runs
-
-    found = list_runs(runs_dir)
-    if as_json:
-        print_json([{**asdict(summary), "run": str(summary.run)} for summary in found])
-        return
-    if not found:
-        say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
-        return
-    rows = [
-        [
-            summary.run.name,
-            summary.protocol,
-            summary.exit_status,
-            f"{summary.trials_done} of {summary.trials_planned}" if summary.trials_planned else None,
-        ]
-        for summary in found
-    ]
-    print_table(("run", "experiment", "exit status", "trials"), rows)
 
 
 def reanalyze(

@@ -13,6 +13,8 @@ What is decided here
   power on.
 - Whatever goes wrong, every axis is stopped, and standing still is read back. A closed rig has its power
   stages off.
+- One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
+  through a socket that it looks at between two bus transactions.
 - Each setting of the camera is read back, and one that was not taken closes the rig.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
 """
@@ -46,7 +48,7 @@ from labrig.devices.rig_file import (
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
 from labrig.devices.state import RigState
-from labrig.devices.stop import stop_rig
+from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
     "Answer",
@@ -76,6 +78,7 @@ __all__ = [
     "Setpoint",
     "ShiftToHole",
     "SimulatedClock",
+    "StopReport",
     "SystemClock",
     "check_axis_move",
     "check_calibration",

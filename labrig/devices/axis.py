@@ -1,15 +1,17 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
+import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import HERE, Homing
+from labrig.devices.homing import Homing
 from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, check_move
-from labrig.errors import DriveError, SafetyStopError
+from labrig.errors import DriveError, MachineError, SafetyStopError
 
 MAX_RPM = 25_000
 _STOP_MARGIN_S = 0.5
@@ -54,6 +56,12 @@ class AxisReadback:
     target_reached: bool
 
 
+def raise_together(failures: Sequence[MachineError]) -> None:
+    """Raise the first failure with the messages of all, if there are any."""
+    if failures:
+        raise failures[0].reworded("; ".join(failure.message for failure in failures))
+
+
 class Axis:
     """One axis; made by `open_rig`.
 
@@ -84,6 +92,8 @@ class Axis:
         self.limits = description.limits
         self.max_speed = description.max_speed
         self.referenced = False
+        self.believed = False
+        self._offset_quadcounts = 0
         self._description = description
         self._scale = description.scale()
         self._window_quadcounts = self._scale.to_distance_quadcounts(description.position_window)
@@ -108,6 +118,10 @@ class Axis:
         """
         check_move(self.name, self._description, position, speed)
 
+    def nearest_speed(self, speed: float) -> float:
+        """Return the fastest speed of this axis, in integer rpm of its motor, that is no faster than `speed`."""
+        return self._scale.to_speed(max(1, math.floor(speed * self._scale.rpm_per_speed)))
+
     def start_move(self, position: float, speed: float) -> Setpoint:
         """Start a move and return at once; `read` and `Rig.read_states` say when it is done.
 
@@ -123,27 +137,35 @@ class Axis:
         LimitError
             Before anything is sent.
         SafetyStopError
-            When the axis is not referenced, so that no position means anything.
+            When the axis is not referenced, so that no position means anything, and none is believed.
         DriveError, BusError
         """
         self.check_move(position, speed)
-        if not self.referenced:
+        if not (self.referenced or self.believed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 "reference the axes first",
             )
-        target, rpm = self._scale.to_quadcounts(position), self._scale.to_rpm(speed)
+        target, rpm = self._counter(position), self._scale.to_rpm(speed)
         achieved = self._scale.to_speed(rpm)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
         self._go(target, rpm, self._beyond(position))
-        return Setpoint(position, speed, target, rpm, self._scale.to_position(target), achieved)
+        return Setpoint(position, speed, target, rpm, self._position(target), achieved)
 
     def _beyond(self, position: float) -> int | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
-        here = self._scale.to_position(self._drive.position())
+        here = self._position(self._drive.position())
         if not self._description.backlash or position >= here:
             return None
-        return self._scale.to_quadcounts(max(position - self._description.backlash, self.limits[0]))
+        return self._counter(max(position - self._description.backlash, self.limits[0]))
+
+    def _counter(self, position: float) -> int:
+        """Return what the drive's counter reads at a position."""
+        return self._scale.to_quadcounts(position) - self._offset_quadcounts
+
+    def _position(self, counter: int) -> float:
+        """Return the position at which the drive's counter reads this."""
+        return self._scale.to_position(counter + self._offset_quadcounts)
 
     def _go(self, target: int, rpm: int, beyond: int | None) -> None:
         self._inside_since_s = None
@@ -183,11 +205,11 @@ class Axis:
             self._due_s = None
         elif self._due_s is not None and self._clock.now_s() > self._due_s:
             raise DriveError(
-                f"axis {self.name} stands at {self._scale.to_position(quadcounts):.4g} {self.unit} "
+                f"axis {self.name} stands at {self._position(quadcounts):.4g} {self.unit} "
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        position = self._scale.to_position(quadcounts)
+        position = self._position(quadcounts)
         return AxisReadback(position, self._speed(position), statusword, decode_state(statusword), reached)
 
     def _has_arrived(self, statusword: int, quadcounts: int) -> bool:
@@ -214,6 +236,10 @@ class Axis:
         self._drive.raise_if_reported()
 
     # Stopping
+
+    def call_halt(self) -> None:
+        """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
+        self._drive.call_halt()
 
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
@@ -253,8 +279,21 @@ class Axis:
         DriveError, BusError
         """
         identity = self._drive.identify()
-        self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        failures = []
+        try:
+            self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        except DriveError as error:
+            failures.append(error)
+        try:
+            self._require_fingerprint()
+        except DriveError as error:
+            failures.append(error)
+        raise_together(failures)
         return identity
+
+    def _require_fingerprint(self) -> None:
+        if self._description.configuration_fingerprint is not None:
+            self._drive.require_fingerprint(self._description.configuration_fingerprint)
 
     def configure(self) -> None:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
@@ -264,7 +303,8 @@ class Axis:
 
     def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
         text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
-        return self._drive.configure(settings, (zlib.crc32(text.encode()), len(settings)))
+        ours = (zlib.crc32(text.encode()), len(settings))
+        return self._drive.configure(settings, self._description.configuration_fingerprint or ours)
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
@@ -283,19 +323,56 @@ class Axis:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
         return self._drive.is_referenced()
 
-    def reference_here(self) -> None:
-        """Make the position here zero, and give the drive the limits, which mean something from now on.
+    def start_homing(self, homing: Homing) -> None:
+        """Begin to look for home, without a reference and its limits until `finish_homing`.
 
         Raises
         ------
         DriveError, BusError
         """
-        self.referenced = False
+        self.referenced = self.believed = False
+        self._offset_quadcounts = 0
+        self._due_s = self._then = None
         self._free_limits()
-        self._drive.home(Homing(HERE))
+        self._drive.start_homing(homing)
+
+    def has_homed(self) -> bool:
+        """Tell whether home has been found.
+
+        Raises
+        ------
+        DriveError
+            When it cannot be found, or not in time.
+        BusError
+        """
+        return self._drive.has_homed()
+
+    def finish_homing(self, homing: Homing) -> None:
+        """Hold at home, and give the drive the limits, which mean something from now on.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self._drive.finish_homing(homing)
         self.referenced = True
         self._target = None
         self._set_limits()
+
+    def believe_position(self, position: float) -> None:
+        """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
+
+        Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits that the
+        drive may have from another zero are taken off; those of the rig file hold here.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self._free_limits()
+        self._offset_quadcounts = self._scale.to_quadcounts(position) - self._drive.position()
+        self._target = self._then = self._due_s = None
+        self.believed = True
 
     def _settings(self) -> dict[od.Entry, int]:
         scale, description = self._scale, self._description
@@ -321,8 +398,7 @@ class Axis:
 
     def _free_limits(self) -> None:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
-        self._drive.ensure(od.LOWER_LIMIT, od.LOWER_LIMIT.default)
-        self._drive.ensure(od.UPPER_LIMIT, od.UPPER_LIMIT.default)
+        self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
 
     def _set_limits(self) -> None:
         """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""

@@ -1,16 +1,18 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 
-from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import Epos2, Identity
+from labrig.devices.epos2 import POLL_S, Epos2, Identity
+from labrig.devices.homing import HERE, Homing
 from labrig.devices.operator import Answer, Operator, OperatorRequest
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
@@ -38,6 +40,8 @@ class Rig:
         Answers where the plant does not answer by itself.
     interrupted : callable
         Asked between two bus transactions whether a signal has arrived.
+    stop_requests : StopRequests or None
+        Where another labrig asks this one to stop.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class Rig:
         source: PictureSource,
         person: Operator,
         interrupted: Interrupted,
+        stop_requests: StopRequests | None = None,
     ) -> None:
         self.description = description
         self.clock = plant.clock
@@ -57,6 +62,7 @@ class Rig:
         self.state_period_s = 1 / description.recording.state_rate_hz
         self._plant = plant
         self._interrupted = interrupted
+        self._stop_requests = stop_requests
         self._store = StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
@@ -82,6 +88,10 @@ class Rig:
     def axes(self) -> tuple[Axis, ...]:
         """The three axes."""
         return tuple(self._axes.values())
+
+    def axis(self, name: str) -> Axis:
+        """Return an axis by its name: insertion, rotation or linear."""
+        return self._axes[name]
 
     @property
     def state(self) -> RigState:
@@ -126,6 +136,20 @@ class Rig:
         except MachineError as error:
             self._stop_because_of(error)
             raise
+
+    def look(self) -> tuple[Frame, dict[str, AxisReadback]]:
+        """Take a picture, and read where every axis stands.
+
+        Raises
+        ------
+        CameraError
+            Also for the same picture, to the last bit, after the needle or the sheath has moved.
+        DriveError, BusError
+        """
+        frame = self.camera.capture()
+        states = self.read_states()
+        self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
+        return frame, states
 
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, watching for signals and for what drives report.
@@ -184,6 +208,10 @@ class Rig:
         signal_name = self._interrupted()
         if signal_name is not None:
             raise InterruptedRunError(f"interrupted by {signal_name}")
+        if self._stop_requests is not None and self._stop_requests.poll():
+            raise SafetyStopError(
+                "stopped by labrig devices stop", "find out who stopped it and why, then start again"
+            )
         for axis in self.axes:
             axis.check()
 
@@ -197,7 +225,13 @@ class Rig:
         SafetyStopError
             When an axis is not known to stand still; names each and why.
         """
-        failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
+        failures = [
+            *_tried(self.axes, Axis.call_halt),
+            *_tried(self.axes, Axis.halt),
+            *_tried(self.axes, Axis.wait_until_still),
+        ]
+        if self._stop_requests is not None:
+            self._stop_requests.answer(failures)
         if failures:
             self._dead_man.let_go()
             raise SafetyStopError(
@@ -223,15 +257,57 @@ class Rig:
             When a needle is in tissue or may be: its depth and roll would be lost.
         DriveError, BusError
         """
+        self._require_needle_out()
+        for axis in self.axes:
+            self.home(axis.name, Homing(HERE))
+
+    def home(self, axis_name: str, homing: Homing) -> None:
+        """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is in tissue or may be.
+        InterruptedRunError, DriveError, BusError
+            The axis is without a reference then.
+        """
+        self._require_needle_out()
+        axis = self._axes[axis_name]
+        self._note_reference(axis_name, known=False)
+        try:
+            axis.start_homing(homing)
+            while not axis.has_homed():
+                self.clock.sleep(POLL_S)
+                self.look_after()
+            axis.finish_homing(homing)
+        except (InterruptedRunError, MachineError) as error:
+            self._stop_because_of(error)
+            raise
+        self._note_reference(axis_name, known=True)
+
+    def _note_reference(self, axis_name: str, *, known: bool) -> None:
+        others = {name for name in self.state.referenced if name != axis_name}
+        kept = others | {axis_name} if known else others
+        self._store.update(referenced=tuple(name for name in self._axes if name in kept))
+
+    def _require_needle_out(self) -> None:
         if self.state.needle_in_tissue is not False:
             raise SafetyStopError(
                 f"the axes are not referenced: {self.state.doubt}",
                 "withdraw the needle; labrig asks to confirm that it is out when the next run starts",
             )
-        self._store.update(referenced=())
-        for axis in self.axes:
-            axis.reference_here()
-        self._store.update(referenced=tuple(self._axes))
+
+    def believe_positions(self, positions: Mapping[str, float]) -> None:
+        """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
+
+        Only for taking a needle out: the axes stay without a reference, and the next run asks for zero.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        for name, position in positions.items():
+            self._axes[name].believe_position(position)
 
     def mark_needle_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""
@@ -261,8 +337,7 @@ class Rig:
                     failures.append(error)
             if not failures:
                 failures += self._shared_cob_ids()
-            if failures:
-                raise failures[0].reworded("; ".join(failure.message for failure in failures))
+            raise_together(failures)
         self._recall_references()
         for axis in self.axes:
             axis.enable()
@@ -328,7 +403,12 @@ def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
 
 @contextmanager
 def open_rig(
-    description: RigDescription, *, seed: int, person: Operator, interrupted: Interrupted
+    description: RigDescription,
+    *,
+    seed: int,
+    person: Operator,
+    interrupted: Interrupted,
+    doing: str = "labrig",
 ) -> Iterator[Rig]:
     """Open a rig, and stop and release it however the block is left.
 
@@ -342,23 +422,36 @@ def open_rig(
         Answers on a bench; a simulated rig answers by itself.
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
+    doing : str
+        What the rig is used for, as another labrig that wants it is told.
 
     Raises
     ------
     InputError
         When the rig file has unknown entries.
+    LockedError
+        When another labrig has the rig.
     BusError, DriveError, CameraError
         When the rig cannot be opened; nothing has moved.
     """
     require_complete(description)
     with ExitStack() as stack:
+        stop_requests = stack.enter_context(possessed(description, doing))
         plant = make_plant(description, seed)
         stack.callback(plant.close)
         link = plant.open_link()
         stack.callback(link.close)
         source = plant.open_source()
         stack.callback(source.close)
-        rig = Rig(description, plant=plant, link=link, source=source, person=person, interrupted=interrupted)
+        rig = Rig(
+            description,
+            plant=plant,
+            link=link,
+            source=source,
+            person=person,
+            interrupted=interrupted,
+            stop_requests=stop_requests,
+        )
         stack.push(_closing(rig))
         rig.connect()
         yield rig

@@ -1,10 +1,12 @@
 """Stopping a rig from outside, when nothing is known of what it is doing."""
 
 from contextlib import closing
+from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.clocks import SystemClock
+from labrig.devices.control import Reply, ask_to_stop, owner_of
 from labrig.devices.epos2 import Epos2
 from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
 from labrig.errors import MachineError, SafetyStopError
@@ -13,16 +15,29 @@ _STOP_TIME_S = 3.0
 _NMT_STOP_ALL = bytes([0x02, 0x00])
 
 
-def stop_rig(rig: RigDescription) -> tuple[str, ...]:
-    """Open the bus, quick-stop every drive, see that each stands still, and send NMT stop to all.
+@dataclass(frozen=True)
+class StopReport:
+    """How a rig was stopped.
 
-    Nothing of the rig file is needed but bus and node ids, so that an incomplete one will do. Every drive is
-    told to stop before any is waited for.
-
-    Returns
-    -------
-    tuple of str
+    Parameters
+    ----------
+    by : str
+        `run` where the labrig that has the rig stopped it, `bus` where this one did over the bus, `none` where a
+        simulated rig has no drives that could be reached.
+    done : tuple of str
         What was done, a sentence each.
+    """
+
+    by: str
+    done: tuple[str, ...]
+
+
+def stop_rig(rig: RigDescription) -> StopReport:
+    """Let the labrig that has the rig stop it; where it does not answer, stop every drive over the bus.
+
+    Over the bus every drive is quick-stopped, seen to stand still, and NMT stop is sent to all. Nothing of the rig
+    file is needed for it but bus and node ids, so that an incomplete one will do. Every drive is told to stop
+    before any is waited for.
 
     Raises
     ------
@@ -31,17 +46,30 @@ def stop_rig(rig: RigDescription) -> tuple[str, ...]:
     SafetyStopError
         When a drive is not known to stand still; names each and what was done.
     """
+    reply = ask_to_stop(rig)
+    if reply is not None and reply.failures == ():
+        return StopReport("run", (f"asked {reply.owner} to stop", "it has seen every axis stand still"))
+    before = _unstopped(rig, reply)
     if rig.can.interface == ONLY_SIMULATED:
-        return (
-            f"{rig.name} is simulated: its drives live inside the labrig that runs them; interrupt that one",
-        )
+        where = "its drives live inside the labrig that runs them; interrupt that one"
+        return StopReport("none", (*before, f"{rig.name} is simulated: {where}"))
     clock = SystemClock()
     with closing(open_can(rig.can, clock)) as link:
-        return stop_drives(rig, link, clock)
+        return StopReport("bus", (*before, *stop_drives(rig, link, clock)))
+
+
+def _unstopped(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
+    """Say why the labrig that has the rig did not stop it; nothing where nobody has it."""
+    if reply is None:
+        owner = owner_of(rig)
+        return (f"{owner} has the rig and does not listen",) if owner else ("no labrig has the rig",)
+    if reply.failures is None:
+        return (f"{reply.owner or 'the labrig that has the rig'} did not answer",)
+    return (f"{reply.owner} could not stop it: {'; '.join(reply.failures)}",)
 
 
 def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:
-    """Do what `stop_rig` does over an open bus."""
+    """Do what `stop_rig` does over an open bus; return a sentence for each thing that was done."""
     drives = [Epos2(link, axis.node_id, name, clock) for name, axis in rig.axes.items()]
     done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
     failures = []

@@ -5,6 +5,8 @@ moves, asks, takes pictures and appends to the record; it measures nothing, prin
 picture (a later closed loop will, through `steering`). What it is going to do is known before it starts, as a list of
 `PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
 
+A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
+
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
 failed (a device or the computer did), with the axes stopped in every case. A design moves nothing: its record is made
 by `conduct_without_rig`, and nothing is planned for it.
@@ -22,19 +24,37 @@ from labrig.experiments.plan import (
 )
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.steerability import run_steerability
+from labrig.experiments.withdrawal import (
+    SLOWLY,
+    ReverseMove,
+    Stance,
+    WithdrawalSpeeds,
+    recorded_path,
+    reverse_moves,
+    stance_of,
+    withdraw,
+)
 
 __all__ = [
+    "SLOWLY",
     "Estimate",
     "Outcome",
     "PlannedMove",
     "Progress",
+    "ReverseMove",
     "Session",
+    "Stance",
+    "WithdrawalSpeeds",
     "conduct",
     "conduct_without_rig",
     "estimate",
     "find_problems",
     "planned_moves",
+    "recorded_path",
+    "reverse_moves",
     "run_camera_calibration",
     "run_steerability",
+    "stance_of",
     "trials_planned",
+    "withdraw",
 ]

@@ -11,8 +11,10 @@ What is decided here
   when the linear axis is at `sheath_tip_at_origin_linear_mm`. At linear axis 0 it touches the gel's surface.
 - A needle of a known design draws its radius once, uniformly within the design's tolerance, by seed and needle_id; the
   gels' radii, which are those of the paper's needle, are scaled by it over 30 mm. What the hinges do is not simulated.
-- The needle stays in the steering plane: at a roll other than 0 and pi only the curvature's component in the
-  plane acts.
+- A phantom is a block with obstacles cast in, for one insertion; there, and only there unless the description says
+  otherwise, the path is disturbed: the curvature wanders, the tip turns by itself, cavities let it go straight.
+- The path is followed in space: at a roll other than 0 and pi it leans out of the plane. Pictures show its projection
+  along the plane's normal: a millimetre out of the plane would be seen half a percent smaller.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
   made from the one holds for the other), depth of field, motion blur, friction and wind-up of the needle.
@@ -20,6 +22,7 @@ What is decided here
 
 from labrig.simulation.description import (
     DesignDescription,
+    DisturbancesDescription,
     GelDescription,
     LensDescription,
     LightDescription,
@@ -27,10 +30,13 @@ from labrig.simulation.description import (
     SheathDescription,
     WorldDescription,
 )
+from labrig.simulation.gel import Ball
 from labrig.simulation.world import World
 
 __all__ = [
+    "Ball",
     "DesignDescription",
+    "DisturbancesDescription",
     "GelDescription",
     "LensDescription",
     "LightDescription",

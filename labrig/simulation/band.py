@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import Field32, Floats, pixel_plane, plane_to_pixels
-from labrig.simulation.track import NODE_MM
+from labrig.simulation.unevenness import NODE_MM
 
 Indexes = npt.NDArray[np.intp]
 Pixels = tuple[Indexes, Indexes]

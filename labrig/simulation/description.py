@@ -55,6 +55,11 @@ class NeedleDescription(Model):
         3.0,
         description="Arc length over which the hinges close: curvature grows linearly from 0 to 1/r [mm].",
     )
+    backlash_mm: PositiveMm = Field(
+        1.5,
+        description="Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing "
+        "over to the other side [mm].",
+    )
     bevel_deg: Annotated[float, Field(ge=15, le=90)] = Field(
         50.0, description="Angle between the bevel's face and the needle's axis [deg]."
     )
@@ -123,6 +128,40 @@ class LightDescription(Model):
     )
 
 
+class DisturbancesDescription(Model):
+    """What keeps a needle from its arcs. Each path draws its own."""
+
+    in_every_gel: bool = Field(
+        default=False,
+        description="Whether plain blocks of gel are disturbed too. false: phantoms only, because the gels' standard "
+        "deviations, which are the paper's, hold what disturbed its sweep.",
+    )
+    heading_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.3, description="Standard deviation of the heading in the plane after a millimetre [deg / mm^0.5]."
+    )
+    out_of_plane_deg_per_root_mm: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.0, description="The same out of the plane, which the camera does not see [deg / mm^0.5]."
+    )
+    curvature_fraction: Annotated[float, Field(ge=0, le=0.3)] = Field(
+        0.03, description="Standard deviation of the curvature along the path over its mean [-]."
+    )
+    curvature_length_mm: PositiveMm = Field(
+        10.0, description="Length after which the curvature has forgotten its deviation [mm]."
+    )
+    cavities: Annotated[int, Field(ge=0, le=20)] = Field(
+        0, description="Cavities in each path, in which the needle does not steer [-]."
+    )
+    cavity_mm: tuple[float, float] = Field((6.0, 10.0), description="Shortest and longest cavity [mm].")
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield lengths of cavities that are none."""
+        shortest, longest = self.cavity_mm
+        if not 0 < shortest <= longest:
+            yield Conflict(
+                "cavity_mm", f"[{shortest:g}, {longest:g}] mm; must be positive, the shortest first"
+            )
+
+
 def _paper_gels() -> tuple[GelDescription, ...]:
     """Return the radii of the paper's section V-B."""
     rows = ((10, 28.34, 0.247), (13, 27.71, 0.237), (16, 27.36, 0.459), (19, 27.13, 0.473))
@@ -138,6 +177,9 @@ class WorldDescription(Model):
         description="Known gels by rising gelatin; between two of them mean and SD are interpolated.",
     )
     needle: NeedleDescription = Field(default_factory=NeedleDescription, description="The needle.")
+    disturbances: DisturbancesDescription = Field(
+        default_factory=DisturbancesDescription, description="What keeps the needle from its arcs."
+    )
     sheath: SheathDescription = Field(default_factory=SheathDescription, description="The sheath.")
     lens: LensDescription = Field(default_factory=LensDescription, description="The camera's lens and stand.")
     light: LightDescription = Field(default_factory=LightDescription, description="The light.")

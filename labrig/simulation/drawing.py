@@ -12,7 +12,7 @@ import numpy as np
 
 from labrig.simulation.band import HALO_MM, Band, region_around
 from labrig.simulation.description import LightDescription, NeedleDescription, WorldDescription
-from labrig.simulation.gel import Bubble, Hole
+from labrig.simulation.gel import Ball, Bubble, Hole
 from labrig.simulation.lens import Field32, pixel_plane, plane_to_pixels
 
 _SHEATH_SEEN_MM = 60.0  # more of the sheath than any picture shows
@@ -161,3 +161,19 @@ def draw_bubble(picture: Field32, bubble: Bubble, shift_mm: float, world: WorldD
     rim = np.exp(-(((out - 0.86) / 0.16) ** 2)) * (1 - 0.35 * lit)
     spot = np.exp(-(((lit - 0.45) / 0.18) ** 2) - ((out - 0.45) / 0.2) ** 2)
     picture[region.slices] *= 1 - 0.45 * rim + 0.30 * spot + 0.05 * np.exp(-(((out - 1.15) / 0.1) ** 2))
+
+
+def draw_ball(picture: Field32, ball: Ball, world: WorldDescription) -> None:
+    """Draw an obstacle of tinted, translucent gel: darker the longer the light's way through it, with a faint rim."""
+    plane = pixel_plane(world.lens)
+    _, y_mm, z_mm = ball.centre_mm
+    middle = plane_to_pixels(np.array([(y_mm, z_mm)]), world.lens)
+    region = region_around(middle, 1.2 * ball.radius_mm / plane.mm_per_px + 2, world.lens)
+    if region.empty:
+        return
+    dy = plane.y_mm[region.slices] - np.float32(y_mm)
+    dz = plane.z_mm[region.slices] - np.float32(z_mm)
+    out = np.sqrt(dy**2 + dz**2) / np.float32(ball.radius_mm)
+    inside = np.sqrt(np.clip(1 - out**2, 0, 1))
+    rim = np.exp(-(((out - 0.98) * np.float32(ball.radius_mm) / 0.25) ** 2))
+    picture[region.slices] *= 1 - 0.28 * inside - 0.06 * rim

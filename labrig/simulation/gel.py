@@ -15,10 +15,11 @@ from labrig.simulation.description import GELS_DESIGN_RADIUS_MM, GelDescription,
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.track import Track
+from labrig.simulation.unevenness import Unevenness, even, uneven
 
 LAST_POSITION_MM = 240.0  # holes lie between 0 and here
 _LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # what comes into view from any hole
-_Z_MM = (-20.0, 80.0)
+_Z_MM = (-20.0, 130.0)
 _CLOUD_GRID_MM = 0.5
 
 
@@ -59,9 +60,9 @@ class Hole:
     """One place where the sheath enters, what was drawn for it, and what has been cut there so far.
 
     number, position_mm : as the operator counts; radius_mm : of the needle's path; play_mm, heading_rad : of
-    the sheath; patchiness (N,) : how dark the cut looks at each mm; track : the needle's path, from the time
-    the needle first left the sheath, with the linear axis at track_linear_mm; sheath_reach_mm : the linear
-    axis' farthest position.
+    the sheath; patchiness (N,) : how dark the cut looks at each mm; unevenness : what disturbs the path;
+    track : the needle's path, from the time the needle first left the sheath, with the linear axis at
+    track_linear_mm; sheath_reach_mm : the linear axis' farthest position.
     """
 
     number: int | None
@@ -70,6 +71,7 @@ class Hole:
     play_mm: float
     heading_rad: float
     patchiness: Field32
+    unevenness: Unevenness = field(default_factory=even)
     track: Track | None = None
     track_linear_mm: float = 0.0
     sheath_reach_mm: float = 0.0
@@ -96,14 +98,27 @@ class Bubble:
     radius_mm: float
 
 
+@dataclass(frozen=True)
+class Ball:
+    """An obstacle cast into a gel: centre (x, y, z) in the steering plane's frame, and radius [mm]."""
+
+    centre_mm: tuple[float, float, float]
+    radius_mm: float
+
+
 @dataclass
 class Specimen:
-    """A block of gel with everything that is fixed to it; holes by the operator's number and position."""
+    """A block of gel with everything that is fixed to it; holes by the operator's number and position.
+
+    A phantom is a block with obstacles cast in, none or some, for one insertion.
+    """
 
     name: str
     gelatin_percent: float
     bubbles: tuple[Bubble, ...]
     clouds: Field32
+    obstacles: tuple[Ball, ...] = ()
+    is_phantom: bool = False
     holes: dict[tuple[int | None, float], Hole] = field(default_factory=dict)
 
     def clouds_at(self, lateral_mm: Field32, z_mm: Field32) -> Field32:
@@ -133,16 +148,16 @@ def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent
 
 def make_hole(
     world: WorldDescription,
-    random: np.random.Generator,
-    gelatin_percent: float,
+    seed: int,
+    specimen: Specimen,
     place: tuple[int | None, float],
-    scale: float = 1.0,
+    needle_id: str | None,
 ) -> Hole:
-    """Return an unused hole at a place (number, position) with its radius and the sheath's play drawn.
-
-    `scale` is the needle's, from `needle_scale`.
-    """
-    mean, sd = radius_law_mm(world.gels, gelatin_percent)
+    """Return an unused hole at a place (number, position) with all that is drawn for it and the needle."""
+    purpose = (specimen.name, place[0], needle_id)
+    random = stream(seed, "hole", *purpose)
+    scale = needle_scale(world, seed, needle_id)
+    mean, sd = radius_law_mm(world.gels, specimen.gelatin_percent)
     radius, play, angle = random.standard_normal(3).tolist()
     return Hole(
         *place,
@@ -150,7 +165,13 @@ def make_hole(
         play_mm=world.sheath.lateral_play_sd_mm * play,
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
         patchiness=_patchiness(random),
+        unevenness=_unevenness(world, specimen, stream(seed, "path", *purpose)),
     )
+
+
+def _unevenness(world: WorldDescription, specimen: Specimen, random: np.random.Generator) -> Unevenness:
+    disturbed = specimen.is_phantom or world.disturbances.in_every_gel
+    return uneven(world.disturbances, random) if disturbed else even()
 
 
 def _patchiness(random: np.random.Generator) -> Field32:

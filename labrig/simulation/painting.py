@@ -7,11 +7,19 @@ import numpy as np
 
 from labrig.simulation.band import Region, band_along
 from labrig.simulation.description import WorldDescription
-from labrig.simulation.drawing import Reach, draw_bubble, draw_cut, draw_needle, draw_shadow, draw_sheath
+from labrig.simulation.drawing import (
+    Reach,
+    draw_ball,
+    draw_bubble,
+    draw_cut,
+    draw_needle,
+    draw_shadow,
+    draw_sheath,
+)
 from labrig.simulation.gel import Hole, Specimen
 from labrig.simulation.lens import Field32, Floats, pixel_plane
 from labrig.simulation.sensor import BLUR_REACH_PX, blurred
-from labrig.simulation.track import NODE_MM
+from labrig.simulation.unevenness import NODE_MM
 
 _CUT_WIDTH_MM = 0.4  # of the slit that a withdrawn needle leaves
 _AIR = 1.06  # the light table is a little brighter where no gel lies on it
@@ -29,6 +37,8 @@ def gel_scene(world: WorldDescription, specimen: Specimen, present: Hole, white:
     """Return the gel at the present hole with all that is fixed to it but that hole's own cuts, sharp."""
     shift_mm = present.position_mm
     sharp = _clear_gel(world, specimen, shift_mm, white)
+    for ball in specimen.obstacles:
+        draw_ball(sharp, ball, world)
     for bubble in specimen.bubbles:
         draw_bubble(sharp, bubble, shift_mm, world)
     for hole in specimen.holes.values():

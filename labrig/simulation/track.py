@@ -1,10 +1,10 @@
-"""The path that the needle cuts into the gel, in the steering plane.
+"""The path that the needle cuts into the gel.
 
 Headings are zero along +z and positive towards +y. A bevel at roll 0 bends the path towards -y, at roll pi
-towards +y (equation 5 of the paper). Only the component in the plane is followed: the curvature sought at
-roll delta is -cos(delta) / r, and what leaves the plane at other rolls is not drawn. The hinges need arc
-length to close: curvature changes by at most 1 / (r * hinge_closing_mm) per mm, so it grows linearly over the
-first millimetres, and a turned bevel takes twice that length.
+towards +y (equation 5 of the paper): the curvature sought at roll delta is -cos(delta) / r in the plane and
+sin(delta) / r out of it, towards +x. The path leans out of the plane by small angles only, and is followed there to
+first order. The hinges need arc length to close: over the first `hinge_closing_mm` curvature grows linearly. From
+then on only their play is in the way: after half a turn of the bevel the curvature swings over in `backlash_mm`.
 """
 
 import math
@@ -13,33 +13,62 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labrig.simulation.lens import Floats
+from labrig.simulation.unevenness import NODE_MM, Unevenness, even
 
-NODE_MM = (
-    0.05  # nodes stand on a fixed grid of arc length, so a path does not depend on how often it was extended
-)
+Wander = tuple[float, float]
+_STEADY: Wander = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Bending:
+    """How the needle bends: radius once its hinges are closed (infinite: straight), and over which lengths.
+
+    hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
+    other side after half a turn.
+    """
+
+    radius_mm: float
+    hinge_closing_mm: float
+    backlash_mm: float
 
 
 @dataclass(frozen=True)
 class Node:
-    """A point of the path: arc length, position, heading, and curvature (d heading / d arc)."""
+    """A point of the path: arc length, position, heading, and curvature (d heading / d arc).
+
+    x_mm, lean_rad, bend_1_mm : the same out of the plane: place, angle towards +x, and its change with the arc.
+    """
 
     arc_mm: float
     y_mm: float
     z_mm: float
     heading_rad: float
     curvature_1_mm: float
+    x_mm: float = 0.0
+    lean_rad: float = 0.0
+    bend_1_mm: float = 0.0
 
-    def beyond(self, length_mm: float, curvature_1_mm: float) -> "Node":
-        """Return the node `length_mm` further on, if curvature reaches `curvature_1_mm` there linearly."""
-        turn = 0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm
+    def beyond(
+        self, length_mm: float, curvature_1_mm: float, bend_1_mm: float = 0.0, wander: Wander = _STEADY
+    ) -> "Node":
+        """Return the node `length_mm` further on, if curvature and bend reach these values there linearly.
+
+        `wander` is by how much the tip turns besides, in the plane and out of it.
+        """
+        turn = 0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm + wander[0]
+        lean = 0.5 * (self.bend_1_mm + bend_1_mm) * length_mm + wander[1]
         middle = self.heading_rad + 0.5 * turn
         chord = length_mm * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
+        in_plane = chord * math.cos(self.lean_rad + 0.5 * lean)
         return Node(
             self.arc_mm + length_mm,
-            self.y_mm + chord * math.sin(middle),
-            self.z_mm + chord * math.cos(middle),
+            self.y_mm + in_plane * math.sin(middle),
+            self.z_mm + in_plane * math.cos(middle),
             self.heading_rad + turn,
             curvature_1_mm,
+            self.x_mm + chord * math.sin(self.lean_rad + 0.5 * lean),
+            self.lean_rad + lean,
+            bend_1_mm,
         )
 
 
@@ -52,17 +81,24 @@ class Track:
         Where the needle left the sheath, (y, z).
     heading_rad : float
         Direction of the sheath.
-    radius_mm : float
-        Radius of curvature once the hinges are closed; infinite for a straight path.
-    hinge_closing_mm : float
-        Arc length over which the hinges close.
+    bending : Bending
+        How the needle bends.
+    unevenness : Unevenness
+        What disturbs it; nothing by default.
     """
 
     def __init__(
-        self, start_mm: tuple[float, float], heading_rad: float, radius_mm: float, hinge_closing_mm: float
+        self,
+        start_mm: tuple[float, float],
+        heading_rad: float,
+        bending: Bending,
+        unevenness: Unevenness | None = None,
     ) -> None:
-        self._curvature_1_mm = 1.0 / radius_mm
-        self._closing_rate_1_mm2 = self._curvature_1_mm / hinge_closing_mm
+        self._curvature_1_mm = 1.0 / bending.radius_mm
+        self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
+        self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
+        self._hinge_closing_mm = bending.hinge_closing_mm
+        self._unevenness = even() if unevenness is None else unevenness
         self._nodes = [Node(0.0, *start_mm, heading_rad, 0.0)]
         self._end = self._nodes[0]
 
@@ -81,9 +117,24 @@ class Track:
         self._end = self._step(self._nodes[-1], arc_mm - self._nodes[-1].arc_mm, roll_rad)
 
     def _step(self, node: Node, length_mm: float, roll_rad: float) -> Node:
-        limit = self._closing_rate_1_mm2 * length_mm
-        change = -math.cos(roll_rad) * self._curvature_1_mm - node.curvature_1_mm
-        return node.beyond(length_mm, node.curvature_1_mm + max(-limit, min(limit, change)))
+        closing = node.arc_mm < self._hinge_closing_mm
+        limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
+        stretch = len(self._nodes) - 1
+        sought = self._curvature_1_mm * float(self._unevenness.curvature_share[stretch])
+        return node.beyond(
+            length_mm,
+            _towards(node.curvature_1_mm, -math.cos(roll_rad) * sought, limit),
+            _towards(node.bend_1_mm, math.sin(roll_rad) * sought, limit),
+            self._wander(stretch, length_mm),
+        )
+
+    def _wander(self, stretch: int, length_mm: float) -> Wander:
+        """Return how the tip turns by itself in the first `length_mm` of a stretch."""
+        part = length_mm / NODE_MM
+        return (
+            part * float(self._unevenness.turn_rad[stretch]),
+            part * float(self._unevenness.lean_rad[stretch]),
+        )
 
     def at(self, arc_mm: float) -> Node:
         """Return the path at an arc length; before its start it is straight, past its end it stops."""
@@ -100,6 +151,8 @@ class Track:
         return before.beyond(
             arc_mm - before.arc_mm,
             before.curvature_1_mm + part * (after.curvature_1_mm - before.curvature_1_mm),
+            before.bend_1_mm + part * (after.bend_1_mm - before.bend_1_mm),
+            self._wander(index, arc_mm - before.arc_mm),
         )
 
     def table(self, from_arc_mm: float = 0.0) -> Floats:
@@ -113,3 +166,13 @@ class Track:
             (n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm) for n in [*before, *self._nodes, *end]
         ]
         return np.array(rows)
+
+    def points_mm(self, every_mm: float = NODE_MM) -> Floats:
+        """Return the path in space from where the needle left the sheath to the end, (N, 3) as (x, y, z)."""
+        taken = self._nodes[:: max(1, round(every_mm / NODE_MM))]
+        return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in [*taken, self._end]])
+
+
+def _towards(value: float, sought: float, limit: float) -> float:
+    """Return the value moved towards what is sought, by at most the limit."""
+    return value + max(-limit, min(limit, sought - value))

@@ -1,7 +1,8 @@
 """The world: what stands on the bench, what the axes have done to it, and what the camera sees of it."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,18 +13,19 @@ from labrig.simulation.description import WorldDescription
 from labrig.simulation.drawing import Reach
 from labrig.simulation.gel import (
     LAST_POSITION_MM,
+    Ball,
     Hole,
     Specimen,
     cast_specimen,
     make_hole,
-    needle_scale,
     no_gel,
 )
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blurred
-from labrig.simulation.track import Node, Track
+from labrig.simulation.track import Bending, Node, Track
 
+_TOLD_EVERY_MM = 0.5
 _STUCK_MM = 0.5  # an instrument deeper than that would tear the gel when a hand moves it
 
 
@@ -61,6 +63,7 @@ class World:
         self._seed = seed
         self._axes = _Axes()
         self._needle_id: str | None = None
+        self._target_mm: tuple[float, float, float] | None = None
         self._specimens: dict[tuple[str, float], Specimen] = {}
         self._specimen: Specimen | None = None
         self._hole = no_gel()
@@ -97,9 +100,28 @@ class World:
         key = (name, gelatin_percent)
         if key not in self._specimens:
             self._specimens[key] = cast_specimen(self.description, self._seed, name, gelatin_percent)
-        self._still = None
-        self._specimen = self._specimens[key]
-        self._enter_hole(self._specimen, None, 0.0)
+        self._put_before_sheath(self._specimens[key])
+
+    def place_phantom(self, name: str, gelatin_percent: float, obstacles: Sequence[Ball]) -> None:
+        """Put a fresh block with obstacles cast in before the sheath, for one insertion.
+
+        Raises
+        ------
+        InputError
+            For a gelatin that the world does not describe.
+        """
+        self._refuse_if_stuck(f"{name} is placed")
+        plain = cast_specimen(self.description, self._seed, name, gelatin_percent)
+        self._put_before_sheath(replace(plain, obstacles=tuple(obstacles), is_phantom=True))
+
+    def aim_at(self, target_mm: tuple[float, float, float]) -> None:
+        """Take note of where the insertion into the present phantom is meant to end, (x, y, z)."""
+        self._target_mm = target_mm
+
+    def _put_before_sheath(self, specimen: Specimen) -> None:
+        self._still = self._scene = self._backdrop = self._target_mm = None
+        self._specimen = specimen
+        self._enter_hole(specimen, None, 0.0)
 
     def shift_to_hole(self, specimen: str, hole: int, position_mm: float) -> None:
         """Shift the gel by hand until `position_mm` of it has gone past the sheath, towards +y.
@@ -158,8 +180,9 @@ class World:
 
     def _cut(self, hole: Hole) -> None:
         if hole.track is None:
-            closing_mm = self.description.needle.hinge_closing_mm
-            hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, hole.radius_mm, closing_mm)
+            needle = self.description.needle
+            bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm)
+            hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, bending, hole.unevenness)
             hole.track_linear_mm = self._axes.linear_mm
         hole.track.extend(self._needle_reach().to_mm, self._axes.rotation_rad)
 
@@ -184,7 +207,8 @@ class World:
 
         Its keys: specimen, gelatin_percent, needle_id, hole, radius_mm (drawn), each None where there is
         none; hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z] and arc_length_mm
-        at the deepest so far, so that they can be asked for before or after the needle is withdrawn.
+        at the deepest so far, so that they can be asked for before or after the needle is withdrawn. In a phantom
+        also what `_aimed_truth` adds.
         """
         hole, track = self._hole, self._hole.track
         start = self._sheath_tip_mm() if track is None else _place(track.at(0.0))
@@ -198,6 +222,31 @@ class World:
             "sheath_tip_mm": list(start),
             "tip_mm": list(start if track is None else _place(track.at(track.length_mm))),
             "arc_length_mm": 0.0 if track is None else track.length_mm,
+            **self._aimed_truth(),
+        }
+
+    def _aimed_truth(self) -> dict[str, object]:
+        """Return what is true of an insertion into a phantom, in space; nothing for another gel.
+
+        tip_x_mm; target_mm [x, y, z], true_target_error_mm and true_min_clearance_mm, from the needle's surface to an
+        obstacle's, each None where there is none; path_mm [[x, y, z], ...], a point every half millimetre.
+        """
+        if self._specimen is None or not self._specimen.is_phantom:
+            return {}
+        track, balls, target = self._hole.track, self._specimen.obstacles, self._target_mm
+        path = np.array([(0.0, *self._sheath_tip_mm())]) if track is None else track.points_mm()
+        radius_mm = 0.5 * self.description.needle.diameter_mm
+        clearances = [
+            float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
+            for ball in balls
+        ]
+        coarse = path if track is None else track.points_mm(_TOLD_EVERY_MM)
+        return {
+            "tip_x_mm": float(path[-1, 0]),
+            "target_mm": None if target is None else list(target),
+            "true_target_error_mm": None if target is None else float(np.linalg.norm(path[-1] - target)),
+            "true_min_clearance_mm": min(clearances, default=None),
+            "path_mm": coarse.round(4).tolist(),
         }
 
     def centre_line_mm(self, points: int = 400) -> Floats:
@@ -213,11 +262,7 @@ class World:
     def _enter_hole(self, specimen: Specimen, number: int | None, position_mm: float) -> None:
         place = (number, position_mm)
         if place not in specimen.holes:
-            random = stream(self._seed, "hole", specimen.name, number, self._needle_id)
-            scale = needle_scale(self.description, self._seed, self._needle_id)
-            specimen.holes[place] = make_hole(
-                self.description, random, specimen.gelatin_percent, place, scale
-            )
+            specimen.holes[place] = make_hole(self.description, self._seed, specimen, place, self._needle_id)
         self._hole = specimen.holes[place]
 
     def _refuse_if_stuck(self, deed: str) -> None:

@@ -3,6 +3,16 @@
 from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.planner import Plan, PlannedArc, plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
+from labrig.steering.step import (
+    SteeringCommand,
+    SteeringPolicy,
+    SteeringSettings,
+    SteeringState,
+    StopReason,
+    TipSighting,
+    start_steering,
+    step_steering,
+)
 from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState
 
 __all__ = [
@@ -14,11 +24,19 @@ __all__ = [
     "PlanProblem",
     "PlanWeights",
     "PlannedArc",
+    "SteeringCommand",
+    "SteeringPolicy",
+    "SteeringSettings",
+    "SteeringState",
+    "StopReason",
     "TipObservation",
+    "TipSighting",
     "TipState",
     "estimate_tip_poses",
     "plan_path",
     "sample_path",
+    "start_steering",
     "start_tip",
+    "step_steering",
     "step_tip",
 ]

@@ -66,14 +66,16 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
     """Propagate the pose by (16) and (17), and write down how its errors go along with it."""
     step_mm = observation.step_mm
     roll = rotation_z(observation.roll_rad)
-    bend = rotation_x(step_mm * state.curvature)
-    advance = step_position_mm(step_mm, state.curvature)
+    curvature = state.curvature if observation.bends else 0.0
+    bend = rotation_x(step_mm * curvature)
+    advance = step_position_mm(step_mm, curvature)
     back = (roll @ bend).T
     transition = np.eye(ERRORS)
     transition[POSITION, POSITION] = transition[ORIENTATION, ORIENTATION] = back
     transition[POSITION, ORIENTATION] = -bend.T @ cross_matrix(advance) @ roll.T
-    transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, state.curvature)
-    transition[ORIENTATION.start, CURVATURE] = step_mm
+    if observation.bends:
+        transition[POSITION, CURVATURE] = bend.T @ step_position_slope(step_mm, curvature)
+        transition[ORIENTATION.start, CURVATURE] = step_mm
     process = np.zeros((ERRORS, ERRORS))
     turning = (3,) if settings.planar else (3, 4, 5)
     process[turning, turning] = settings.process_sd_rad_per_root_mm**2 * step_mm

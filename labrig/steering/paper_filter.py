@@ -39,12 +39,13 @@ def step_paper_filter(state: TipState, observation: TipObservation, settings: Es
     p_euler = to_angles @ state.covariance[ORIENTATION, ORIENTATION] @ to_angles.T
     turning = np.diag((1.0, 0.0, 0.0) if settings.planar else (1.0, 1.0, 1.0))
     p_euler = p_euler + settings.process_sd_rad_per_root_mm**2 * observation.step_mm * turning  # (21)
-    advance = step_position_mm(observation.step_mm, state.curvature)
+    curvature = state.curvature if observation.bends else 0.0
+    advance = step_position_mm(observation.step_mm, curvature)
     position, nis = state.position_mm + rotation_of(angles) @ advance, None  # (16)
     if observation.position_mm is not None:
         angles, p_euler, nis = _update(angles, p_euler, advance, observation.position_mm - position, settings)
         position = observation.position_mm
-    rotation = rotation_of(angles) @ rotation_x(observation.step_mm * state.curvature)  # (17)
+    rotation = rotation_of(angles) @ rotation_x(observation.step_mm * curvature)  # (17)
     rates = body_rates(euler_angles(rotation))
     covariance = _covariance(rates @ p_euler @ rates.T, settings)
     pose = np.eye(4)

@@ -89,7 +89,7 @@ def plan_path(problem: PlanProblem, method: PlanMethod = "best") -> Plan:
     if psi is None:
         failed = "resolved motion rate found no path" if method == "paper" else refusal_after_search(around)
         return Plan(found=False, reason=failed)
-    return _plan_of(psi, around)
+    return plan_of(psi, around)
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
@@ -114,7 +114,8 @@ def _goes_nearer(psi: FloatArray | None, around: Surroundings) -> bool:
     return bool(np.linalg.norm(tip - around.target_mm) < np.linalg.norm(around.target_mm) / 2)
 
 
-def _plan_of(psi: FloatArray, around: Surroundings) -> Plan:
+def plan_of(psi: FloatArray, around: Surroundings) -> Plan:
+    """Return a path (n, 2) as a plan, with what there is to know about it."""
     problem = around.problem
     start = np.asarray(problem.start, dtype=float)
     arcs = tuple(

@@ -113,6 +113,8 @@ class TipObservation:
         Inserted since the observation before.
     roll_rad : float
         Turned before that, about the needle's axis.
+    bends : bool
+        Whether the tip bent over the step; False where its hinges had not closed yet, and it went straight.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class TipObservation:
     position_mm: FloatArray | None
     step_mm: float
     roll_rad: float = 0.0
+    bends: bool = True
 
     def __post_init__(self) -> None:
         _require("step_mm", self.step_mm, self.step_mm >= 0.0, "0 or more")

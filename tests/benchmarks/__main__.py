@@ -2,16 +2,29 @@
 
 import sys
 
-from tests.benchmarks import chessboard, estimator, hinge, planner, real_insertions, start_up, sweep, tip
+from tests.benchmarks import (
+    catalogue,
+    estimator,
+    faults,
+    hinge,
+    intrinsics,
+    planner,
+    real_insertions,
+    start_up,
+    sweep,
+    tip,
+)
 
 TABLES = {
     "start-up": start_up.print_table,
-    "chessboard": chessboard.print_table,
+    "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
     "tip": tip.print_table,
+    "faults": faults.print_table,
+    "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,
 }
 

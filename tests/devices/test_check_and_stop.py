@@ -158,7 +158,7 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
 
 def test_stopping_a_simulated_rig_says_where_its_drives_are() -> None:
     """There is no bus to open; the drives end with the labrig that runs them."""
-    assert "interrupt that one" in stop_rig(simulated_rig())[0]
+    assert "interrupt that one" in stop_rig(simulated_rig()).done[-1]
 
 
 def test_stopping_a_bench_without_a_bus_is_an_error() -> None:

@@ -45,7 +45,7 @@ def test_the_calibration_protocol_names_its_board():
     assert isinstance(protocol, CameraCalibrationProtocol)
     assert (protocol.board.columns, protocol.board.rows, protocol.board.square_mm) == (9, 6, 4)
     assert protocol.views == 16
-    assert protocol.plane.origin_px == (320, 200)
+    assert protocol.plane.origin_px == (150, 310)
 
 
 @pytest.mark.parametrize("name", ["steerability.yaml", "calibration.yaml"])

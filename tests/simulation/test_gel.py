@@ -5,8 +5,7 @@ import pytest
 
 from labrig.errors import InputError
 from labrig.simulation import DesignDescription, GelDescription, NeedleDescription, World, WorldDescription
-from labrig.simulation.gel import make_hole, needle_scale, radius_law_mm
-from labrig.simulation.seeds import stream
+from labrig.simulation.gel import Specimen, make_hole, needle_scale, radius_law_mm
 from tests.simulation.benches import QUIET, bench
 
 PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0: (27.13, 0.473)}
@@ -16,8 +15,8 @@ PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0:
 def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float) -> None:
     """Over 2000 seeds mean and SD agree with section V-B within four standard errors."""
     mean, sd = PAPER[gelatin_percent]
-    streams = (stream(seed, "hole", "A", 3, "N1") for seed in range(2000))
-    drawn = np.array([make_hole(QUIET, each, gelatin_percent, (3, 65.0)).radius_mm for each in streams])
+    block = Specimen("A", gelatin_percent, (), np.zeros((1, 1), np.float32))
+    drawn = np.array([make_hole(QUIET, seed, block, (3, 65.0), "N1").radius_mm for seed in range(2000)])
     assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(2000)
     assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 2000)
 

@@ -8,15 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labrig.simulation.track import NODE_MM, Track
+from labrig.simulation.track import Bending, Track
+from labrig.simulation.unevenness import NODE_MM
 
 RADIUS_MM = 28.0
 CLOSING_MM = 3.0
+BACKLASH_MM = 1.5
 
 
 def cut(*pieces: tuple[float, float], radius_mm: float = RADIUS_MM, heading_rad: float = 0.0) -> Track:
     """Return a track cut to each arc length at each roll in turn."""
-    track = Track((0.0, 0.0), heading_rad, radius_mm, CLOSING_MM)
+    track = Track((0.0, 0.0), heading_rad, Bending(radius_mm, CLOSING_MM, BACKLASH_MM))
     for arc_mm, roll_rad in pieces:
         track.extend(arc_mm, roll_rad)
     return track
@@ -76,12 +78,12 @@ def test_the_path_does_not_depend_on_how_often_it_was_extended(stops: list[float
     np.testing.assert_array_equal(track.table(), cut((40.0, 0.0)).table())
 
 
-def test_a_turned_bevel_takes_twice_the_closing_length() -> None:
-    """After a flip at 20 mm curvature crosses zero at 23 mm and is opposite from 26 mm on."""
+def test_a_turned_bevel_takes_the_backlash_once_the_hinges_are_closed() -> None:
+    """After a flip at 20 mm curvature crosses zero at 20.75 mm and is opposite from 21.5 mm on."""
     track = cut((20.0, 0.0), (40.0, math.pi))
     assert track.at(20.0).curvature_1_mm == pytest.approx(-1 / RADIUS_MM)
-    assert track.at(23.0).curvature_1_mm == pytest.approx(0.0, abs=0.03 / RADIUS_MM)
-    assert track.at(26.1).curvature_1_mm == pytest.approx(1 / RADIUS_MM)
+    assert track.at(20.75).curvature_1_mm == pytest.approx(0.0, abs=0.1 / RADIUS_MM)
+    assert track.at(21.55).curvature_1_mm == pytest.approx(1 / RADIUS_MM)
 
 
 def test_a_bevel_out_of_the_plane_bends_by_its_component() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import can
 
-from labrig.devices.posix import PseudoTerminal, open_pseudo_terminal
+from labrig.posix import PseudoTerminal, open_pseudo_terminal
 
 _OK, _REFUSED = b"\r", b"\a"
 _LONGEST_LINE = 64

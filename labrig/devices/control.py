@@ -1,0 +1,200 @@
+"""Who has the rig: one labrig at a time, and how another one asks it to stop.
+
+The labrig that opens a rig holds a lock beside the rig's state file, and one for each node of its bus in a folder of
+this user, so that two rig files with the same drives exclude each other too. It listens on a Unix socket beside the
+state file and looks there between two bus transactions: no thread, so that a labrig that hangs answers nobody.
+A simulated rig without a state file is new in every run; there is nothing to share.
+"""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
+from labrig.errors import DiskError, LockedError
+from labrig.posix import Conversation, Listener, call
+from labrig.record import FileLock, lock_owner
+
+_SOCKET, _STOP = ".socket", "stop"
+_MOST_SILENT = 8
+"""Callers that have connected and not yet said anything; of more, the oldest are forgotten."""
+
+_TAKEN_WITHIN_S = 1.0
+_DONE_WITHIN_S = 10.0
+"""An axis is given max_speed / acceleration + 0.5 s twice; this is longer than for any sensible rig."""
+
+
+class StopRequests:
+    """The end of the labrig that has the rig: learns that it is to stop, and says when every axis stands still.
+
+    Parameters
+    ----------
+    path : Path
+        Where to listen; the rig's lock is held.
+    doing : str
+        What the rig is used for, for whoever asks.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be listened.
+    """
+
+    def __init__(self, path: Path, doing: str) -> None:
+        self._listener = Listener(path)
+        self._doing = doing
+        self._silent: list[Conversation] = []
+        self._callers: list[Conversation] = []
+        self._arrived = False
+
+    def poll(self) -> bool:
+        """Look for a request, without waiting; return whether one has arrived, now or before."""
+        while (caller := self._listener.accept()) is not None:
+            self._silent = [*self._silent[-_MOST_SILENT:], caller]
+        for caller in tuple(self._silent):
+            if caller.hear(0.0) == _STOP:
+                caller.say(json.dumps({"taken_by": self._doing, "pid": os.getpid()}))
+                self._silent.remove(caller)
+                self._callers.append(caller)
+                self._arrived = True
+        return self._arrived
+
+    def answer(self, failures: Sequence[str]) -> None:
+        """Tell whoever has asked that every axis stands still, or of which that is not known."""
+        for caller in self._callers:
+            caller.say(json.dumps({"failures": list(failures)}))
+            caller.close()
+        self._callers.clear()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self.answer(["labrig ended before every axis was seen to stand still"])
+        for caller in self._silent:
+            caller.close()
+        self._listener.close()
+
+
+@contextmanager
+def possessed(rig: RigDescription, doing: str) -> Iterator[StopRequests | None]:
+    """Have a rig alone, for as long as the block lasts; None where nobody else could reach it.
+
+    Raises
+    ------
+    LockedError
+        When another labrig has it, or another one its drives; names what it does, its process and computer.
+    DiskError
+        When lock or socket cannot be made.
+    """
+    with ExitStack() as stack:
+        for path in lock_paths(rig):
+            stack.enter_context(_locked(rig, path, doing))
+        if rig.state_path is None:
+            yield None
+            return
+        requests = StopRequests(_beside(rig.state_path, _SOCKET), doing)
+        stack.callback(requests.close)
+        yield requests
+
+
+def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
+    """Return the lock of the rig's state and those of the nodes on its bus; none for a rig new in every run."""
+    own = () if rig.state_path is None else (_beside(rig.state_path, ".lock"),)
+    if rig.can.interface == ONLY_SIMULATED:
+        return own
+    said = (rig.can.interface, rig.can.channel, *map(str, sorted(rig.can.options.items())))
+    bus = "-".join("".join(filter(str.isalnum, word)) for word in said if word)
+    nodes = (axis.node_id for _, axis in rig.axes.items())
+    return (*own, *(_folder_of_locks() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
+
+
+def owner_of(rig: RigDescription) -> str:
+    """Return who has a rig or one of its drives now; empty where nobody has."""
+    owners = (lock_owner(path) for path in lock_paths(rig))
+    return next((str(owner) for owner in owners if owner is not None), "")
+
+
+@contextmanager
+def _locked(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
+    lock = FileLock(path)
+    try:
+        lock.acquire(doing)
+    except LockedError as error:
+        raise LockedError(
+            f"rig {rig.name} is in use by {lock_owner(path) or 'another labrig'}",
+            "wait until it has ended, or: labrig devices stop --rig FILE",
+        ) from error
+    with lock:
+        yield
+
+
+def _folder_of_locks() -> Path:
+    """Return a folder that only this user can write, made when absent."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    folder = (
+        Path(runtime) / "labrig"
+        if runtime and Path(runtime).is_dir()
+        else Path(tempfile.gettempdir()) / f"labrig-{_user()}"
+    )
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise DiskError(f"cannot make {folder}: {error.strerror}", "check its permissions") from error
+    return folder
+
+
+def _user() -> str:
+    return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+
+
+def _beside(path: Path, ending: str) -> Path:
+    return path.with_name(path.name + ending)
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What the labrig that has a rig said when it was asked to stop.
+
+    Parameters
+    ----------
+    owner : str
+        What it does and its process.
+    failures : tuple of str or None
+        Axes not known to stand still, and why; None where it has not said in time.
+    """
+
+    owner: str
+    failures: tuple[str, ...] | None
+
+
+def ask_to_stop(rig: RigDescription) -> Reply | None:
+    """Ask the labrig that has a rig to stop every axis, and wait for what it reads back.
+
+    Returns
+    -------
+    Reply or None
+        None where nobody listens. One that hangs is given a second, one that stops ten.
+    """
+    caller = None if rig.state_path is None else call(_beside(rig.state_path, _SOCKET))
+    if caller is None:
+        return None
+    try:
+        caller.say(_STOP)
+        taken = _document(caller.hear(_TAKEN_WITHIN_S))
+        done = _document(caller.hear(_DONE_WITHIN_S) if taken else None)
+    finally:
+        caller.close()
+    owner = f"{taken['taken_by']} (process {taken['pid']})" if taken else owner_of(rig)
+    return Reply(owner, tuple(map(str, done["failures"])) if done else None)
+
+
+def _document(line: str | None) -> dict[str, Any]:
+    try:
+        document = json.loads(line or "{}")
+    except ValueError:
+        return {}
+    return document if isinstance(document, dict) else {}

@@ -1,0 +1,76 @@
+"""What keeps a path from being what the hinges alone would cut: uneven gel, a wandering tip, cavities.
+
+Everything is drawn once for a path, on its grid of nodes, so that a path does not depend on how often it was
+extended.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from labrig.simulation.description import DisturbancesDescription
+from labrig.simulation.lens import Floats
+
+NODE_MM = (
+    0.05  # nodes stand on a fixed grid of arc length, so a path does not depend on how often it was extended
+)
+LONGEST_PATH_MM = 500.0
+_STRETCHES = round(LONGEST_PATH_MM / NODE_MM)
+_CAVITIES_BETWEEN = (12.0, 90.0)  # along the path, where an insertion still has something to do [mm]
+
+
+@dataclass(frozen=True, eq=False)
+class Unevenness:
+    """For each stretch from one node to the next: what is left of the curvature, and how the tip turns by itself.
+
+    curvature_share (N,) : 1 in even gel, 0 in a cavity; turn_rad (N,) in the plane; lean_rad (N,) out of it.
+    """
+
+    curvature_share: Floats
+    turn_rad: Floats
+    lean_rad: Floats
+
+
+@cache
+def even() -> Unevenness:
+    """Return gel that disturbs nothing."""
+    return Unevenness(np.ones(_STRETCHES), np.zeros(_STRETCHES), np.zeros(_STRETCHES))
+
+
+def uneven(disturbances: DisturbancesDescription, random: np.random.Generator) -> Unevenness:
+    """Draw what disturbs one path.
+
+    The curvature's share wanders about 1 as an Ornstein-Uhlenbeck process, so that its spread does not depend on the
+    grid; the tip's turning is white, so that the heading's spread grows with the root of the length.
+    """
+    steps = random.standard_normal((3, _STRETCHES))
+    share = 1.0 + disturbances.curvature_fraction * _wandering(steps[0], disturbances.curvature_length_mm)
+    for start_mm, end_mm in _cavities(disturbances, random):
+        share[int(start_mm / NODE_MM) : int(end_mm / NODE_MM)] = 0.0
+    per_stretch = math.sqrt(NODE_MM)
+    return Unevenness(
+        share,
+        math.radians(disturbances.heading_deg_per_root_mm) * per_stretch * steps[1],
+        math.radians(disturbances.out_of_plane_deg_per_root_mm) * per_stretch * steps[2],
+    )
+
+
+def _wandering(steps: Floats, length_mm: float) -> Floats:
+    """Return noise of unit standard deviation that forgets itself over a length, (N,)."""
+    kept = math.exp(-NODE_MM / length_mm)
+    fresh = math.sqrt(1.0 - kept**2)
+    value, values = float(steps[0]), np.empty_like(steps)
+    for index, step in enumerate(steps.tolist()):
+        value = kept * value + fresh * step if index else value
+        values[index] = value
+    return values
+
+
+def _cavities(
+    disturbances: DisturbancesDescription, random: np.random.Generator
+) -> list[tuple[float, float]]:
+    starts = random.uniform(*_CAVITIES_BETWEEN, disturbances.cavities)
+    lengths = random.uniform(*disturbances.cavity_mm, disturbances.cavities)
+    return list(zip(starts.tolist(), (starts + lengths).tolist(), strict=True))

@@ -1,0 +1,143 @@
+"""Withdrawing along the path by which the needle came."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.errors import DriveError, SafetyStopError
+from labrig.experiments import ReverseMove, Stance, recorded_path, reverse_moves, stance_of, withdraw
+from labrig.record import open_run
+from tests.experiments.sessions import Bench, Watched, bench, sweep
+
+TURNED = (
+    Stance(0, 0, 0),
+    Stance(0, 0, 10),
+    Stance(10, 0, 10),
+    Stance(10.004, 1.5, 10),
+    Stance(10.001, 3.1, 10),
+    Stance(25, 3.1, 10),
+)
+
+
+def test_a_turn_is_undone_where_it_was_made() -> None:
+    """Back to the depth of the turn, the bevel back, out, then the sheath."""
+    assert [replace(move, position=round(move.position, 2)) for move in reverse_moves(TURNED)] == [
+        ReverseMove("insertion", 10),
+        ReverseMove("rotation", 0),
+        ReverseMove("insertion", 0),
+        ReverseMove("linear", 0),
+    ]
+
+
+def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
+    """A needle that stopped on its way out, beyond its turn, is only drawn out."""
+    on_the_way_out = (*TURNED, Stance(10, 3.1, 10), Stance(10, 0, 10), Stance(4, 0, 10))
+    assert reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
+
+
+def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:
+    """No path, or one that never left zero, gives no moves."""
+    assert reverse_moves(()) == reverse_moves((Stance(0, 0, 0), Stance(0, 2, 0))) == ()
+
+
+def test_a_turn_in_the_sheath_is_left() -> None:
+    """The bevel's roll from before the needle left its sheath stays."""
+    path = (Stance(0, 0, 0), Stance(0, 3, 0), Stance(0, 3, 10), Stance(20, 3, 10))
+    assert [move.axis for move in reverse_moves(path)] == ["insertion", "linear"]
+
+
+stances = st.builds(
+    Stance,
+    st.floats(-1, 60).map(lambda v: round(v, 3)),
+    st.floats(-6, 6).map(lambda v: round(v, 3)),
+    st.floats(0, 20).map(lambda v: round(v, 3)),
+)
+
+
+@given(st.lists(stances, max_size=30))
+def test_a_withdrawal_never_goes_deeper(path: list[Stance]) -> None:
+    """Whatever the path: each insertion move goes up, the sheath moves last, and both end at zero or before it."""
+    moves = reverse_moves(path)
+    depths = [path[-1].insertion_mm, *(m.position for m in moves if m.axis == "insertion")] if path else [0]
+    assert all(after < before for before, after in pairwise(depths))
+    assert depths[-1] <= 0
+    assert all(move.axis != "linear" for move in moves[:-1])
+
+
+@given(st.lists(st.tuples(st.floats(0.1, 5), st.floats(-2, 2)), min_size=1, max_size=8))
+def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[float, float]]) -> None:
+    """Played forward, the moves pass every depth with the roll with which the needle had come by."""
+    path = [Stance(0, 0, 0)]
+    for length_mm, turn_rad in steps:
+        deeper = path[-1].insertion_mm + length_mm
+        path += [
+            Stance(deeper, path[-1].rotation_rad, 0),
+            Stance(deeper, path[-1].rotation_rad + turn_rad, 0),
+        ]
+    depth_mm, roll_rad = path[-1].insertion_mm, path[-1].rotation_rad
+    for move in reverse_moves(path):
+        if move.axis == "rotation":
+            roll_rad = move.position
+            continue
+        between = [s for s in path if move.position + 1e-9 < s.insertion_mm < depth_mm - 1e-9]
+        assert all(abs(s.rotation_rad - roll_rad) <= 0.05 + 1e-9 for s in between)
+        depth_mm = move.position
+
+
+def _turned_in_gel(rig: Bench) -> None:
+    """Put the needle into gel, turning its bevel on the way."""
+    session = rig.session
+    for request in (MountNeedle("N-1"), ConfirmAxesAtZero()):
+        session.ask(request)
+    rig.opened.rig.reference_axes()
+    session.ask(PlaceSpecimen("gel-10", 10))
+    session.ask(ShiftToHole("gel-10", 0, 0))
+    session.note("trial_start", trial=0)
+    rig.opened.rig.mark_needle_in_tissue("run")
+    for axis, position in (("linear", 5), ("insertion", 6), ("rotation", 3), ("insertion", 14)):
+        session.move(axis, position, rig.opened.rig.axis(axis).nearest_speed(3.0))
+
+
+def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
+    """The path that the record holds takes the needle out, and then it counts as out."""
+    with bench(tmp_path, sweep()) as rig:
+        _turned_in_gel(rig)
+        path = recorded_path(open_run(rig.recorder.path))
+        assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
+        withdraw(rig.session, path)
+        stance = stance_of(rig.opened.rig.read_states())
+        assert max(abs(stance.insertion_mm), abs(stance.rotation_rad), abs(stance.linear_mm)) < 0.01
+        assert rig.opened.rig.state.needle_in_tissue is False
+
+
+def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path) -> None:
+    """After a power cut the counters start at zero; from confirmed positions the needle still comes out."""
+    with bench(tmp_path, sweep()) as rig:
+        _turned_in_gel(rig)
+        axis = rig.opened.rig.insertion
+        axis.referenced = False
+        axis.believe_position(14.5)
+        watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
+        path = (Stance(0, 0, 0), Stance(6, 0, 5), Stance(6, 3, 5), Stance(14, 3, 5))
+        with pytest.raises(SafetyStopError, match="no needle is in tissue"):
+            withdraw(rig.session, path)
+        assert rig.opened.rig.state.needle_in_tissue is True
+        assert abs(axis.read().position) < 0.01
+        watched.declines = None
+        withdraw(rig.session, path)
+        assert rig.opened.rig.state.needle_in_tissue is False
+
+
+def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> None:
+    """A withdrawal that does not come to its end changes nothing of what the rig knows."""
+    with bench(tmp_path, sweep()) as rig:
+        _turned_in_gel(rig)
+        rig.opened.plant.drives["insertion"].block()
+        with pytest.raises(DriveError):
+            withdraw(rig.session, (Stance(0, 0, 0),))
+        assert rig.opened.rig.state.needle_in_tissue is True

@@ -1,0 +1,79 @@
+"""Locks with an owner."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import DiskError, LockedError
+from labrig.record import FileLock, lock_owner
+
+HOLDER = """
+import sys
+from pathlib import Path
+from labrig.record import FileLock
+lock = FileLock(Path(sys.argv[1])).acquire("labrig run")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def held_by_another(path: Path) -> subprocess.Popen[str]:
+    """Return a process that holds the lock until its standard input ends."""
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    return holder
+
+
+def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
+    """Another process, and another lock of this one, are told who holds it and what for."""
+    path = tmp_path / "lock"
+    with FileLock(path).acquire("labrig run"):
+        owner = lock_owner(path)
+        assert owner is not None
+        assert (owner.doing, owner.pid) == ("labrig run", os.getpid())
+        with pytest.raises(LockedError, match=rf"in use by labrig run \(process {os.getpid()} on "):
+            FileLock(path).acquire("labrig resume")
+    assert lock_owner(path) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lock_of_a_killed_owner_is_stale(tmp_path: Path) -> None:
+    """After SIGKILL the file stands with the dead owner's text; nobody holds it, and it can be taken."""
+    path = tmp_path / "lock"
+    with held_by_another(path) as holder:
+        with pytest.raises(LockedError, match=f"process {holder.pid} "):
+            FileLock(path).acquire("labrig resume")
+        holder.send_signal(signal.SIGKILL)
+    assert path.exists()
+    assert lock_owner(path) is None
+    with FileLock(path).acquire("labrig resume") as lock:
+        assert lock.stale is not None
+        assert lock.stale.pid == holder.pid
+
+
+def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path) -> None:
+    """A torn or foreign text is replaced; no owner is invented for it."""
+    path = tmp_path / "lock"
+    for text in (b"", b'{"pid": 1', b"[]", b'{"pid": "x"}', b"\xff\xfe"):
+        path.write_bytes(text)
+        assert lock_owner(path) is None
+        with FileLock(path).acquire("labrig run") as lock:
+            assert lock.stale is None
+    assert not path.exists()
+
+
+def test_a_lock_is_not_taken_through_a_link(tmp_path: Path) -> None:
+    """A link in the lock's place is not followed: what it points to stays as it was."""
+    precious = tmp_path / "precious"
+    precious.write_text("data")
+    (tmp_path / "lock").symlink_to(precious)
+    with pytest.raises(DiskError):
+        FileLock(tmp_path / "lock").acquire("labrig run")
+    assert precious.read_text() == "data"

@@ -1,0 +1,89 @@
+"""A needle for the steering step, driven by its commands; it shares no formula with labrig's bending.
+
+The bend is a vector across the needle's axis. It swings over to where the bevel points at a constant rate, and the
+frame of the tip is turned by it in small steps.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from labrig.steering import (
+    SteeringCommand,
+    SteeringSettings,
+    SteeringState,
+    TipSighting,
+    start_steering,
+    step_steering,
+)
+
+Floats = NDArray[np.float64]
+STEP_MM = 0.05
+
+
+@dataclass
+class DrivenNeedle:
+    """Where the needle is; `closing_mm` and `backlash_mm` of 0: the bend follows the bevel at once."""
+
+    radius_mm: float
+    closing_mm: float = 0.0
+    backlash_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.inserted_mm, self.roll_rad = 0.0, 0.0
+        self.place, self.frame = np.zeros(3), Rotation.identity()
+        self.bend, self._closed = np.zeros(2), False
+        self.path = [self.place]
+
+    def insert(self, to_mm: float) -> None:
+        """Cut on to an insertion length."""
+        count = max(1, math.ceil((to_mm - self.inserted_mm) / STEP_MM))
+        length = (to_mm - self.inserted_mm) / count
+        for _ in range(count):
+            half = Rotation.from_rotvec((*(self._swung(length) * length / 2), 0.0))
+            self.place = self.place + length * (self.frame * half).apply((0.0, 0.0, 1.0))
+            self.frame = self.frame * half * half
+            self.path.append(self.place)
+        self.inserted_mm = to_mm
+
+    def _swung(self, length: float) -> Floats:
+        """Let the bend, as a rotation vector across the axis for a millimetre, go towards the bevel's."""
+        goal = np.array((math.cos(self.roll_rad), math.sin(self.roll_rad))) / self.radius_mm
+        missing = goal - self.bend
+        over_mm = self.backlash_mm / 2 if self._closed else self.closing_mm
+        most = length / (self.radius_mm * over_mm) if over_mm else math.inf
+        far = float(np.linalg.norm(missing))
+        if far <= most:
+            self.bend, self._closed = goal, True
+        else:
+            self.bend = self.bend + missing * most / far
+        return self.bend
+
+
+@dataclass(frozen=True)
+class Driven:
+    """How an insertion ended, every state on the way, and how often the bevel was turned."""
+
+    state: SteeringState
+    command: SteeringCommand
+    states: list[SteeringState]
+    turns: int
+
+
+def drive(needle: DrivenNeedle, settings: SteeringSettings, sigma_mm: float = 0.0, seed: int = 0) -> Driven:
+    """Do what the step commands until it stops; the tip is seen with noise of its own."""
+    rng = np.random.default_rng(seed)
+    across = np.array((0.0, 1.0, 1.0) if settings.problem.planar else (1.0, 1.0, 1.0))
+    state, command = start_steering(settings)
+    states, turns = [state], 0
+    while command.stop is None and len(states) < 1000:
+        turns += command.roll_rad != 0.0
+        needle.roll_rad += command.roll_rad
+        needle.insert(command.observe_at_mm)
+        seen = needle.place + sigma_mm * across * rng.normal(size=3)
+        state, command = step_steering(state, TipSighting(needle.inserted_mm, seen), settings)
+        states.append(state)
+    return Driven(state, command, states, turns)

@@ -12,6 +12,7 @@ from tests.benchmarks import (
     real_insertions,
     start_up,
     sweep,
+    tip,
 )
 
 TABLES = {
@@ -21,6 +22,7 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "tip": tip.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,

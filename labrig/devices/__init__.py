@@ -36,7 +36,9 @@ from labrig.devices.operator import (
     OperatorRequest,
     PlaceSpecimen,
     ShiftToHole,
+    WithdrawNeedle,
 )
+from labrig.devices.past import PastInsertion
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
@@ -69,6 +71,7 @@ __all__ = [
     "MountNeedle",
     "Operator",
     "OperatorRequest",
+    "PastInsertion",
     "PictureSource",
     "PlaceSpecimen",
     "Rig",
@@ -80,6 +83,7 @@ __all__ = [
     "SimulatedClock",
     "StopReport",
     "SystemClock",
+    "WithdrawNeedle",
     "check_axis_move",
     "check_calibration",
     "check_rig",

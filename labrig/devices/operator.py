@@ -118,6 +118,22 @@ class ConfirmNeedleOut:
         return f"Confirm that no needle is in tissue: {self.reason}."
 
 
+@dataclass(frozen=True)
+class WithdrawNeedle:
+    """Let the drives withdraw a needle that an interrupted run left in tissue; may be declined."""
+
+    run: str
+    depth_mm: float
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Run {self.run} left its needle in tissue, up to {self.depth_mm:.1f} mm out of the sheath. Withdraw it with "
+            "the drives, slowly, along the path that it took? No: take needle and sheath out by hand."
+        )
+
+
 OperatorRequest = (
     MountNeedle
     | ConfirmAxesAtZero
@@ -127,6 +143,7 @@ OperatorRequest = (
     | LayGraphPaper
     | ClearBench
     | ConfirmNeedleOut
+    | WithdrawNeedle
 )
 
 

@@ -13,7 +13,7 @@ by `conduct_without_rig`, and nothing is planned for it.
 """
 
 from labrig.experiments.camera_calibration import run_camera_calibration
-from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
+from labrig.experiments.conduct import Outcome, conduct, conduct_rest, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -22,6 +22,7 @@ from labrig.experiments.plan import (
     planned_moves,
     trials_planned,
 )
+from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
@@ -39,6 +40,7 @@ __all__ = [
     "SLOWLY",
     "Estimate",
     "Outcome",
+    "Past",
     "PlannedMove",
     "Progress",
     "ReverseMove",
@@ -46,15 +48,18 @@ __all__ = [
     "Stance",
     "WithdrawalSpeeds",
     "conduct",
+    "conduct_rest",
     "conduct_without_rig",
     "estimate",
     "find_problems",
+    "past_of",
     "planned_moves",
     "recorded_path",
     "reverse_moves",
     "run_camera_calibration",
     "run_steerability",
     "stance_of",
+    "trials_left",
     "trials_planned",
     "withdraw",
 ]

@@ -1,10 +1,12 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.resumption import Past, resume_steerability
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
 from labrig.protocol import (
@@ -31,9 +33,28 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
+
+    def begin() -> None:
+        session.note("run_start", experiment=protocol.experiment)
+        _procedure(protocol, session)
+
+    return _conduct(session, begin)
+
+
+def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
+    """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+
+    def go_on() -> None:
+        session.note("run_resume", experiment=protocol.experiment)
+        resume_steerability(protocol, session, past)
+
+    return _conduct(session, go_on)
+
+
+def _conduct(session: Session, procedure: Callable[[], None]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(protocol, session)
+        outcome = _run_to_an_end(procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -70,10 +91,9 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
+def _run_to_an_end(procedure: Callable[[], None]) -> Outcome:
     try:
-        session.note("run_start", experiment=protocol.experiment)
-        _procedure(protocol, session)
+        procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
     except LabrigError as error:

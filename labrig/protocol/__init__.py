@@ -54,7 +54,14 @@ from labrig.protocol.protocols import (
 )
 from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema, schema_text
-from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_values, parse_yaml_model
+from labrig.protocol.tree import Plain
+from labrig.protocol.yaml_file import (
+    dump_yaml,
+    load_yaml_model,
+    model_of_values,
+    parse_yaml_model,
+    yaml_values,
+)
 
 __all__ = [
     "AnalysisWindow",
@@ -81,6 +88,7 @@ __all__ = [
     "NonNegativeMm",
     "Notes",
     "PixelUv",
+    "Plain",
     "PositiveMm",
     "Scale",
     "Scenario",
@@ -100,4 +108,5 @@ __all__ = [
     "parse_yaml_model",
     "protocol_schema",
     "schema_text",
+    "yaml_values",
 ]

@@ -129,8 +129,9 @@ class WithdrawNeedle:
     def text(self) -> str:
         """Return the request as a sentence."""
         return (
-            f"Run {self.run} left its needle in tissue, up to {self.depth_mm:.1f} mm out of the sheath. Withdraw it with "
-            "the drives, slowly, along the path that it took? No: take needle and sheath out by hand."
+            f"Run {self.run} left its needle in tissue, up to {self.depth_mm:.1f} mm out of the sheath. "
+            "Withdraw it with the drives, slowly, along the path that it took? "
+            "No: take needle and sheath out by hand."
         )
 
 

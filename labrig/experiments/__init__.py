@@ -8,7 +8,9 @@ picture (a later closed loop will, through `steering`). What it is going to do i
 A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer did), with the axes stopped in every case. A design moves nothing: its record is made
+failed (a device or the computer did), with the axes stopped in every case. `conduct_rest` goes on with a sweep that was
+interrupted: `past_of` reads what its record holds, the rest is scheduled, and draws of a simulated world come from seed
+and purpose, so that the rest is what it would have been. A design moves nothing: its record is made
 by `conduct_without_rig`, and nothing is planned for it.
 """
 

@@ -1,4 +1,4 @@
-"""Going on with a sweep that was interrupted: what its record says of it, and what is done before the next insertion."""
+"""Going on with a sweep that was interrupted: what its record holds, and what is done before the next insertion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

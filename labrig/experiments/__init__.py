@@ -15,7 +15,17 @@ by `conduct_without_rig`, and nothing is planned for it.
 """
 
 from labrig.experiments.camera_calibration import run_camera_calibration
-from labrig.experiments.conduct import Outcome, conduct, conduct_rest, conduct_without_rig
+from labrig.experiments.commissioning import (
+    Finding,
+    check_backlash,
+    check_limits,
+    check_travel,
+    home_axes,
+    jog,
+    judge_backlash,
+    judge_travel,
+)
+from labrig.experiments.conduct import Outcome, conduct, conduct_rest, conduct_withdrawal, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -29,6 +39,7 @@ from labrig.experiments.session import Progress, Session
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
+    WITHDRAWS,
     ReverseMove,
     Stance,
     WithdrawalSpeeds,
@@ -40,7 +51,9 @@ from labrig.experiments.withdrawal import (
 
 __all__ = [
     "SLOWLY",
+    "WITHDRAWS",
     "Estimate",
+    "Finding",
     "Outcome",
     "Past",
     "PlannedMove",
@@ -49,11 +62,19 @@ __all__ = [
     "Session",
     "Stance",
     "WithdrawalSpeeds",
+    "check_backlash",
+    "check_limits",
+    "check_travel",
     "conduct",
     "conduct_rest",
+    "conduct_withdrawal",
     "conduct_without_rig",
     "estimate",
     "find_problems",
+    "home_axes",
+    "jog",
+    "judge_backlash",
+    "judge_travel",
     "past_of",
     "planned_moves",
     "recorded_path",

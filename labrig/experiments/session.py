@@ -60,8 +60,7 @@ class Session:
 
     def look(self, role: str, trial: int | None = None) -> int:
         """Take a picture, record it with the positions that the encoders read, and return its number."""
-        frame = self.rig.camera.capture()
-        positions = self.rig.read_states()
+        frame, positions = self.rig.look()
         return self.recorder.frame(
             frame.image,
             frame.t_s,

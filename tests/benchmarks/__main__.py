@@ -5,12 +5,14 @@ import sys
 from tests.benchmarks import (
     catalogue,
     estimator,
+    faults,
     hinge,
     intrinsics,
     planner,
     real_insertions,
     start_up,
     sweep,
+    tip,
 )
 
 TABLES = {
@@ -20,6 +22,8 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "tip": tip.print_table,
+    "faults": faults.print_table,
     "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,
 }

@@ -49,7 +49,7 @@ def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], 
     return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
 
 
-def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], None]) -> Outcome:
+def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
         outcome = _run_to_an_end(session, beginning, experiment, procedure)
@@ -99,7 +99,7 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
 
 
 def _run_to_an_end(
-    session: Session, beginning: str, experiment: str, procedure: Callable[[], None]
+    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
 ) -> Outcome:
     try:
         session.note(beginning, experiment=experiment)

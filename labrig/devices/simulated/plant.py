@@ -80,9 +80,9 @@ class SimulatedPlant:
         for one in insertions:
             self.world.place_specimen(one.specimen, one.gelatin_percent)
             self.world.shift_to_hole(one.specimen, one.hole, one.hole_position_mm)
-            for insertion_mm, rotation_rad, linear_mm in one.path:
+            here = tuple(self._positions[name] for name in ("insertion", "rotation", "linear"))
+            for insertion_mm, rotation_rad, linear_mm in (*one.path, here):
                 self.world.advance(insertion_mm, rotation_rad, linear_mm)
-            self.world.advance(*self._positions)
 
     def close(self) -> None:
         """Take the drives off the bus."""

@@ -192,6 +192,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         rig.calibration_files(),
         fsync_period_s=rig.recording.fsync_period_s,
         least_free_bytes=int(1e6 * rig.recording.least_free_mb),
+        picture_store=rig.camera.store,
     )
 
 

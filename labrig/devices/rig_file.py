@@ -270,6 +270,10 @@ class CameraDescription(Model):
     mains_hz: Literal[0, 50, 60] = Field(
         description="Mains frequency whose flicker is filtered, 0 for none [Hz]."
     )
+    store: Literal["png", "raw"] = Field(
+        "png",
+        description="How pictures are recorded: a PNG each, or all in frames.raw, for a camera too fast for PNG.",
+    )
 
     def settings(self) -> dict[str, str | float]:
         """Return the settings to be made, in the order in which a camera takes them."""

@@ -1,7 +1,7 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -15,6 +15,7 @@ from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity
 from labrig.devices.homing import HERE, Homing, require_homing_allowed
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
+from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.state import RigState, StateStore
@@ -172,6 +173,10 @@ class Rig:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion, one dict; nothing on a bench, where nobody knows."""
         return self._plant.truth()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Take note of what earlier sessions of this run did to the specimens, once its needle is mounted."""
+        self._plant.recall(insertions)
 
     def describe(self) -> dict[str, object]:
         """Return what the rig is and how it was found, ready for JSON."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from labrig.clock import Clock
 from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.resumption import Past, resume_steerability
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import Stance, recover
@@ -33,18 +34,25 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
-    return _conduct(session, protocol.experiment, lambda: _procedure(protocol, session))
+    return _conduct(session, "run_start", protocol.experiment, lambda: _procedure(protocol, session))
+
+
+def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
+    """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+    return _conduct(
+        session, "run_resume", protocol.experiment, lambda: resume_steerability(protocol, session, past)
+    )
 
 
 def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
     """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
-    return _conduct(session, "withdrawal", lambda: recover(session, run_name, path, standing))
+    return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
 
 
-def _conduct(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
+def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(session, experiment, procedure)
+        outcome = _run_to_an_end(session, beginning, experiment, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -95,9 +103,11 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
+def _run_to_an_end(
+    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
+) -> Outcome:
     try:
-        session.note("run_start", experiment=experiment)
+        session.note(beginning, experiment=experiment)
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)

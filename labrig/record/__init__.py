@@ -56,7 +56,7 @@ from labrig.record.annotations import (
 from labrig.record.can_log import CanFrame
 from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
 from labrig.record.check import Verdict, check_run
-from labrig.record.difference import Difference, compare_runs
+from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.lock import FileLock, LockOwner, lock_owner
@@ -85,6 +85,7 @@ __all__ = [
     "collect_code_diff",
     "collect_provenance",
     "compare_runs",
+    "differing_values",
     "encode_document",
     "find_runs",
     "judge_run",

@@ -47,7 +47,9 @@ from labrig.devices.operator import (
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
+    WithdrawNeedle,
 )
+from labrig.devices.past import PastInsertion
 from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
@@ -92,6 +94,7 @@ __all__ = [
     "Opening",
     "Operator",
     "OperatorRequest",
+    "PastInsertion",
     "PictureSource",
     "PlaceSpecimen",
     "ReadScale",
@@ -104,6 +107,7 @@ __all__ = [
     "SimulatedClock",
     "StopReport",
     "SystemClock",
+    "WithdrawNeedle",
     "check_axis_move",
     "check_calibration",
     "check_rig",

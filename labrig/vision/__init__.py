@@ -14,6 +14,7 @@ from labrig.vision.picture import Picture, as_grey, read_picture, require_size, 
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.refraction import Gel, PaperPlace
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
@@ -21,9 +22,11 @@ __all__ = [
     "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
+    "Gel",
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "PaperPlace",
     "Picture",
     "PlaneMap",
     "ViewResidual",

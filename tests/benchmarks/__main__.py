@@ -2,12 +2,22 @@
 
 import sys
 
-from tests.benchmarks import estimator, hinge, intrinsics, planner, real_insertions, start_up, sweep
+from tests.benchmarks import (
+    estimator,
+    hinge,
+    intrinsics,
+    planner,
+    real_insertions,
+    ruled_paper,
+    start_up,
+    sweep,
+)
 
 TABLES = {
     "start-up": start_up.print_table,
     "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
+    "ruled-paper": ruled_paper.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,

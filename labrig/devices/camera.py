@@ -1,5 +1,7 @@
 """The camera: settings that are negotiated one by one, and pictures that are what the rig file promised."""
 
+import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,9 +19,20 @@ Setting = str | float
 _RATE_TOLERANCE = 0.01
 """Cameras tell their rate as a fraction of integers; 29.97 is what some mean by 30 Hz."""
 
+_MOVED_MM = 0.5
+"""Travel after which a picture cannot be the one before."""
+
 
 class PictureSource(Protocol):
-    """What draws pictures: a camera's driver, or the simulated one."""
+    """What draws pictures: a camera's driver, or the simulated one.
+
+    Attributes
+    ----------
+    exposures_a_picture : int
+        Exposures that pass while one picture is read: those that were waiting are thrown away.
+    """
+
+    exposures_a_picture: int
 
     def set(self, name: str, value: Setting) -> None:
         """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
@@ -78,7 +91,17 @@ class Camera:
         self._clock = clock
         self._shape = (description.height_px, description.width_px)
         self._sequence = 0
+        self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description.settings())
+
+    def read_settings(self) -> dict[str, Setting | None]:
+        """Return what the camera uses now for each setting that was made; None where it cannot tell.
+
+        Raises
+        ------
+        CameraError
+        """
+        return {name: self._source.get(name) for name in self.settings.asked}
 
     def capture(self) -> Frame:
         """Take a picture.
@@ -104,6 +127,44 @@ class Camera:
         frame = Frame(image, t_s, self._sequence)
         self._sequence += 1
         return frame
+
+    def measure_rate_hz(self, pictures: int) -> float | None:
+        """Return the rate of exposures [Hz] over so many pictures; None where pictures take no rig time.
+
+        Raises
+        ------
+        CameraError
+        """
+        self.capture()
+        before_s = self._clock.now_s()
+        for _ in range(pictures):
+            self.capture()
+        took_s = self._clock.now_s() - before_s
+        return pictures * self._source.exposures_a_picture / took_s if took_s > 0 else None
+
+    def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
+        """Refuse a camera that goes on showing one picture: two exposures are never alike to the last bit.
+
+        Parameters
+        ----------
+        frame : Frame
+            The newest picture.
+        place_mm : tuple of float
+            Where needle and sheath stood. A picture that comes again while they stand still is let pass, as
+            simulated worlds without noise have it.
+
+        Raises
+        ------
+        CameraError
+        """
+        shown = hashlib.blake2b(frame.image.tobytes()).digest()
+        if self._shown is None or self._shown[0] != shown:
+            self._shown = (shown, place_mm)
+        elif math.dist(self._shown[1], place_mm) > _MOVED_MM:
+            raise CameraError(
+                f"the camera still gives the same picture after {math.dist(self._shown[1], place_mm):.3g} mm of travel",
+                "unplug the camera and plug it in again",
+            )
 
     def close(self) -> None:
         """Let go of the camera."""

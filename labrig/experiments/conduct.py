@@ -1,12 +1,15 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.resumption import Past, resume_steerability
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
+from labrig.experiments.withdrawal import Stance, recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
@@ -31,9 +34,25 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
+    return _conduct(session, "run_start", protocol.experiment, lambda: _procedure(protocol, session))
+
+
+def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
+    """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+    return _conduct(
+        session, "run_resume", protocol.experiment, lambda: resume_steerability(protocol, session, past)
+    )
+
+
+def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
+    """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
+    return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
+
+
+def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(protocol, session)
+        outcome = _run_to_an_end(session, beginning, experiment, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -44,14 +63,32 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     try:
         session.rig.stop()
     except MachineError as error:
-        outcome = Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
-    return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+        outcome = _not_known_to_stand_still(outcome, error)
+    after = session.rig.snapshot()
+    try:
+        session.recorder.can_frames(session.rig.take_can_frames())
+    except DiskError as error:
+        outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
+    return _close(
+        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
+    )
 
 
-def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
+def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
+    """Return how a run ended that could not be stopped for certain; a fault that led to it stays its name."""
+    if isinstance(outcome.error, MachineError):
+        told = error.message in outcome.reason
+        reason = outcome.reason if told else f"{outcome.reason}; when stopping: {error.message}"
+        return Outcome("failed", reason, outcome.error)
+    return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+
+
+def _close(
+    recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
-        recorder.close(outcome.exit_status, outcome.reason, clock.utc())
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome
@@ -66,10 +103,12 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
+def _run_to_an_end(
+    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
+) -> Outcome:
     try:
-        session.note("run_start", experiment=protocol.experiment)
-        _procedure(protocol, session)
+        session.note(beginning, experiment=experiment)
+        procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
     except LabrigError as error:

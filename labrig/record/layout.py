@@ -10,8 +10,10 @@ SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 PROTOCOL = "protocol.yaml"
 RIG = "rig.yaml"
+CODE_DIFF = "code.diff"
 CALIBRATION = "calibration"
 FRAMES = "frames"
+RAW_PICTURES = "frames.raw"
 SHA256SUMS = "SHA256SUMS"
 ANALYSIS = "analysis"
 
@@ -19,7 +21,13 @@ FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
 TRUTH_LINES = "truth.jsonl"
+FROM_THE_BEGINNING = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"
+NOTES = "notes.jsonl"
+CAN_SUMS = "can.sums.jsonl"
+LOCK = ".lock"
+RESERVE = ".reserve"
+TORN = "torn"
 
 # ext4, XFS and most others allow 255 bytes; the rest is room for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200

@@ -6,6 +6,8 @@ by an amount that nothing later could notice.
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -159,6 +161,14 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         gel=None if found.gel is None else Gel(**found.gel.model_dump()),
         variations=tuple(Variation(np.array(one.homography), one.lens) for one in found.variations),
     )
+
+
+def calibration_created(path: Path) -> datetime | None:
+    """Return when the calibration in a file was made, as its provenance says; None where that is not known."""
+    with suppress(ValueError, KeyError, TypeError):
+        created = datetime.fromisoformat(json.loads(_read_text(path))["provenance"]["created"])
+        return created if created.tzinfo else None
+    return None
 
 
 def _lens(fingerprint: str | None) -> str:

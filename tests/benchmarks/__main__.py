@@ -3,7 +3,9 @@
 import sys
 
 from tests.benchmarks import (
+    catalogue,
     estimator,
+    faults,
     hinge,
     intrinsics,
     planner,
@@ -11,6 +13,7 @@ from tests.benchmarks import (
     ruled_paper,
     start_up,
     sweep,
+    tip,
 )
 
 TABLES = {
@@ -21,6 +24,9 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "tip": tip.print_table,
+    "faults": faults.print_table,
+    "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,
 }
 

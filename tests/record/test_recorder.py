@@ -21,7 +21,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     )
     names = {str(path.relative_to(recorder.path)) for path in recorder.path.rglob("*") if path.is_file()}
     assert names == {
-        ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json",
+        ".lock", ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json",
         "calibration/plane.json", "frames.jsonl", "states.jsonl", "events.jsonl",
     }  # fmt: skip
     manifest = json.loads((recorder.path / "manifest.json").read_text())
@@ -31,8 +31,24 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     assert (manifest["title"], manifest["operator"], manifest["trials_planned"]) == ("Größe", "ß", 3)
     assert manifest["hashes"]["protocol_sha256"] == hashlib.sha256(PROTOCOL_YAML.encode()).hexdigest()
     assert set(manifest["hashes"]["calibration"]) == {"intrinsics.json", "plane.json"}
-    assert manifest["recording"] == {"fsync_period_s": 1.0}
+    assert manifest["recording"] == {
+        "fsync_period_s": 1.0,
+        "least_free_bytes": 0,
+        "picture_store": "png",
+    }
     assert manifest["devices"] == {"camera": {"gain": 1.0}}
+
+
+def test_the_difference_of_the_code_is_kept_and_hashed(tmp_path: Path) -> None:
+    """code.diff stands from the start, under the manifest's hash; a change of it is damage."""
+    recorder = Recorder.create(
+        tmp_path, "run", {"experiment": "import", "started": STARTED}, "{}", None, {}, code_diff=b"+1\n"
+    )
+    assert (recorder.path / "code.diff").read_bytes() == b"+1\n"
+    assert open_run(recorder.path).damage == ()
+    recorder.close("success", "", ENDED)
+    (recorder.path / "code.diff").write_bytes(b"+2\n")
+    assert [problem.where for problem in open_run(recorder.path).damage] == ["code.diff"]
 
 
 def test_closing_says_how_it_ended(tmp_path: Path) -> None:

@@ -24,20 +24,33 @@ from labrig.devices.camera import Camera, CameraSettings, Frame, PictureSource
 from labrig.devices.check import CheckResult, CheckStatus, check_calibration, check_rig
 from labrig.devices.cia402 import DriveState
 from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.homing import DIRECTIONS as HOMING_DIRECTIONS
+from labrig.devices.homing import HERE as HOMING_HERE
+from labrig.devices.homing import ORDER as HOME_ORDER
+from labrig.devices.homing import ZEROS
 from labrig.devices.operator import (
     Answer,
     ClearBench,
     ConfirmAxesAtZero,
+    ConfirmFaultReset,
+    ConfirmFree,
+    ConfirmHere,
+    ConfirmMotion,
     ConfirmNeedleOut,
+    ConfirmStance,
+    ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
     PlaceSpecimen,
+    ReadScale,
     ShiftToHole,
+    WithdrawNeedle,
 )
-from labrig.devices.rig import Rig, open_rig
+from labrig.devices.past import PastInsertion
+from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
     RigDescription,
@@ -47,10 +60,15 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState
+from labrig.devices.state import RigState, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
+    "AXES",
+    "HOME_ORDER",
+    "HOMING_DIRECTIONS",
+    "HOMING_HERE",
+    "ZEROS",
     "Answer",
     "Axis",
     "AxisDescription",
@@ -61,16 +79,25 @@ __all__ = [
     "CheckStatus",
     "ClearBench",
     "ConfirmAxesAtZero",
+    "ConfirmFaultReset",
+    "ConfirmFree",
+    "ConfirmHere",
+    "ConfirmMotion",
     "ConfirmNeedleOut",
+    "ConfirmStance",
+    "ConfirmWithdrawal",
     "DriveState",
     "Frame",
     "HoldBoard",
     "LayGraphPaper",
     "MountNeedle",
+    "Opening",
     "Operator",
     "OperatorRequest",
+    "PastInsertion",
     "PictureSource",
     "PlaceSpecimen",
+    "ReadScale",
     "Rig",
     "RigDescription",
     "RigState",
@@ -80,12 +107,14 @@ __all__ = [
     "SimulatedClock",
     "StopReport",
     "SystemClock",
+    "WithdrawNeedle",
     "check_axis_move",
     "check_calibration",
     "check_rig",
     "load_rig",
     "open_rig",
     "rig_schema",
+    "rig_state",
     "serve_drives",
     "stop_rig",
     "unknown_entries",

@@ -72,6 +72,11 @@ class StateStore:
             _save(self._path, self.state)
 
 
+def rig_state(path: Path | None) -> RigState:
+    """Return what a rig knows of itself by its state file; that of a new rig without one."""
+    return StateStore(path).state
+
+
 def _load(path: Path) -> RigState:
     if not path.exists():
         return RigState(None, note="this rig has no state file yet")

@@ -1,12 +1,15 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.resumption import Past, resume_steerability
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
+from labrig.experiments.withdrawal import Stance, recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
@@ -31,9 +34,25 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
+    return _conduct(session, "run_start", protocol.experiment, lambda: _procedure(protocol, session))
+
+
+def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
+    """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+    return _conduct(
+        session, "run_resume", protocol.experiment, lambda: resume_steerability(protocol, session, past)
+    )
+
+
+def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
+    """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
+    return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
+
+
+def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(protocol, session)
+        outcome = _run_to_an_end(session, beginning, experiment, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -79,10 +98,12 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
+def _run_to_an_end(
+    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
+) -> Outcome:
     try:
-        session.note("run_start", experiment=protocol.experiment)
-        _procedure(protocol, session)
+        session.note(beginning, experiment=experiment)
+        procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
     except LabrigError as error:

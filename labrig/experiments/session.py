@@ -41,6 +41,13 @@ class Session:
         SafetyStopError
             When the operator says no.
         """
+        if not self.offer(request):
+            raise SafetyStopError(
+                f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
+            )
+
+    def offer(self, request: OperatorRequest) -> bool:
+        """Ask the operator something that may be declined, and return whether it was confirmed."""
         answer = self.rig.ask(request)
         self.note(
             "operator",
@@ -49,10 +56,7 @@ class Session:
             confirmed=answer.confirmed,
             answer=answer.note,
         )
-        if not answer.confirmed:
-            raise SafetyStopError(
-                f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
-            )
+        return answer.confirmed
 
     def look(self, role: str, trial: int | None = None) -> int:
         """Take a picture, record it with the positions that the encoders read, and return its number."""

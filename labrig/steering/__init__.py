@@ -13,7 +13,7 @@ from labrig.steering.step import (
     start_steering,
     step_steering,
 )
-from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState
+from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
 __all__ = [
     "EstimatorMethod",
@@ -34,6 +34,7 @@ __all__ = [
     "TipState",
     "estimate_tip_poses",
     "plan_path",
+    "radius_sd_within",
     "sample_path",
     "start_steering",
     "start_tip",

@@ -6,7 +6,13 @@ touch the disk. The same functions serve the live run and later reanalysis.
 
 from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board, find_board_corners
 from labrig.vision.bundle import LensModel
-from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
+from labrig.vision.calibration_file import (
+    calibration_created,
+    load_intrinsics,
+    load_plane,
+    save_intrinsics,
+    save_plane,
+)
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.overlay import draw_measurement
@@ -14,6 +20,9 @@ from labrig.vision.picture import Picture, as_grey, read_picture, require_size, 
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.template_file import load_template, save_template, template_files
+from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
@@ -26,22 +35,31 @@ __all__ = [
     "LensModel",
     "Picture",
     "PlaneMap",
+    "TipFix",
+    "TipSettings",
+    "TipTemplate",
     "ViewResidual",
     "as_grey",
     "board_points_mm",
     "calibrate_from_pictures",
     "calibrate_intrinsics",
     "calibrate_plane",
+    "calibration_created",
     "draw_measurement",
     "find_board",
     "find_board_corners",
     "load_intrinsics",
     "load_plane",
+    "load_template",
+    "locate_tip",
     "measure_curvature",
+    "next_region_px",
     "projection_sigma_px",
     "read_picture",
     "require_size",
     "save_intrinsics",
     "save_plane",
+    "save_template",
     "size_of",
+    "template_files",
 ]

@@ -13,6 +13,7 @@ from tests.benchmarks import (
     real_insertions,
     start_up,
     sweep,
+    tip,
 )
 
 TABLES = {
@@ -23,6 +24,7 @@ TABLES = {
     "planner": planner.print_table,
     "estimator": estimator.print_table,
     "can-load": can_load.print_table,
+    "tip": tip.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,

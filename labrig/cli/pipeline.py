@@ -32,7 +32,7 @@ from labrig.experiments import (
     trials_planned,
 )
 from labrig.protocol import AnyProtocol, DesignProtocol, dump_yaml
-from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
+from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,9 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         name = free_name(order.runs_dir, started, order.protocol.experiment)
     protocol_yaml, rig = dump_yaml(order.protocol), order.rig
     if rig is None:
-        return Recorder.create(order.runs_dir, name, manifest, protocol_yaml, None, {})
+        return Recorder.create(
+            order.runs_dir, name, manifest, protocol_yaml, None, {}, code_diff=collect_code_diff()
+        )
     return Recorder.create(
         order.runs_dir,
         name,
@@ -191,6 +193,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         fsync_period_s=rig.recording.fsync_period_s,
         least_free_bytes=int(1e6 * rig.recording.least_free_mb),
         picture_store=rig.camera.store,
+        code_diff=collect_code_diff(),
     )
 
 

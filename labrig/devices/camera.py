@@ -94,6 +94,15 @@ class Camera:
         self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description.settings())
 
+    def read_settings(self) -> dict[str, Setting | None]:
+        """Return what the camera uses now for each setting that was made; None where it cannot tell.
+
+        Raises
+        ------
+        CameraError
+        """
+        return {name: self._source.get(name) for name in self.settings.asked}
+
     def capture(self) -> Frame:
         """Take a picture.
 

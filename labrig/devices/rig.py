@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
@@ -188,6 +189,16 @@ class Rig:
                 for axis in self.axes
             },
             "camera": None if self._camera is None else self._describe_camera(self._camera),
+            "snapshot": self.snapshot(),
+            "state": asdict(self.state),
+        }
+
+    def snapshot(self) -> dict[str, object]:
+        """Return how the devices stand now, ready for JSON; of one that does not answer, why."""
+        camera = self._camera
+        return {
+            "axes": {axis.name: _answer_of(partial(_readback, axis)) for axis in self.axes},
+            "camera": None if camera is None else _answer_of(camera.read_settings),
             "state": asdict(self.state),
         }
 
@@ -508,6 +519,20 @@ def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
         except MachineError as error:
             failures.append(error.message)
     return failures
+
+
+def _readback(axis: Axis) -> dict[str, object]:
+    read = axis.read()
+    position = {f"position_{axis.unit}": read.position}
+    return {**position, "statusword": read.statusword, "drive_state": read.state.name}
+
+
+def _answer_of(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
+    """Return what a device answers; why, where it does not."""
+    try:
+        return ask()
+    except MachineError as error:
+        return {"error": error.message}
 
 
 @contextmanager

@@ -64,11 +64,14 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         session.rig.stop()
     except MachineError as error:
         outcome = _not_known_to_stand_still(outcome, error)
+    after = session.rig.snapshot()
     try:
         session.recorder.can_frames(session.rig.take_can_frames())
     except DiskError as error:
         outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
-    return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+    return _close(
+        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
+    )
 
 
 def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
@@ -80,10 +83,12 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
     return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
-def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
+def _close(
+    recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
-        recorder.close(outcome.exit_status, outcome.reason, clock.utc())
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome

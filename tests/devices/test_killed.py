@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import can
 import pytest
 
+from labrig.devices import SystemClock
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.journal import DriveEvent
 from tests.devices.mover import HEARTBEAT_S, QUICK_STOP_MM_S2, SPEED_MM_S
@@ -74,14 +74,14 @@ def _mover(served: Served, folder: Path) -> Iterator["subprocess.Popen[str]"]:
 
 def _wait_for(served: Served, kind: str) -> DriveEvent:
     """Return the drive's event of a kind, once there is one after the move began."""
-    journal, given_up_s = served.drives[1].journal, time.monotonic() + PATIENCE_S
-    while time.monotonic() < given_up_s:
+    journal, clock = served.drives[1].journal, SystemClock()
+    while clock.now_s() < PATIENCE_S:
         events = [event.kind for event in journal]
         if "set-point" in events and kind in events[events.index("set-point") :]:
             found = journal.last(kind)
             assert found is not None
             return found
-        time.sleep(0.02)
+        clock.sleep(0.02)
     pytest.fail(f"no {kind} in the drive's journal: {list(journal)}")
 
 

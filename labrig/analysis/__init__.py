@@ -35,6 +35,7 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -63,6 +64,7 @@ __all__ = [
     "DesignResult",
     "DesignStudy",
     "MeasuredRadius",
+    "NeedleInPicture",
     "PaperGel",
     "PictureResult",
     "SpecimenResult",
@@ -77,5 +79,6 @@ __all__ = [
     "load_lens",
     "load_mapping",
     "load_result",
+    "needle_in",
     "study_design",
 ]

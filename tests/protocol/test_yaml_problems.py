@@ -242,7 +242,7 @@ def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
     value: str, key: str, message: str, hint: str
 ):
     """A list of another length is one fault of the list, a wrong entry one of the entry."""
-    (problem,) = problems_of(changed("[320, 200]", value, CALIBRATION))
+    (problem,) = problems_of(changed("[150, 310]", value, CALIBRATION))
     assert problem.where.endswith(f" {key}")
     assert message in problem.message
     assert hint in problem.hint

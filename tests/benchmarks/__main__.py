@@ -3,6 +3,7 @@
 import sys
 
 from tests.benchmarks import (
+    can_load,
     catalogue,
     estimator,
     faults,
@@ -24,6 +25,7 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "can-load": can_load.print_table,
     "tip": tip.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,

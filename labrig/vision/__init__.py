@@ -20,6 +20,7 @@ from labrig.vision.picture import Picture, as_grey, read_picture, require_size, 
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.refraction import Gel, PaperPlace
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template, save_template, template_files
 from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
@@ -31,9 +32,11 @@ __all__ = [
     "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
+    "Gel",
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "PaperPlace",
     "Picture",
     "PlaneMap",
     "ShaftTip",

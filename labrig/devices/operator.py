@@ -115,7 +115,7 @@ class ConfirmNeedleOut:
     @property
     def text(self) -> str:
         """Return the request as a sentence."""
-        return f"Confirm that no needle is in tissue: {self.reason}. Where one is, say no, then: labrig devices withdraw."
+        return f"Confirm that no needle is in tissue: {self.reason}. If one is: no, then labrig devices withdraw."
 
 
 @dataclass(frozen=True)

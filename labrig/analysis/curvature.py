@@ -13,7 +13,7 @@ from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, 
 from labrig.analysis.truth import compare_with_truth
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
 
 MEASURED_ROLES = ("advance", "final", "imported")
 
@@ -41,7 +41,13 @@ def curvature_settings(protocol: SteerabilityProtocol | ImportProtocol) -> Curva
 
 
 def analyze_curvature(
-    run: Run, stamp: Stamp, settings: CurvatureSettings, workers: int, progress: Progress | None
+    run: Run,
+    stamp: Stamp,
+    settings: CurvatureSettings,
+    workers: int,
+    progress: Progress | None,
+    *,
+    mask: Mask | None = None,
 ) -> tuple[CurvatureResult, CentreLines]:
     """Measure the pictures, group them, and compare them with the truth where there is one.
 
@@ -55,18 +61,22 @@ def analyze_curvature(
     trials = _trials(run)
     pictures = _pictures(run, trials)
     places = [run.pictures[int(one.line["frame"])] for one in pictures]
-    measured = measure_pictures(places, load_mapping(run), settings, workers, progress)
+    measured = measure_pictures(places, load_mapping(run), settings, workers, progress, mask=mask)
     results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals)
     content = CurvatureResult(
-        **stamp.fields(asdict(settings), _damaged(pictures, measured)),
+        **stamp.fields({**asdict(settings), **_kept(mask)}, _damaged(pictures, measured)),
         specimens=specimens,
         mean_radius_mm=mean_of_means(specimens),
         measurements=results,
         truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
     )
     return content, _centre_lines(results, measured)
+
+
+def _kept(mask: Mask | None) -> dict[str, str]:
+    return {} if mask is None else {"mask": mask.kept_as, "mask_sha256": mask.sha256}
 
 
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:

@@ -47,6 +47,7 @@ class PictureResult(Model):
     radius_mm: float | None = None
     radius_ci95_mm: Point | None = None
     sigma_radius_mm: float | None = None
+    sigma_calibration_mm: float | None = None
     centre_mm: Point | None = None
     bend: str | None = None
     tip_mm: Point | None = None

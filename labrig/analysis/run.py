@@ -21,7 +21,8 @@ from labrig.protocol import (
     SteerabilityProtocol,
     load_protocol,
 )
-from labrig.record import Run
+from labrig.record import Run, write_atomically
+from labrig.vision import Mask
 
 _OVERRIDABLE = "analysis."
 
@@ -34,6 +35,7 @@ def analyze_run(
     progress: Progress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
+    mask: Mask | None = None,
 ) -> AnalysisResult:
     """Measure a run, or study the design that it asks for, and write a new numbered result, `RUN/analysis/NNN/`.
 
@@ -49,6 +51,8 @@ def analyze_run(
         Calendar time, aware.
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
+    mask : Mask or None
+        Pixels that are not the needle; a copy is kept with the result.
 
     Raises
     ------
@@ -78,8 +82,12 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = analyze_curvature(run, stamp, curvature_settings(protocol), workers, progress)
-        return write_result(run.new_result_dir(), content, lines)
+        settings = curvature_settings(protocol)
+        content, lines = analyze_curvature(run, stamp, settings, workers, progress, mask=mask)
+        folder = run.new_result_dir()
+        if mask is not None:
+            write_atomically(folder / mask.kept_as, mask.content)
+        return write_result(folder, content, lines)
     if isinstance(protocol, DesignProtocol):
         answer, study = analyze_design(protocol, stamp, workers, progress)
         folder = run.new_result_dir()

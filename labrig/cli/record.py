@@ -11,6 +11,7 @@ from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
     IntrinsicsOption,
+    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -43,6 +44,7 @@ def reanalyze(
             "--set", metavar="analysis.KEY=VALUE", help="Override an analysis setting.", show_default=False
         ),
     ] = None,
+    mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
@@ -50,7 +52,7 @@ def reanalyze(
 
     def one(path: Path) -> dict[str, object]:
         old = _old_document(path)
-        new = analyze(path, tuple(sys.argv), tuple(settings or ()))
+        new = analyze(path, tuple(sys.argv), tuple(settings or ()), mask)
         if not as_json:
             _print_old_and_new(path, old, new.document)
         return _undamaged(

@@ -15,6 +15,7 @@ from labrig.vision.calibration_file import (
 )
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.mask import Mask, load_mask
 from labrig.vision.overlay import draw_measurement
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
@@ -36,6 +37,7 @@ __all__ = [
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "Mask",
     "PaperPlace",
     "Picture",
     "PlaneMap",
@@ -55,6 +57,7 @@ __all__ = [
     "find_board",
     "find_board_corners",
     "load_intrinsics",
+    "load_mask",
     "load_plane",
     "load_template",
     "locate_tip",

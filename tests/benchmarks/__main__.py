@@ -5,6 +5,7 @@ import sys
 from tests.benchmarks import (
     can_load,
     catalogue,
+    curvature,
     estimator,
     faults,
     hinge,
@@ -21,6 +22,7 @@ TABLES = {
     "start-up": start_up.print_table,
     "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
+    "curvature": curvature.print_table,
     "ruled-paper": ruled_paper.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,

@@ -20,6 +20,16 @@ An experiment is added by a `Protocol` subclass in `protocols.py` and its name i
 """
 
 from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection, load_design
+from labrig.protocol.insertion import (
+    Advance,
+    InsertionObstacle,
+    InsertionProtocol,
+    Place,
+    Planner,
+    RollZeroProtocol,
+    RollZeroSteps,
+    Target,
+)
 from labrig.protocol.load import AnyProtocol, load_protocol, parse_protocol, protocol_schema
 from labrig.protocol.model import (
     Conflict,
@@ -57,6 +67,7 @@ from labrig.protocol.schema import JsonSchema, model_schema, schema_text
 from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_values, parse_yaml_model
 
 __all__ = [
+    "Advance",
     "AnalysisWindow",
     "AnyProtocol",
     "Basis",
@@ -70,6 +81,8 @@ __all__ = [
     "ImportProtocol",
     "ImportedNeedle",
     "Insertion",
+    "InsertionObstacle",
+    "InsertionProtocol",
     "JsonSchema",
     "Line",
     "MeasuredNeedle",
@@ -81,7 +94,11 @@ __all__ = [
     "NonNegativeMm",
     "Notes",
     "PixelUv",
+    "Place",
+    "Planner",
     "PositiveMm",
+    "RollZeroProtocol",
+    "RollZeroSteps",
     "Scale",
     "Scenario",
     "Seed",
@@ -89,6 +106,7 @@ __all__ = [
     "Specimen",
     "SpeedMmS",
     "SteerabilityProtocol",
+    "Target",
     "TubeSection",
     "dump_yaml",
     "load_design",

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -23,33 +23,58 @@ ForceOption = Annotated[
 ]
 
 
-@app.command("intrinsics", help="Zhang's method: intrinsics and distortion from photographs of a chessboard.")
+@app.command(
+    "intrinsics",
+    help="Zhang's method: intrinsics and distortion from photographs of a chessboard or ChArUco board.",
+)
 def intrinsics(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
     board: Annotated[str, typer.Option(metavar="COLUMNSxROWS", help="Inner corners, e.g. 9x6.")],
     square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    charuco: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DICTIONARY", help="The board is a ChArUco board, e.g. DICT_5X5_100.", show_default=False
+        ),
+    ] = None,
+    marker_mm: Annotated[
+        float | None, typer.Option(help="Side of a ChArUco board's marker.", show_default=False)
+    ] = None,
+    partial: Annotated[bool, typer.Option("--partial", help="The frame may cut the chessboard.")] = False,
+    model: Annotated[
+        Literal["brown", "zhang"],
+        typer.Option(help="Five distortion coefficients, or Zhang's two and a skew."),
+    ] = "brown",
+    window_px: Annotated[
+        int | None,
+        typer.Option(help="Force the half side of the corner window.", show_default="a third of the spacing"),
+    ] = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
+    from labrig.cli.lens import board_search, draw_beside, picture_beside
     from labrig.vision import calibrate_from_pictures, save_intrinsics
 
     _require_writable(out, force)
+    _require_writable(picture_beside(out), force)
     columns, rows = _board_size(board)
     if not square_mm > 0:
         raise InputError(
             f"--square-mm is {square_mm:g}, and has to be above 0", "measure the side of a square"
         )
+    search = board_search(charuco, marker_mm, square_mm, partial, window_px)
     pictures = _read_all(images)
     if not pictures:
         raise InputError(f"none of the {len(images)} pictures can be read", "look at one in a viewer")
     try:
-        found = calibrate_from_pictures(pictures, columns, rows, square_mm)
+        found = calibrate_from_pictures(pictures, columns, rows, square_mm, search=search, model=model)
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_INTRINSICS, as_json)
     if out is not None and (found.accepted or force):
         save_intrinsics(out, found, _provenance(images))
+        draw_beside(out, found)
     document = found.to_json()
     if as_json:
         print_json(document)
@@ -230,6 +255,8 @@ def _print_intrinsics(document: dict[str, Any]) -> None:
             f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (1 sigma)")
         )
     typer.echo("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
+    if document["skew"]:
+        typer.echo(f"skew {document['skew']:.5f} px")
     held_out = document["holdout_rms_px"]
     typer.echo(
         f"residual {document['rms_px']:.3f} px rms"

@@ -4,6 +4,8 @@ Everything here is a pure function of pictures and numbers; only `read_picture` 
 touch the disk. The same functions serve the live run and later reanalysis.
 """
 
+from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board, find_board_corners
+from labrig.vision.bundle import LensModel
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
@@ -11,18 +13,17 @@ from labrig.vision.overlay import draw_measurement
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
-from labrig.vision.zhang import (
-    board_points_mm,
-    calibrate_from_pictures,
-    calibrate_intrinsics,
-    find_board_corners,
-)
+from labrig.vision.projection import projection_sigma_px
+from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
+    "BoardSearch",
+    "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
     "Insertion",
     "Intrinsics",
+    "LensModel",
     "Picture",
     "PlaneMap",
     "ViewResidual",
@@ -32,10 +33,12 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "draw_measurement",
+    "find_board",
     "find_board_corners",
     "load_intrinsics",
     "load_plane",
     "measure_curvature",
+    "projection_sigma_px",
     "read_picture",
     "require_size",
     "save_intrinsics",

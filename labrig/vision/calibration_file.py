@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 
 from labrig.errors import DiskError, FileFormatError, InputError, Problem
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
@@ -22,6 +22,7 @@ _SCHEMA_VERSION = 1
 _MADE_BY = {_INTRINSICS: "`labrig calibrate intrinsics`", _PLANE: "`labrig calibrate plane`"}
 
 _Row = tuple[float, float, float]
+_TenNumbers = tuple[float, float, float, float, float, float, float, float, float, float]
 _NinthsRow = tuple[float | None, float | None, float | None]
 
 
@@ -51,6 +52,12 @@ class _IntrinsicsDocument(_Part):
     rms_px: float
     holdout_rms_px: float | None
     views: tuple[_View, ...]
+    skew: float = 0.0
+    covariance: tuple[_TenNumbers, ...] | None = Field(None, min_length=10, max_length=10)
+    projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
+    coverage: float | None = None
+    different_views: int | None = None
+    tilt_spread_deg: float | None = None
 
 
 class _PlaneDocument(_Part):

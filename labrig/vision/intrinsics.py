@@ -1,12 +1,14 @@
 """What a lens does: the pinhole with radial and tangential distortion, and how well it is known.
 
-The model is Brown's with five coefficients in OpenCV's order (k1, k2, p1, p2, k3). "Ideal" pixels are where
-the same camera matrix would put a point if the lens did not distort.
+The model is Brown's with five coefficients in OpenCV's order (k1, k2, p1, p2, k3), and a skew of the pixel axes that
+is zero unless Zhang's own model was asked for. "Ideal" pixels are where the same camera matrix would put a point if the
+lens did not distort.
 """
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,12 +38,16 @@ class ViewResidual:
         Whether its corners entered the fit.
     reason : str or None
         Why it was not used, or what is odd about it.
+    corners_px, errors_px : tuple of (float, float)
+        Its corners and how far their reprojections are from them, to be drawn; not kept in files.
     """
 
     image: str
     rms_px: float | None
     used: bool
     reason: str | None = None
+    corners_px: tuple[tuple[float, float], ...] = ()
+    errors_px: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,8 @@ class Intrinsics:
     distortion : 5 floats
         k1, k2, p1, p2, k3.
     sigma : dict
-        Standard deviations [px] of fx, fy, cx and cy.
+        Standard deviations of fx, fy, cx, cy [px] and of k1, k2, p1, p2, k3; with Zhang's model also of the skew. None
+        where the views do not determine a parameter.
     rms_px : float
         Reprojection error of the corners that were fitted. It says nothing about the error of the focal
         length.
@@ -68,6 +75,18 @@ class Intrinsics:
         Whether measurements may rest on it.
     reasons : tuple of str
         Why not, each with what to photograph next.
+    skew : float
+        Of the pixel axes: how far u moves [px] with one focal length in v.
+    covariance : tuple of rows or None
+        Of fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew, ten by ten.
+    projection_sigma_px : tuple of rows of floats or None
+        How uncertain a direction's pixel is (one standard deviation), over the picture row by row from corner to
+        corner; see `labrig.vision.projection_sigma_px`.
+    coverage : float or None
+        Share of the picture inside the hull of all corners.
+    different_views : int or None
+    tilt_spread_deg : float or None
+        Largest angle between two boards.
     """
 
     image_size: tuple[int, int]
@@ -82,10 +101,31 @@ class Intrinsics:
     views: tuple[ViewResidual, ...]
     accepted: bool
     reasons: tuple[str, ...]
+    skew: float = 0.0
+    covariance: tuple[tuple[float, ...], ...] | None = None
+    projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
+    coverage: float | None = None
+    different_views: int | None = None
+    tilt_spread_deg: float | None = None
 
     def camera_matrix(self) -> _FloatArray:
         """Return the 3x3 matrix from directions to ideal pixels."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def directions(self, px: ArrayLike) -> _FloatArray:
+        """Return the unit vectors (N, 3), z away from the camera, from which light reaches pixels (N, 2)."""
+        flat = self._to_directions(self.undistort_px(px))
+        rays = np.column_stack((flat, np.ones(len(flat))))
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def with_parameters(self, values: Sequence[float]) -> "Intrinsics":
+        """Return the lens with other values of fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew."""
+        fx, fy, cx, cy, k1, k2, p1, p2, k3, skew = map(float, values)
+        return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3), skew=skew)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Return fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew, in the order of `covariance`."""
+        return (self.fx, self.fy, self.cx, self.cy, *self.distortion, self.skew)
 
     def distort_px(self, px: ArrayLike) -> _FloatArray:
         """Return where the lens puts ideal pixels (N, 2)."""
@@ -113,6 +153,7 @@ class Intrinsics:
     def fingerprint(self) -> str:
         """Return the SHA-256 of size, matrix and distortion, by which a plane map names its lens."""
         numbers = [*self.image_size, self.fx, self.fy, self.cx, self.cy, *self.distortion]
+        numbers += [self.skew] if self.skew else []
         return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
     def to_json(self) -> dict[str, Any]:
@@ -129,6 +170,12 @@ class Intrinsics:
             "distortion": list(self.distortion),
             "rms_px": self.rms_px,
             "holdout_rms_px": self.holdout_rms_px,
+            "skew": self.skew,
+            "covariance": _rows(self.covariance),
+            "projection_sigma_px": _rows(self.projection_sigma_px),
+            "coverage": self.coverage,
+            "different_views": self.different_views,
+            "tilt_spread_deg": self.tilt_spread_deg,
             "views": [
                 {"image": view.image, "rms_px": view.rms_px, "used": view.used, "reason": view.reason}
                 for view in self.views
@@ -139,10 +186,18 @@ class Intrinsics:
         array = np.asarray(px, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(f"pixels have shape {array.shape}, not (N, 2)", "one row a point, columns u, v")
-        return (array - (self.cx, self.cy)) / (self.fx, self.fy)
+        flat = (array - (self.cx, self.cy)) / (self.fx, self.fy)
+        flat[:, 0] -= self.skew / self.fx * flat[:, 1]
+        return np.asarray(flat)
 
     def _to_px(self, directions: _FloatArray) -> _FloatArray:
-        return directions * (self.fx, self.fy) + (self.cx, self.cy)
+        px = directions * (self.fx, self.fy) + (self.cx, self.cy)
+        px[:, 0] += self.skew * directions[:, 1]
+        return np.asarray(px)
+
+
+def _rows(table: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | None:
+    return None if table is None else [list(row) for row in table]
 
 
 def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:

@@ -2,11 +2,11 @@
 
 import sys
 
-from tests.benchmarks import chessboard, estimator, hinge, planner, real_insertions, start_up, sweep
+from tests.benchmarks import estimator, hinge, intrinsics, planner, real_insertions, start_up, sweep
 
 TABLES = {
     "start-up": start_up.print_table,
-    "chessboard": chessboard.print_table,
+    "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,

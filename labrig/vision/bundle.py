@@ -1,0 +1,193 @@
+"""Camera and poses from corners by least squares, with the covariance of every parameter.
+
+Two models of the lens. "brown" is OpenCV's with five coefficients, fitted by OpenCV. "zhang" is that of Zhang 2000
+(IEEE PAMI 22:1330): two radial coefficients and a skew of the pixel axes, which OpenCV does not have; it is fitted here
+by Gauss-Newton from OpenCV's answer without skew. The covariance is that of least squares with the noise taken from the
+residuals and their degrees of freedom; OpenCV's own standard deviations count a corner as one observation, not two.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import CalibrationRefusedError
+
+LensModel = Literal["brown", "zhang"]
+_FloatArray = NDArray[np.float64]
+
+# The order of `Fit.parameters`, and which of them a model fits.
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "skew")
+FREE: dict[LensModel, list[int]] = {"brown": list(range(9)), "zhang": [0, 1, 2, 3, 4, 5, 9]}
+_FLAGS: dict[LensModel, int] = {"brown": 0, "zhang": cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3}
+_POSE = 6
+_MAX_STEPS = 30
+# Convergence: the largest effect of a step on all residuals together.
+_STEP_TOLERANCE_PX = 1e-9
+# Beyond this condition number of the scaled normal equations nothing is known of some parameter.
+_LARGEST_CONDITION = 1e13
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One photograph's corners: board (N, 3) [mm], pixels (N, 2)."""
+
+    name: str
+    board: _FloatArray
+    pixels: _FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A camera and the boards before it.
+
+    Attributes
+    ----------
+    model : "brown" or "zhang"
+    parameters : ndarray (10,)
+        In the order of `PARAMETERS`.
+    poses : ndarray (V, 6)
+        Of each board: rotation vector, then shift [mm].
+    rms_px : float
+    covariance : ndarray (10, 10) or None
+        Of the parameters; zero where the model fixes one. None where the views do not determine them.
+    """
+
+    model: LensModel
+    parameters: _FloatArray
+    poses: _FloatArray
+    rms_px: float
+    covariance: _FloatArray | None
+
+    @property
+    def matrix(self) -> _FloatArray:
+        """Camera matrix (3, 3), without skew."""
+        fx, fy, cx, cy = self.parameters[:4]
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distortion(self) -> _FloatArray:
+        """k1, k2, p1, p2, k3."""
+        return self.parameters[4:9]
+
+
+def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -> Fit:
+    """Fit a camera to views of a board.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If no camera explains them.
+    """
+    boards = [view.board.astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
+    try:
+        _, matrix, lens, turns, shifts = cv2.calibrateCamera(
+            boards,
+            pixels,
+            size,
+            None,
+            None,
+            flags=_FLAGS[model],
+        )
+    except cv2.error as error:
+        raise CalibrationRefusedError(
+            f"no camera explains the {len(views)} views: {error.err}",
+            "photograph the board tilted in several ways",
+        ) from error
+    focal = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
+    start = np.concatenate((focal, np.ravel(lens)[:5], [0.0]))
+    poses = np.array([np.ravel(np.vstack(pose)) for pose in zip(turns, shifts, strict=True)], dtype=float)
+    fit = Fit(model, start, poses, 0.0, None)
+    return _with_evidence(_polished(fit, views) if model == "zhang" else fit, views)
+
+
+def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:
+    """Return where a board's points (N, 3) [mm] appear (N, 2) [px] when it is held so."""
+    return _projected(fit, pose, board)[0]
+
+
+def posed(fit: Fit, view: View) -> _FloatArray | None:
+    """Return the pose (6,) of another board before the same camera, None where there is none."""
+    straight = view.pixels.copy()
+    fy, cy = fit.parameters[1], fit.parameters[3]
+    # The skew moves a pixel along u by how far it is from the middle row.
+    straight[:, 0] -= fit.parameters[9] * (view.pixels[:, 1] - cy) / fy
+    solved, turn, shift = cv2.solvePnP(view.board, straight, fit.matrix, fit.distortion)
+    return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
+
+
+def _projected(
+    fit: Fit, pose: _FloatArray, board: _FloatArray
+) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+    """Return pixels (N, 2) and their derivatives by the ten parameters (N, 2, 10) and the pose (N, 2, 6)."""
+    flat, slopes = cv2.projectPoints(board, pose[:3], pose[3:], fit.matrix, fit.distortion)
+    pixels = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
+    slopes = np.asarray(slopes, dtype=np.float64).reshape(len(pixels), 2, -1)
+    fy, cy, skew = fit.parameters[1], fit.parameters[3], fit.parameters[9]
+    height = (pixels[:, 1] - cy) / fy
+    by_lens = np.zeros((len(pixels), 2, len(PARAMETERS)))
+    by_lens[:, :, :9] = slopes[:, :, _POSE : _POSE + 9]
+    by_pose = slopes[:, :, :_POSE].copy()
+    by_pose[:, 0] += skew / fy * by_pose[:, 1]
+    by_lens[:, 0, 4:9] += skew / fy * by_lens[:, 1, 4:9]
+    by_lens[:, 0, 9] = height
+    pixels[:, 0] += skew * height
+    return pixels, by_lens, by_pose
+
+
+def _normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArray, _FloatArray, float]:
+    """Return the normal matrix, its right side, and the sum of squared residuals [px^2]."""
+    free = FREE[fit.model]
+    count = len(free) + _POSE * len(views)
+    normal, side, squares = np.zeros((count, count)), np.zeros(count), 0.0
+    for index, (view, pose) in enumerate(zip(views, fit.poses, strict=True)):
+        pixels, by_lens, by_pose = _projected(fit, pose, view.board)
+        start = len(free) + _POSE * index
+        columns = np.concatenate((np.arange(len(free)), np.arange(start, start + _POSE)))
+        jacobian = np.concatenate((by_lens[:, :, free], by_pose), axis=2).reshape(-1, len(columns))
+        residuals = (view.pixels - pixels).ravel()
+        normal[np.ix_(columns, columns)] += jacobian.T @ jacobian
+        side[columns] += jacobian.T @ residuals
+        squares += float(residuals @ residuals)
+    return normal, side, squares
+
+
+def _polished(fit: Fit, views: Sequence[View]) -> Fit:
+    """Bring a fit to its minimum by Gauss-Newton."""
+    free = FREE[fit.model]
+    for _ in range(_MAX_STEPS):
+        normal, side, _ = _normal_equations(fit, views)
+        scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+        step = np.linalg.lstsq(normal / np.outer(scale, scale), side / scale, rcond=None)[0] / scale
+        parameters = fit.parameters.copy()
+        parameters[free] += step[: len(free)]
+        fit = replace(
+            fit, parameters=parameters, poses=fit.poses + step[len(free) :].reshape(fit.poses.shape)
+        )
+        if np.abs(step * scale).max() <= _STEP_TOLERANCE_PX:
+            break
+    if not (np.isfinite(fit.parameters).all() and fit.parameters[:2].min() > 0.0):
+        raise CalibrationRefusedError(
+            f"Zhang's model has no minimum for the {len(views)} views",
+            "photograph the board tilted in several ways",
+        )
+    return fit
+
+
+def _with_evidence(fit: Fit, views: Sequence[View]) -> Fit:
+    """Return the fit with its residual and the covariance of its parameters."""
+    normal, _, squares = _normal_equations(fit, views)
+    corners = sum(len(view.pixels) for view in views)
+    free, freedom = FREE[fit.model], 2 * corners - len(normal)
+    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    scaled = normal / np.outer(scale, scale)
+    covariance = None
+    if freedom > 0 and np.linalg.cond(scaled) < _LARGEST_CONDITION:
+        inverse = np.linalg.inv(scaled) / np.outer(scale, scale) * (squares / freedom)
+        covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+        covariance[np.ix_(free, free)] = inverse[: len(free), : len(free)]
+    return replace(fit, rms_px=float(np.sqrt(squares / corners)), covariance=covariance)

@@ -1,0 +1,138 @@
+"""How uncertain a calibrated camera is, pixel by pixel.
+
+The covariance of the parameters says little by itself: an error of the principal point is very nearly a small turn of
+the camera, and one of the focal length very nearly a shift of everything along the axis, which a plane map takes up.
+What remains after the turn that fits best over the part of the picture that the boards covered is the lens's own
+uncertainty, as in mrcal's maps (whose compensation also lets the boards move).
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.intrinsics import Intrinsics
+
+_FloatArray = NDArray[np.float64]
+
+# Steps of the numerical derivatives, in standard deviations of a parameter.
+_STEP_SIGMAS = 0.05
+_LEAST_STEP = 1e-9
+# The map from corner to corner: columns and rows of places, and those over which the turn is fitted.
+_MAP_SHAPE = (9, 7)
+_FIT_SHAPE = (16, 12)
+_MIDDLE_MARGIN = 0.25
+_LEAST_FITTED = 4
+
+
+def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 0.0) -> _FloatArray:
+    """Return pixels (columns * rows, 2), row by row, evenly from corner to corner but for a margin (a share)."""
+    axes = (
+        np.linspace(margin * (extent - 1), (1.0 - margin) * (extent - 1), count)
+        for extent, count in zip(size, shape, strict=True)
+    )
+    return np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
+
+
+def lens_variations(lens: Intrinsics) -> list[Intrinsics]:
+    """Return the lens moved by each principal axis of its covariance, one standard deviation each.
+
+    A quantity's variance through the lens is the sum of its squared changes over these.
+    """
+    if lens.covariance is None:
+        return []
+    values, vectors = np.linalg.eigh(np.array(lens.covariance))
+    moves = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    base = np.array(lens.parameters())
+    return [lens.with_parameters(base + move) for move in moves if np.abs(move).any()]
+
+
+def projection_sigma_px(lens: Intrinsics, px: ArrayLike, seen_px: ArrayLike | None = None) -> _FloatArray:
+    """Return how uncertain the pixels (N,) of fixed directions are [px]: one standard deviation, both axes together.
+
+    Parameters
+    ----------
+    px : array_like (N, 2)
+        Where the directions appear.
+    seen_px : array_like (M, 2), optional
+        Pixels inside whose hull the best turn is fitted; the middle of the picture otherwise.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If the lens has no covariance, or its model folds in the picture.
+    """
+    if lens.covariance is None:
+        raise MeasurementRefusedError(
+            "the views do not determine the lens", "photograph the board in more poses"
+        )
+    wanted = np.asarray(px, dtype=np.float64)
+    fitted = _fitted_px(lens.image_size, seen_px)
+    places = np.vstack((wanted, fitted))
+    slopes = _slopes(lens, places)
+    turns = _turns(lens, places)
+    moves = slopes @ np.array(_root(lens.covariance))
+    rows = slice(2 * len(wanted), None)
+    compensation = np.linalg.lstsq(turns[rows], moves[rows], rcond=None)[0]
+    left = (moves - turns @ compensation)[: 2 * len(wanted)]
+    return np.asarray(np.sqrt(np.sum(left**2, axis=1).reshape(-1, 2).sum(axis=1)))
+
+
+def projection_map_px(
+    lens: Intrinsics, seen_px: ArrayLike | None = None
+) -> tuple[tuple[float, ...], ...] | None:
+    """Return the uncertainty over the picture, 7 rows of 9 places from corner to corner, None where it is unknown."""
+    try:
+        sigma = projection_sigma_px(lens, picture_grid(lens.image_size, _MAP_SHAPE), seen_px)
+    except MeasurementRefusedError:
+        return None
+    rows = sigma.reshape(_MAP_SHAPE[1], _MAP_SHAPE[0])
+    return tuple(tuple(float(value) for value in row) for row in rows)
+
+
+def _fitted_px(size: tuple[int, int], seen_px: ArrayLike | None) -> _FloatArray:
+    """Return the pixels (N, 2) over which the best turn is fitted."""
+    middle = picture_grid(size, _FIT_SHAPE, _MIDDLE_MARGIN)
+    if seen_px is None:
+        return middle
+    hull = cv2.convexHull(np.asarray(seen_px, dtype=np.float32))
+    grid = picture_grid(size, _FIT_SHAPE)
+    kept = [cv2.pointPolygonTest(hull, (float(u), float(v)), measureDist=False) >= 0.0 for u, v in grid]
+    return grid[kept] if sum(kept) >= _LEAST_FITTED else middle
+
+
+def _root(covariance: Sequence[Sequence[float]]) -> _FloatArray:
+    values, vectors = np.linalg.eigh(np.array(covariance))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _slopes(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
+    """Return the derivatives (2 N, 10) of the pixels of fixed directions by the lens's parameters."""
+    ideal = lens.directions(px)
+    base = np.array(lens.parameters())
+    sigmas = np.sqrt(np.maximum(np.diag(np.array(lens.covariance)), 0.0))
+    columns = []
+    for index, sigma in enumerate(sigmas):
+        step = max(_STEP_SIGMAS * sigma, _LEAST_STEP) * (np.arange(len(base)) == index)
+        there, back = (_seen(lens.with_parameters(base + sign * step), ideal) for sign in (1.0, -1.0))
+        columns.append((there - back).ravel() / (2.0 * step[index]))
+    return np.column_stack(columns)
+
+
+def _turns(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
+    """Return the derivatives (2 N, 3) of the pixels by a small turn of the camera about each axis [rad]."""
+    rays = lens.directions(px)
+    small = 1e-6
+    columns = []
+    for axis in np.eye(3):
+        there, back = (_seen(lens, rays + sign * small * np.cross(axis, rays)) for sign in (1.0, -1.0))
+        columns.append((there - back).ravel() / (2.0 * small))
+    return np.column_stack(columns)
+
+
+def _seen(lens: Intrinsics, rays: _FloatArray) -> _FloatArray:
+    """Return the pixels (N, 2) at which rays (N, 3) appear."""
+    ideal = rays @ lens.camera_matrix().T
+    return lens.distort_px(ideal[:, :2] / ideal[:, 2:])

@@ -1,0 +1,81 @@
+"""The intrinsics of known photographs and corners beside their published answers, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+
+from labrig.vision import BoardSearch, Intrinsics, calibrate_from_pictures, calibrate_intrinsics, read_picture
+from tests.benchmarks.table import print_rows
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+LEFT = {"fx": (532.83, 0.44), "fy": (532.95, 0.46), "cx": (342.49, 0.46), "cy": (233.86, 0.51)}
+MRCAL_FX = 533.16
+ZHANG = {
+    "fx": 832.5,
+    "skew": 0.204494,
+    "cx": 303.959,
+    "fy": 832.53,
+    "cy": 206.585,
+    "k1": -0.228601,
+    "k2": 0.190353,
+}
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "skew")
+
+
+def print_table() -> None:
+    """OpenCV's left set, the same with a window of 11 forced, Zhang's five views, and what must be refused."""
+    if not DATA.is_dir():
+        print(f"skipped: {DATA} is not here")
+        return
+    pictures = [(path.name, read_picture(path)) for path in sorted((DATA / "opencv_chess").glob("left*.jpg"))]
+    found = calibrate_from_pictures(pictures, 9, 6, 25.0)
+    rows = [
+        [
+            f"left set {name}, px",
+            f"{getattr(found, name):.2f}",
+            known,
+            f"{(getattr(found, name) - known) / sigma:+.2f} sigma",
+            "2",
+        ]
+        for name, (known, sigma) in LEFT.items()
+    ]
+    rows.append(
+        [
+            "left set fx beside mrcal's, px",
+            f"{found.fx:.2f}",
+            MRCAL_FX,
+            f"{(found.fx - MRCAL_FX) / LEFT['fx'][1]:+.2f} sigma",
+            "2",
+        ]
+    )
+    forced = calibrate_from_pictures(pictures, 9, 6, 25.0, search=BoardSearch(window_px=11))
+    flagged = ", ".join(view.image for view in forced.views if not view.used)
+    rows.append(["left set, window of 11 forced", flagged or "none", "left02.jpg", "", "flagged"])
+    rows += [
+        [f"Zhang's {name}", f"{value:.6f}", ZHANG[name], f"{value - ZHANG[name]:+.6f}", "0.01"]
+        for name, value in _zhang()
+    ]
+    for what, lens in (
+        ("one photograph five times", calibrate_from_pictures([pictures[0]] * 5, 9, 6, 25.0)),
+        ("a board held all but parallel, cut by the frame", _cut_boards()),
+    ):
+        rows.append([what, "accepted" if lens.accepted else "refused", "refused", "", "refused"])
+    print_rows(("figure", "measured", "known", "off", "limit"), rows)
+    corners = np.vstack([view.corners_px for view in found.views])
+    centre = np.array(found.projection_sigma_px)[3, 4]
+    print(f"{len(corners)} corners; uncertain by {centre:.3f} px in the middle (mrcal: 0.026)")
+
+
+def _zhang() -> list[tuple[str, float]]:
+    board = np.loadtxt(DATA / "zhang" / "Model.txt").reshape(-1, 2) * 25.4
+    views = [np.loadtxt(path).reshape(-1, 2) for path in sorted((DATA / "zhang").glob("data*.txt"))]
+    found = calibrate_intrinsics([board] * len(views), views, (640, 480), model="zhang")
+    return [
+        (name, value) for name, value in zip(PARAMETERS, found.parameters(), strict=True) if name in ZHANG
+    ]
+
+
+def _cut_boards() -> Intrinsics:
+    folder = DATA / "real_insertions" / "checkerboard"
+    pictures = [(path.name, read_picture(path)) for path in sorted(folder.glob("*.jpg"))[:8]]
+    return calibrate_from_pictures(pictures, 9, 6, 25.0, search=BoardSearch(partial=True))

@@ -1,0 +1,35 @@
+"""The picture of residuals and coverage beside a calibration."""
+
+from pathlib import Path
+
+import numpy as np
+
+from labrig.report import write_lens_figure
+from labrig.vision import Intrinsics, ViewResidual, read_picture
+
+VIEWS = (
+    ViewResidual("a.png", 0.1, True, None, ((10.0, 10.0), (500.0, 300.0)), ((0.1, 0.0), (0.0, -0.1))),
+    ViewResidual("b.png", 3.0, False, "left out", ((20.0, 20.0),)),
+    ViewResidual("c.png", None, False, "no board"),
+)
+
+
+def lens(**known: object) -> Intrinsics:
+    """Return a lens with three views: used, left out, without the board."""
+    lens = (-0.1, 0.0, 0.0, 0.0, 0.0)
+    return Intrinsics(
+        (640, 480), 600.0, 600.0, 320.0, 240.0, lens, {}, 0.1, None, VIEWS, False, ("why",), **known
+    )
+
+
+def test_figure_is_drawn_with_and_without_what_is_known(tmp_path: Path) -> None:
+    """A lens that the views determine, and one that they do not, each give a picture with something on it."""
+    pictures = []
+    for name, known in (
+        ("known.png", {"projection_sigma_px": tuple((0.1,) * 9 for _ in range(7)), "coverage": 0.5}),
+        ("unknown.png", {}),
+    ):
+        write_lens_figure(tmp_path / name, lens(**known))
+        pictures.append(read_picture(tmp_path / name))
+    assert all(picture.shape[1] > 1000 and np.ptp(picture) > 200 for picture in pictures)
+    assert not np.array_equal(*pictures)

@@ -77,7 +77,8 @@ def perform(order: Order) -> Finished:
     if problems:
         raise FileFormatError(problems)
     needs = estimate(order.protocol, order.rig)
-    require_free_bytes(order.runs_dir, needs.disk_bytes)
+    least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
+    require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
     recorded = _record(order, needs.work)
     path, outcome = recorded.path, recorded.outcome
     if outcome.error is not None:
@@ -189,6 +190,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         dump_yaml(rig),
         rig.calibration_files(),
         fsync_period_s=rig.recording.fsync_period_s,
+        least_free_bytes=int(1e6 * rig.recording.least_free_mb),
     )
 
 

@@ -2,10 +2,12 @@
 
 import typer
 
+from labrig.cli import checking
 from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json, print_table, say
 
 app = typer.Typer(help="List the runs, newest first.", invoke_without_command=True)
+checking.register(app)
 
 
 @app.callback()

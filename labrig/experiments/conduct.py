@@ -45,6 +45,10 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         session.rig.stop()
     except MachineError as error:
         outcome = Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+    try:
+        session.recorder.can_frames(session.rig.take_can_frames())
+    except DiskError as error:
+        outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
 
 

@@ -14,8 +14,10 @@
       events.jsonl       one line an event: what was asked, sent and answered; it makes the trials
       can.log            every CAN frame sent (T) and received (R), as candump writes them, in rig time; handed
                          over with the next state or event, so that a killed process loses the frames since
+      can.sums.jsonl     a line for each part of can.log: its end and CRC-32
       truth.jsonl        what a simulated world drew; only the final comparison reads it
       SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
+      torn/NNN/          what an interruption left half written, set aside when the run was closed or continued
       analysis/NNN/      results, made from the above and never overwritten
 
 Decided here:
@@ -30,30 +32,40 @@ Decided here:
   before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
   lines of the last `fsync_period_s` of rig time; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
-- The raw files are never rewritten. Only the manifest is, atomically, when the run is closed.
+- The raw files are never rewritten. Only the manifest is, atomically, when the run is closed or continued.
+- One process writes a run: it holds `.lock`, which the kernel frees when it dies. `check_run` reads everything and
+  tells damage from what an interruption left; only an undamaged run is closed by `repair_run` or continued by
+  `Recorder.reopen`. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.
 """
 
+from labrig.record.can_log import CanFrame
 from labrig.record.catalogue import RunSummary, list_runs
+from labrig.record.check import Verdict, check_run
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
+from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "CanFrame",
     "FileLock",
     "Frames",
     "LockOwner",
     "Recorder",
     "Run",
     "RunSummary",
+    "Verdict",
+    "check_run",
     "collect_provenance",
     "encode_document",
     "list_runs",
     "lock_owner",
     "open_run",
     "read_recorded_picture",
+    "repair_run",
     "require_free_bytes",
     "write_atomically",
 ]

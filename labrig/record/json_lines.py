@@ -9,6 +9,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +20,7 @@ from labrig.errors import InputError, Problem, RecordError
 
 _Read = TypeVar("_Read")
 
+_COPY = "take this file from a copy of the run; labrig never rewrites it"
 _CRC_KEY = "crc32"
 _TAIL_LENGTH = len(',"crc32":"00000000"}')
 
@@ -87,6 +89,57 @@ def read_lines(path: Path) -> list[dict[str, object]]:
     return [_located(path, number, line, decode_line) for number, line in enumerate(lines, start=1)]
 
 
+@dataclass(frozen=True)
+class Scan:
+    """All that a file of lines says, whatever has happened to it.
+
+    Attributes
+    ----------
+    lines : tuple of (int, dict)
+        The whole lines with their numbers, from 1.
+    damaged, torn : tuple of Problem
+        The lines whose checksum does not hold, and the torn last one, where there is one.
+    whole_bytes : int
+        Length of the file without its torn end.
+    ends_with_newline : bool
+        Whether the last whole line has its newline, which may have been the one byte that was lost.
+    """
+
+    lines: tuple[tuple[int, dict[str, object]], ...]
+    damaged: tuple[Problem, ...]
+    torn: tuple[Problem, ...]
+    whole_bytes: int
+    ends_with_newline: bool
+
+
+def scan_lines(path: Path) -> Scan:
+    """Read the lines of a file and go on behind damaged ones.
+
+    Raises
+    ------
+    RecordError
+        When the file cannot be read.
+    """
+    whole, torn = _whole_lines(path)
+    lines: list[tuple[int, dict[str, object]]] = []
+    damaged: list[Problem] = []
+    for number, line in enumerate(whole, start=1):
+        try:
+            lines.append((number, decode_line(line)))
+        except ValueError as error:
+            damaged.append(
+                Problem(f"{path.name}:{number}", f"the line is damaged, its content lost: {error}", _COPY)
+            )
+    content = path.read_bytes()
+    return Scan(
+        tuple(lines),
+        tuple(damaged),
+        torn,
+        whole_bytes=content.rfind(b"\n") + 1 if torn else len(content),
+        ends_with_newline=bool(torn) or not content or content.endswith(b"\n"),
+    )
+
+
 def encode_document(fields: Mapping[str, object]) -> bytes:
     """Encode a JSON file for people and programs: indented, in UTF-8, infinite and undefined numbers as null.
 
@@ -142,7 +195,7 @@ def _located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _R
     except ValueError as error:
         raise RecordError(
             f"{path}:{number}: the line is damaged: {error}",
-            "take this file from a copy of the run; labrig never rewrites it",
+            _COPY,
         ) from error
 
 

@@ -19,7 +19,12 @@ FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
 TRUTH_LINES = "truth.jsonl"
+FROM_THE_BEGINNING = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"
+CAN_SUMS = "can.sums.jsonl"
+LOCK = ".lock"
+RESERVE = ".reserve"
+TORN = "torn"
 
 # ext4, XFS and most others allow 255 bytes; the rest is room for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200

@@ -29,6 +29,15 @@ class LineFile:
         """Make the file; one that exists is an `OSError`."""
         return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666))
 
+    @classmethod
+    def reopen(cls, path: Path) -> Self:
+        """Go on with a file of whole lines; an `OSError` where it is a link or not there."""
+        file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW))
+        content = path.read_bytes()
+        file._length = len(content)
+        file._sha256.update(content)
+        return file
+
     @property
     def sha256(self) -> str:
         """The SHA-256 of all lines so far, in hexadecimal digits."""
@@ -42,8 +51,8 @@ class LineFile:
         """
         self.append_raw(encode_line(fields))
 
-    def append_raw(self, line: bytes) -> None:
-        """Append what is a line, or lines, already; cut off again likewise."""
+    def append_raw(self, line: bytes) -> int:
+        """Append what is a line, or lines, already, and return the new length; cut off again likewise."""
         self._unsynced = True
         try:
             write_fully(self._descriptor, line)
@@ -52,6 +61,7 @@ class LineFile:
             raise
         self._length += len(line)
         self._sha256.update(line)
+        return self._length
 
     def sync(self) -> None:
         """Make the lines so far durable against a power cut."""

@@ -1,7 +1,7 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -14,13 +14,17 @@ from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
 from labrig.protocol import AnyProtocol, load_protocol
+from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
     CALIBRATION,
+    CAN_LOG,
+    CAN_SUMS,
     EVENT_LINES,
     FRAME_LINES,
     FRAMES,
     PROTOCOL,
+    RIG,
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
@@ -30,6 +34,7 @@ from labrig.record.layout import (
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
 from labrig.record.results import latest_result, new_result_dir
+from labrig.record.structure import clock_problems
 
 _COPY_HINT = "take the file from a copy of the run"
 _CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
@@ -67,8 +72,10 @@ def open_run(path: Path | str) -> "Run":
     folder = Path(path)
     manifest = read_manifest(folder)
     lines = _line_files(folder)
-    torn = tuple(problem for file in lines.values() for problem in check_lines(file))
+    can_log = read_can_log(folder)
+    torn = (*(problem for file in lines.values() for problem in check_lines(file)), *can_log.torn)
     damage = (
+        *can_log.damaged,
         *manifest_problems(manifest),
         *_changed_since_start(folder, manifest),
         *_missing_pictures(folder, lines[FRAME_LINES]),
@@ -77,7 +84,8 @@ def open_run(path: Path | str) -> "Run":
         return Run(folder, manifest, damage, torn)
     # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
     cut = tuple(replace(problem, hint=_COPY_HINT) for problem in torn)
-    return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, lines)))
+    written = lines | {name: folder / name for name in (CAN_LOG, CAN_SUMS) if (folder / name).exists()}
+    return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, written)))
 
 
 class Run:
@@ -120,6 +128,28 @@ class Run:
             When this labrig no longer knows what it says.
         """
         return load_protocol(self._unchanged(PROTOCOL))
+
+    @property
+    def rig_path(self) -> Path | None:
+        """The rig file as it was resolved for this run; None for a run without a rig.
+
+        Raises
+        ------
+        RecordError
+            When it is missing or was changed.
+        """
+        return self._unchanged(RIG) if RIG in recorded_sha256(self.manifest) else None
+
+    @property
+    def can_frames(self) -> Iterator[CanFrame]:
+        """The CAN frames that were sent and received, in order; none for a run without a bus.
+
+        Raises
+        ------
+        RecordError
+            When they are damaged.
+        """
+        return read_can_log(self.path).frames()
 
     @cached_property
     def states(self) -> pd.DataFrame:
@@ -224,7 +254,12 @@ class Run:
 
     def _table(self, name: str) -> pd.DataFrame:
         path = self._lines.get(name)
-        return _as_table([] if path is None else read_lines(path), _COLUMNS[name], self.path / name)
+        lines = [] if path is None else read_lines(path)
+        if "t_s" in _COLUMNS[name]:
+            first = next(clock_problems(name, tuple(enumerate(lines, start=1))), None)
+            if first is not None:
+                raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
+        return _as_table(lines, _COLUMNS[name], self.path / name)
 
     def _unchanged(self, relative: str) -> Path:
         path = inside(self.path, relative)
@@ -326,7 +361,7 @@ def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Proble
     present = {name: _sha256(_read_bytes(path)) for name, path in lines.items()}
     return tuple(
         Problem(name, f"it is not as it was when the run was closed ({SHA256SUMS})", _COPY_HINT)
-        for name in _COLUMNS
+        for name in (*_COLUMNS, CAN_LOG, CAN_SUMS)
         if sums.get(name) != present.get(name)
     )
 

@@ -2,10 +2,11 @@
 
 import hashlib
 import math
-import os
 import shutil
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Self
@@ -14,19 +15,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
-from labrig.record.durable import disk_errors, sync_directory, write_and_rename, write_atomically
-from labrig.record.json_lines import checksum, encode_document
+from labrig.errors import DiskError, InputError, RecordError
+from labrig.record.beginning import (
+    make_run_directory,
+    manifest_document,
+    opening_manifest,
+    raw_texts,
+    write_beginning,
+)
+from labrig.record.durable import (
+    disk_errors,
+    free_bytes,
+    sync_directory,
+    write_and_rename,
+    write_atomically,
+)
 from labrig.record.layout import (
-    CALIBRATION,
     CAN_LOG,
+    CAN_SUMS,
     EVENT_LINES,
     FRAME_LINES,
     FRAMES,
+    FROM_THE_BEGINNING,
+    LOCK,
     MANIFEST,
-    PROTOCOL,
-    RIG,
-    SCHEMA_VERSION,
+    RESERVE,
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
@@ -34,6 +47,8 @@ from labrig.record.layout import (
     picture_file,
 )
 from labrig.record.line_file import LineFile
+from labrig.record.lock import FileLock
+from labrig.record.reopening import Before, reopen_files
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
@@ -42,10 +57,13 @@ EXIT_STATUSES = ("success", "aborted", "failed")
 # tenth of the time and 5 % of the size; on clean ones run lengths are twice as fast and as small.
 _PNG_SETTINGS = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 
-# Kept free for the end of the run: on a disk that has filled up it still pays for the last lines, SHA256SUMS
-# (83 bytes a picture) and the manifest, so that the run can say that it failed and why.
-_RESERVE = ".reserve"
-_RESERVE_BYTES = 2**20
+
+@dataclass(frozen=True)
+class _Pace:
+    """How often lines are forced to disk, and the free space below which the run ends."""
+
+    fsync_period_s: float
+    least_free_bytes: int
 
 
 class Recorder:
@@ -66,19 +84,28 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, manifest: Mapping[str, object], sums: dict[str, str], fsync_period_s: float
+        self,
+        path: Path,
+        manifest: Mapping[str, object],
+        sums: dict[str, str],
+        lines: dict[str, LineFile],
+        lock: FileLock,
+        *,
+        before: "Before",
     ) -> None:
         self.path = path
         self.run_name = path.name
         self._manifest = manifest
         self._sums = sums
-        self._fsync_period_s = fsync_period_s
-        self._period = 0
-        self._frames = 0
-        self._durable_frames = 0
-        self._trials_done = 0
+        self._lines = lines
+        self._lock = lock
+        self._pace = _pace(manifest)
+        self._t0_s = before.t_s
+        self._period = int(before.t_s // self._pace.fsync_period_s)
+        self._frames = self._durable_frames = before.frames
+        self._trials_done = before.trials_done
+        self._can_crc32 = 0
         self._closed = False
-        self._lines = {name: LineFile.create(path / name) for name in (FRAME_LINES, STATE_LINES, EVENT_LINES)}
 
     @classmethod
     def create(  # noqa: PLR0917 - the parts of a run, in the order in which they stand in its folder
@@ -91,6 +118,7 @@ class Recorder:
         calibration_files: Mapping[str, Path | bytes],
         *,
         fsync_period_s: float = 1.0,
+        least_free_bytes: int = 0,
     ) -> Self:
         """Begin a run: make its folder and write all that is known before anything moves.
 
@@ -109,6 +137,8 @@ class Recorder:
             File name to content, or to the file to copy.
         fsync_period_s : float
             Rig time between two fsyncs [s].
+        least_free_bytes : int
+            Free space of the disk below which the run is ended, looked at with each fsync.
 
         Raises
         ------
@@ -119,25 +149,63 @@ class Recorder:
         DiskError
             When it cannot be written; nothing is left behind.
         """
-        texts = _texts(protocol_yaml, rig_yaml, calibration_files)
+        texts = raw_texts(protocol_yaml, rig_yaml, calibration_files)
         if not (math.isfinite(fsync_period_s) and fsync_period_s > 0):
             raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
         path = runs_dir / checked_name(run_name, "the run name")
         sums = {name: hashlib.sha256(content).hexdigest() for name, content in texts.items()}
-        opening = _opening_manifest(run_name, manifest, sums, fsync_period_s)
-        document = _manifest_document(opening)
-        _make_run_directory(path)
+        recording = {"fsync_period_s": fsync_period_s, "least_free_bytes": least_free_bytes}
+        opening = opening_manifest(run_name, manifest, sums, recording)
+        document = manifest_document(opening)
+        make_run_directory(path)
         try:
             with disk_errors(path):
-                _write_beginning(path, texts)
-                recorder = cls(path, opening, sums, fsync_period_s)
+                lock = FileLock(path / LOCK).acquire("labrig run")
+                write_beginning(path, texts)
+                lines = {name: LineFile.create(path / name) for name in FROM_THE_BEGINNING}
                 # Last of all, so that a folder with a manifest has everything else.
                 write_atomically(path / MANIFEST, document)
                 sync_directory(runs_dir)
         except DiskError:
             shutil.rmtree(path, ignore_errors=True)
             raise
-        return recorder
+        return cls(path, opening, sums, lines, lock, before=Before())
+
+    @classmethod
+    def reopen(cls, path: Path, doing: str) -> Self:
+        """Go on with a run that was interrupted: what is torn is set aside, everything else is kept.
+
+        Rig time goes on from the next whole second after the last one recorded.
+
+        Parameters
+        ----------
+        path : Path
+            Folder of a run that has not come to a successful end.
+        doing : str
+            What for, as the lock tells others.
+
+        Raises
+        ------
+        RecordError
+            When it is no run, has succeeded, or is damaged; nothing of it is changed then.
+        LockedError
+            When another process writes it.
+        DiskError
+            When it cannot be written.
+        """
+        standing = reopen_files(path, doing)
+        return cls(
+            path, standing.manifest, standing.sums, standing.lines, standing.lock, before=standing.before
+        )
+
+    def begin_session(self, started: datetime, **fields: object) -> float:
+        """Say in the manifest that a run goes on, with which code and devices; returns its rig time zero [s]."""
+        session = {"started": started, "t0_s": self._t0_s, **fields}
+        sessions = self._manifest.get("sessions", ())
+        assert isinstance(sessions, list | tuple)
+        self._manifest = {**self._manifest, "sessions": [*sessions, session]}
+        write_atomically(self.path / MANIFEST, manifest_document(self._manifest))
+        return self._t0_s
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
         """Record a picture and return its number.
@@ -163,7 +231,8 @@ class Recorder:
         number = self._frames
         file = picture_file(number)
         sha256 = hashlib.sha256(content).hexdigest()
-        line = _without_clash({"frame": number, "file": file, "sha256": sha256, "t_s": t_s}, fields)
+        own = {"frame": number, "file": file, "sha256": sha256, "t_s": self._t0_s + t_s}
+        line = _without_clash(own, fields)
         with self._written(self.path / file):
             write_and_rename(self.path / file, content)
         self._append(FRAME_LINES, t_s, line)
@@ -179,7 +248,7 @@ class Recorder:
         DiskError
             When it cannot be written; the record stays whole.
         """
-        self._append(STATE_LINES, t_s, {"t_s": t_s, **fields})
+        self._append(STATE_LINES, t_s, {"t_s": self._t0_s + t_s, **fields})
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
         """Append what happened at rig time `t_s` [s]; `trial_start` and `trial_stop` make the trials.
@@ -189,7 +258,7 @@ class Recorder:
         DiskError
             When it cannot be written; the record stays whole.
         """
-        self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": t_s, **fields})
+        self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
         if kind == "trial_stop" and fields.get("exit_status") == "success":
             self._trials_done += 1
 
@@ -202,13 +271,13 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._require_open()
-        if TRUTH_LINES not in self._lines:
-            with self._written(self.path / TRUTH_LINES):
-                self._lines[TRUTH_LINES] = LineFile.create(self.path / TRUTH_LINES)
+        self._begin_file(TRUTH_LINES)
         self._write_line(TRUTH_LINES, fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
         """Append CAN frames to can.log, which is made with the first, in the form of candump.
+
+        can.sums.jsonl gets the length of can.log and the CRC-32 of what was added.
 
         Parameters
         ----------
@@ -221,15 +290,25 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         lines = "".join(
-            f"({t_s:.6f}) can {i:03X}#{data.hex().upper()} {way}\n" for t_s, i, data, way in frames
-        )
+            f"({self._t0_s + t_s:.6f}) can {i:03X}#{data.hex().upper()} {way}\n"
+            for t_s, i, data, way in frames
+        ).encode()
         if not lines:
             return
         self._require_open()
+        self._begin_file(CAN_LOG)
+        self._begin_file(CAN_SUMS)
         with self._written(self.path / CAN_LOG):
-            if CAN_LOG not in self._lines:
-                self._lines[CAN_LOG] = LineFile.create(self.path / CAN_LOG)
-            self._lines[CAN_LOG].append_raw(lines.encode())
+            length = self._lines[CAN_LOG].append_raw(lines)
+        # Where the sums cannot be written, the next ones cover this part too.
+        self._can_crc32 = zlib.crc32(lines, self._can_crc32)
+        self._write_line(CAN_SUMS, {"bytes": length, "part_crc32": f"{self._can_crc32:08x}"})
+        self._can_crc32 = 0
+
+    def _begin_file(self, name: str) -> None:
+        if name not in self._lines:
+            with self._written(self.path / name):
+                self._lines[name] = LineFile.create(self.path / name)
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
         """End the run: SHA256SUMS, then the manifest with how it ended. Closing again does nothing.
@@ -266,6 +345,7 @@ class Recorder:
         finally:
             for lines in self._lines.values():
                 lines.close()
+            self._lock.release()
 
     def _finish(self, manifest: Mapping[str, object]) -> None:
         with self._written(self.path):
@@ -274,18 +354,28 @@ class Recorder:
         sums = self._sums | {name: lines.sha256 for name, lines in self._lines.items()}
         text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
         write_atomically(self.path / SHA256SUMS, text.encode())
-        write_atomically(self.path / MANIFEST, _manifest_document(manifest))
+        write_atomically(self.path / MANIFEST, manifest_document(manifest))
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
         """Append a line that happened at `t_s`, and fsync when that begins a new period."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
         self._write_line(name, fields)
-        period = int(t_s // self._fsync_period_s)
+        period = int((self._t0_s + t_s) // self._pace.fsync_period_s)
         if period > self._period:
             self._period = period
             with self._written(self.path):
+                self._require_room()
                 self._sync()
+
+    def _require_room(self) -> None:
+        """Refuse to go on before the disk is so full that nothing else on this computer can write either."""
+        free, least = free_bytes(self.path), self._pace.least_free_bytes
+        if free < least:
+            raise DiskError(
+                f"the disk of {self.path} has {free / 1e6:.1f} MB free; a run ends below {least / 1e6:.1f} MB",
+                "make room on that disk, or keep the runs on another one",
+            )
 
     def _require_open(self) -> None:
         if self._closed:
@@ -317,7 +407,13 @@ class Recorder:
     def _release_reserve(self) -> None:
         # Where even this fails, the fault of the disk is already on its way up.
         with suppress(OSError):
-            (self.path / _RESERVE).unlink()
+            (self.path / RESERVE).unlink()
+
+
+def _pace(manifest: Mapping[str, object]) -> _Pace:
+    recording = manifest["recording"]
+    assert isinstance(recording, Mapping)
+    return _Pace(float(recording["fsync_period_s"]), int(recording.get("least_free_bytes", 0)))
 
 
 def _without_clash(own: Mapping[str, object], fields: Mapping[str, object]) -> dict[str, object]:
@@ -325,93 +421,6 @@ def _without_clash(own: Mapping[str, object], fields: Mapping[str, object]) -> d
     if clash:
         raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
     return {**own, **fields}
-
-
-def _texts(
-    protocol_yaml: str, rig_yaml: str | None, calibration_files: Mapping[str, Path | bytes]
-) -> dict[str, bytes]:
-    """Return the files that stand from the beginning: name relative to the run, content."""
-    rig = {} if rig_yaml is None else {RIG: rig_yaml.encode()}
-    calibration = {
-        f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}": _content(source)
-        for name, source in calibration_files.items()
-    }
-    return {PROTOCOL: protocol_yaml.encode(), **rig, **calibration}
-
-
-def _content(source: Path | bytes) -> bytes:
-    if isinstance(source, bytes):
-        return source
-    try:
-        return source.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"cannot read the calibration file {source}: {error.strerror}", "check the rig file"
-        ) from error
-
-
-def _opening_manifest(
-    run_name: str, given: Mapping[str, object], sums: Mapping[str, str], fsync_period_s: float
-) -> dict[str, object]:
-    missing = [key for key in ("experiment", "started") if not given.get(key)]
-    if missing:
-        raise InputError(f"the manifest of {run_name} lacks {' and '.join(missing)}")
-    calibration = {
-        name.removeprefix(f"{CALIBRATION}/"): sums[name]
-        for name in sums
-        if name.startswith(f"{CALIBRATION}/")
-    }
-    hashes = {"protocol_sha256": sums[PROTOCOL], "rig_sha256": sums.get(RIG), "calibration": calibration}
-    # The order is the order in the file.
-    defaults = {
-        "schema_version": SCHEMA_VERSION,
-        "run": run_name,
-        "experiment": None,
-        "title": "",
-        "exit_status": "incomplete",
-        "reason": None,
-        "started": None,
-        "ended": None,
-        "trials_planned": None,
-        "trials_done": 0,
-        "seed": None,
-        "operator": None,
-        "hashes": hashes,
-        "recording": {"fsync_period_s": fsync_period_s},
-        "provenance": {},
-        "devices": {},
-    }
-    return defaults | dict(given) | {key: defaults[key] for key in _OWN_KEYS}
-
-
-# What only the recorder can know.
-_OWN_KEYS = ("schema_version", "run", "exit_status", "reason", "ended", "trials_done", "hashes", "recording")
-
-
-def _make_run_directory(path: Path) -> None:
-    with disk_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            path.mkdir()
-        except FileExistsError as error:
-            raise OutputExistsError(f"{path} exists already", "give the run another name") from error
-
-
-def _write_beginning(path: Path, texts: Mapping[str, bytes]) -> None:
-    (path / FRAMES).mkdir()
-    (path / CALIBRATION).mkdir()
-    for name, content in texts.items():
-        write_and_rename(path / name, content)
-    sync_directory(path / CALIBRATION)
-    descriptor = os.open(path / _RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-    try:
-        os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
-    finally:
-        os.close(descriptor)
-
-
-def _manifest_document(manifest: Mapping[str, object]) -> bytes:
-    return encode_document({**manifest, "crc32": checksum(manifest)})
 
 
 def _png(image: NDArray[np.uint8]) -> bytes:

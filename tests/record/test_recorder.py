@@ -21,7 +21,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     )
     names = {str(path.relative_to(recorder.path)) for path in recorder.path.rglob("*") if path.is_file()}
     assert names == {
-        ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json",
+        ".lock", ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json",
         "calibration/plane.json", "frames.jsonl", "states.jsonl", "events.jsonl",
     }  # fmt: skip
     manifest = json.loads((recorder.path / "manifest.json").read_text())
@@ -31,7 +31,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     assert (manifest["title"], manifest["operator"], manifest["trials_planned"]) == ("Größe", "ß", 3)
     assert manifest["hashes"]["protocol_sha256"] == hashlib.sha256(PROTOCOL_YAML.encode()).hexdigest()
     assert set(manifest["hashes"]["calibration"]) == {"intrinsics.json", "plane.json"}
-    assert manifest["recording"] == {"fsync_period_s": 1.0}
+    assert manifest["recording"] == {"fsync_period_s": 1.0, "least_free_bytes": 0}
     assert manifest["devices"] == {"camera": {"gain": 1.0}}
 
 

@@ -1,0 +1,96 @@
+"""`labrig runs check`: whether records are whole, what is lost, and closing those that were interrupted."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
+from labrig.errors import LabrigError, Problem, RecordError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `labrig runs`."""
+    app.command("check", help="Verify hashes, checksums and structure of runs, and say what is lost.")(check)
+
+
+def check(
+    run_paths: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair", help="Close interrupted runs; torn ends are moved aside, nothing is deleted."
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when every run is sound, and with 4 when one is damaged."""
+    rows = []
+    exit_code = 0
+    for path in run_paths:
+        try:
+            row = _one(path, repair)
+        except LabrigError as error:
+            row = {"run": str(path), "ok": False, "reason": error.message}
+            exit_code = exit_code or error.exit_code
+            for line in failure_lines(error):
+                say(line)
+        else:
+            exit_code = exit_code or (0 if row["ok"] else RecordError.exit_code)
+            if not as_json:
+                _print(row)
+        rows.append(row)
+    if as_json:
+        print_json(rows)
+    return exit_code
+
+
+def _one(path: Path, repair: bool) -> dict[str, Any]:
+    from labrig.devices import SystemClock
+    from labrig.record import check_run, repair_run
+
+    verdict = check_run(path)
+    repaired = repair and not verdict.damage and repair_run(path, SystemClock().utc())
+    if repaired:
+        verdict = check_run(path)
+    return {
+        "run": str(path),
+        "ok": not verdict.damage,
+        "reason": _reason(verdict.damage),
+        "exit_status": verdict.exit_status,
+        "writer": None if verdict.writer is None else str(verdict.writer),
+        "repaired": repaired,
+        "damage": [asdict(problem) for problem in verdict.damage],
+        "torn": [asdict(problem) for problem in verdict.torn],
+        "frames": verdict.frames,
+        "states": verdict.states,
+        "events": verdict.events,
+        "trials_done": verdict.trials_done,
+    }
+
+
+def _reason(damage: Iterable[Problem]) -> str | None:
+    return "; ".join(f"{problem.where}: {problem.message}" for problem in damage) or None
+
+
+def _print(row: dict[str, Any]) -> None:
+    """Print what a run holds, and a line for each thing that is wrong with it."""
+    typer.echo(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_state(row)}")
+    counts = (plural(row[key], key.removesuffix("s")) for key in ("frames", "states", "events"))
+    typer.echo(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
+    for name in ("damage", "torn"):
+        for problem in row[name]:
+            typer.echo(f"  {name}: {problem['where']}: {problem['message']}")
+            typer.echo(f"    hint: {problem['hint']}")
+
+
+def _state(row: dict[str, Any]) -> str:
+    if row["repaired"]:
+        return f"interrupted; now closed as {row['exit_status']}"
+    if row["writer"] is not None:
+        return f"being written by {row['writer']}"
+    if row["exit_status"] == "incomplete":
+        return "interrupted; --repair closes it, labrig resume goes on with it"
+    return f"closed as {row['exit_status']}"

@@ -1,0 +1,120 @@
+"""What stands in a run before anything moves: folder, protocol, rig, calibration and the opening manifest."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from labrig.errors import InputError, OutputExistsError
+from labrig.record.durable import disk_errors, sync_directory, write_and_rename
+from labrig.record.json_lines import checksum, encode_document
+from labrig.record.layout import (
+    CALIBRATION,
+    FRAMES,
+    PROTOCOL,
+    RESERVE,
+    RIG,
+    SCHEMA_VERSION,
+    checked_name,
+)
+
+_RESERVE_BYTES = 2**20
+
+
+def raw_texts(
+    protocol_yaml: str, rig_yaml: str | None, calibration_files: Mapping[str, Path | bytes]
+) -> dict[str, bytes]:
+    """Return the files that stand from the beginning: name relative to the run, content."""
+    rig = {} if rig_yaml is None else {RIG: rig_yaml.encode()}
+    calibration = {
+        f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}": _content(source)
+        for name, source in calibration_files.items()
+    }
+    return {PROTOCOL: protocol_yaml.encode(), **rig, **calibration}
+
+
+def _content(source: Path | bytes) -> bytes:
+    if isinstance(source, bytes):
+        return source
+    try:
+        return source.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"cannot read the calibration file {source}: {error.strerror}", "check the rig file"
+        ) from error
+
+
+def opening_manifest(
+    run_name: str, given: Mapping[str, object], sums: Mapping[str, str], recording: Mapping[str, object]
+) -> dict[str, object]:
+    """Return the manifest with which a run begins; refuses one that lacks what a list of runs needs."""
+    missing = [key for key in ("experiment", "started") if not given.get(key)]
+    if missing:
+        raise InputError(f"the manifest of {run_name} lacks {' and '.join(missing)}")
+    calibration = {
+        name.removeprefix(f"{CALIBRATION}/"): sums[name]
+        for name in sums
+        if name.startswith(f"{CALIBRATION}/")
+    }
+    hashes = {"protocol_sha256": sums[PROTOCOL], "rig_sha256": sums.get(RIG), "calibration": calibration}
+    # The order is the order in the file.
+    defaults = {
+        "schema_version": SCHEMA_VERSION,
+        "run": run_name,
+        "experiment": None,
+        "title": "",
+        "exit_status": "incomplete",
+        "reason": None,
+        "started": None,
+        "ended": None,
+        "trials_planned": None,
+        "trials_done": 0,
+        "seed": None,
+        "operator": None,
+        "hashes": hashes,
+        "recording": recording,
+        "provenance": {},
+        "devices": {},
+    }
+    return defaults | dict(given) | {key: defaults[key] for key in _OWN_KEYS}
+
+
+# What only the recorder can know.
+_OWN_KEYS = ("schema_version", "run", "exit_status", "reason", "ended", "trials_done", "hashes", "recording")
+
+
+def make_run_directory(path: Path) -> None:
+    """Make the folder of a run; one that exists is left alone."""
+    with disk_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir()
+        except FileExistsError as error:
+            raise OutputExistsError(f"{path} exists already", "give the run another name") from error
+
+
+def write_beginning(path: Path, texts: Mapping[str, bytes]) -> None:
+    """Write what is known before anything moves, the manifest excepted."""
+    (path / FRAMES).mkdir()
+    (path / CALIBRATION).mkdir()
+    for name, content in texts.items():
+        write_and_rename(path / name, content)
+    sync_directory(path / CALIBRATION)
+    make_reserve(path)
+
+
+def make_reserve(path: Path) -> None:
+    """Keep room for the end of the run.
+
+    On a disk that has filled up it still pays for the last lines, SHA256SUMS (83 bytes a picture) and the
+    manifest, so that the run can say that it failed and why.
+    """
+    descriptor = os.open(path / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
+    finally:
+        os.close(descriptor)
+
+
+def manifest_document(manifest: Mapping[str, object]) -> bytes:
+    """Encode a manifest with its checksum."""
+    return encode_document({**manifest, "crc32": checksum(manifest)})

@@ -1,0 +1,43 @@
+"""Closes a run that was interrupted, as it stands."""
+
+from datetime import datetime
+from pathlib import Path
+
+from labrig.record.json_lines import read_lines
+from labrig.record.layout import EVENT_LINES
+from labrig.record.manifest import read_manifest
+from labrig.record.writer import EXIT_STATUSES, Recorder
+
+_REASON = "interrupted: labrig ended without closing the run; closed by labrig runs check --repair"
+
+
+def repair_run(run: Path, ended: datetime) -> bool:
+    """Close an interrupted run without touching what is good: torn ends are moved aside, nothing is deleted.
+
+    Returns whether there was anything to do. A run that had written how it ended keeps that; any other is closed
+    as `aborted`.
+
+    Raises
+    ------
+    RecordError
+        When it is no run, or is damaged.
+    LockedError
+        While another process writes it.
+    DiskError
+        When it cannot be written.
+    """
+    if read_manifest(run).get("exit_status") != "incomplete":
+        return False
+    recorder = Recorder.reopen(run, "labrig runs check --repair")
+    exit_status, reason = _how_it_ended(run)
+    recorder.close(exit_status, reason, ended)
+    return True
+
+
+def _how_it_ended(run: Path) -> tuple[str, str]:
+    """Return what the last event says of the end, where the run was killed between that and its closing."""
+    last = (read_lines(run / EVENT_LINES) or [{}])[-1]
+    exit_status = last.get("exit_status")
+    if last.get("kind") == "run_stop" and exit_status in EXIT_STATUSES:
+        return str(exit_status), str(last.get("reason", ""))
+    return "aborted", _REASON

@@ -1,0 +1,101 @@
+"""Whether the lines of a record fit together: numbers in order, clock going forward, references that lead somewhere."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from labrig.errors import Problem
+from labrig.record.layout import EVENT_LINES, FRAME_LINES, TRUTH_LINES, picture_file
+
+Lines = Sequence[tuple[int, dict[str, object]]]
+"""Lines of a file, each with its number in it."""
+
+_HINT = "take the file from a copy of the run; a record does not become like this by being interrupted"
+
+
+def clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
+    """Yield the lines whose rig time is none, or lies before that of the line before."""
+    before_s = -math.inf
+    for number, line in lines:
+        t_s = line.get("t_s")
+        if isinstance(t_s, bool) or not isinstance(t_s, int | float) or not math.isfinite(t_s):
+            yield Problem(f"{name}:{number}", f"t_s is {t_s!r}, expected a time [s]", _HINT)
+        elif t_s < before_s:
+            message = f"the clock goes backwards: t_s is {t_s:g} s after {before_s:g} s"
+            yield Problem(f"{name}:{number}", message, _HINT)
+        else:
+            before_s = t_s
+
+
+def frame_problems(frames: Lines) -> Iterator[Problem]:
+    """Yield pictures with a number that is there twice, out of order or missing, or with another file's name."""
+    expected = 0
+    seen: set[int] = set()
+    for number, line in frames:
+        where, frame = f"{FRAME_LINES}:{number}", line.get("frame")
+        if isinstance(frame, bool) or not isinstance(frame, int):
+            yield Problem(where, f"frame is {frame!r}, expected {expected}", _HINT)
+        elif frame in seen:
+            yield Problem(where, f"frame {frame} is there twice", _HINT)
+        else:
+            if frame != expected:
+                yield Problem(
+                    where, f"frame is {frame}, expected {expected}: {_between(expected, frame)}", _HINT
+                )
+            if line.get("file") != picture_file(frame):
+                yield Problem(where, f"file is {line.get('file')!r}, expected {picture_file(frame)!r}", _HINT)
+            seen.add(frame)
+            expected = frame + 1
+
+
+def _between(expected: int, frame: int) -> str:
+    if frame < expected:
+        return "it is out of order"
+    missing = frame - expected
+    return f"frame {expected} is missing" if missing == 1 else f"frames {expected} to {frame - 1} are missing"
+
+
+def trial_problems(events: Lines) -> Iterator[Problem]:
+    """Yield trials that begin twice, or end without having begun or more than once."""
+    begun: set[object] = set()
+    ended: set[object] = set()
+    for number, event in events:
+        where, kind, trial = f"{EVENT_LINES}:{number}", event.get("kind"), _trial(event)
+        if kind == "trial_start":
+            if trial in begun:
+                yield Problem(where, f"trial {trial} begins a second time", _HINT)
+            begun.add(trial)
+        elif kind == "trial_stop":
+            if trial not in begun or trial in ended:
+                how = "a second time" if trial in ended else "without having begun"
+                yield Problem(where, f"trial {trial} ends {how}", _HINT)
+            ended.add(trial)
+
+
+def reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
+    """Yield events that name a picture that is not there, or of another trial; pictures and truths of no trial."""
+    trial_of = {str(line.get("frame")): _trial(line) for _, line in frames}
+    begun = {_trial(event) for _, event in events if event.get("kind") == "trial_start"}
+    for number, event in events:
+        for key in ("frame", "final_frame"):
+            if (frame := event.get(key)) is not None:
+                yield from _frame_reference(f"{EVENT_LINES}:{number}", key, frame, event, trial_of)
+    for name, lines in ((FRAME_LINES, frames), (TRUTH_LINES, truth)):
+        for number, line in lines:
+            if (trial := _trial(line)) is not None and trial not in begun:
+                yield Problem(f"{name}:{number}", f"it is of trial {trial}, which never began", _HINT)
+
+
+def _frame_reference(
+    where: str, key: str, frame: object, event: dict[str, object], trial_of: dict[str, int | str | None]
+) -> Iterator[Problem]:
+    if str(frame) not in trial_of:
+        yield Problem(where, f"{key} is {frame!r}, which is not in {FRAME_LINES}", _HINT)
+    elif "trial" in event and trial_of[str(frame)] != _trial(event):
+        message = f"{key} {frame} is of trial {trial_of[str(frame)]}, the event of trial {_trial(event)}"
+        yield Problem(where, message, _HINT)
+
+
+def _trial(line: dict[str, object]) -> int | str | None:
+    """Return which trial a line is of, in a form that can be compared whatever the line says."""
+    trial = line.get("trial")
+    return trial if trial is None or isinstance(trial, int) else str(trial)

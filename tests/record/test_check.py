@@ -1,0 +1,258 @@
+"""Checking and repairing a record."""
+
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import LabrigError, LockedError, RecordError
+from labrig.record import FileLock, Recorder, Verdict, check_run, open_run, repair_run
+from labrig.record.json_lines import decode_line, encode_line
+from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, values
+from tests.record.runs import ENDED, begin, closed_run, picture
+
+
+def edit_line(path: Path, number: int, **changes: object) -> None:
+    """Change what a line says, with a checksum that fits again."""
+    lines = path.read_bytes().splitlines()
+    lines[number - 1] = encode_line(decode_line(lines[number - 1]) | changes).rstrip(b"\n")
+    path.write_bytes(b"\n".join(lines) + b"\n")
+
+
+def told(run: Path) -> str:
+    """Return what a check says, be it by refusing; nothing but a named error may leave it."""
+    try:
+        return "\n".join(f"{problem.where}: {problem.message}" for problem in check_run(run).damage)
+    except LabrigError as error:
+        return error.message
+
+
+def places(verdict: Verdict) -> list[str]:
+    """Return where the damage is."""
+    return [problem.where for problem in verdict.damage]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_an_intact_run_has_nothing_wrong(tmp_path: Path, closed: bool) -> None:
+    """A closed and a killed run that lost nothing are sound, and their contents are counted."""
+    verdict = check_run(full_run(tmp_path, closed=closed))
+    assert (verdict.damage, verdict.torn, verdict.writer) == ((), (), None)
+    assert (verdict.frames, verdict.states, verdict.events, verdict.trials_done) == (4, 6, 6, 2)
+
+
+def test_every_changed_file_of_a_closed_run_is_found(tmp_path: Path) -> None:
+    """One flipped bit anywhere is named with its file."""
+    run = full_run(tmp_path, closed=True)
+    for name in RAW_FILES:
+        content = (run / name).read_bytes()
+        (run / name).write_bytes(content[:-3] + bytes([content[-3] ^ 1]) + content[-2:])
+        assert name in told(run), name
+        (run / name).write_bytes(content)
+    assert check_run(run).damage == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "changes", "said"),
+    [
+        ("frames.jsonl", 3, {"frame": 1}, "frame 1 is there twice"),
+        ("frames.jsonl", 3, {"frame": 5, "file": "frames/000005.png"}, "frames 2 to 4 are missing"),
+        ("frames.jsonl", 3, {"frame": "2"}, "frame is '2', expected 2"),
+        ("frames.jsonl", 3, {"file": "../../precious.png"}, "expected 'frames/000002.png'"),
+        ("frames.jsonl", 3, {"trial": 9}, "it is of trial 9, which never began"),
+        ("states.jsonl", 4, {"t_s": 0.5}, "the clock goes backwards: t_s is 0.5 s after 2 s"),
+        ("states.jsonl", 4, {"t_s": None}, "t_s is None, expected a time"),
+        ("events.jsonl", 4, {"trial": 0}, "trial 0 begins a second time"),
+        ("events.jsonl", 4, {"trial": [0]}, "trial 1 ends without having begun"),
+        ("events.jsonl", 3, {"final_frame": 77}, "final_frame is 77, which is not in frames.jsonl"),
+        ("events.jsonl", 3, {"final_frame": 3}, "final_frame 3 is of trial 1, the event of trial 0"),
+    ],
+)  # fmt: skip
+def test_lines_that_do_not_fit_together_are_named(
+    tmp_path: Path, name: str, number: int, changes: dict[str, object], said: str
+) -> None:
+    """Duplicate ids, missing frames, a clock that goes backwards and references to nothing have a place."""
+    run = full_run(tmp_path, closed=False)
+    edit_line(run / name, number, **changes)
+    assert any(said in problem.message for problem in check_run(run).damage)
+    with pytest.raises(RecordError, match="is damaged: "):
+        Recorder.reopen(run, "test")
+
+
+def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:
+    """A picture that is gone is missing; one whose line is gone is there, and its line is lost."""
+    run = full_run(tmp_path, closed=False)
+    (run / "frames/000001.png").unlink()
+    assert "it is missing, though frames.jsonl lists it" in [p.message for p in check_run(run).damage]
+    lines = (run / "frames.jsonl").read_bytes().splitlines(keepends=True)
+    (run / "frames.jsonl").write_bytes(b"".join(lines[:1]))
+    assert ("frames/000002.png", "its line in frames.jsonl is lost") in [
+        (p.where, p.message) for p in check_run(run).damage
+    ]
+
+
+def test_links_are_named_and_not_followed(tmp_path: Path) -> None:
+    """A picture, a file of lines or a folder that is a link is damage, whatever it points to."""
+    run, outside = full_run(tmp_path, closed=True), tmp_path / "outside"
+    for name in ("frames/000001.png", "states.jsonl", "calibration"):
+        moved = outside / name.replace("/", "-")
+        outside.mkdir(exist_ok=True)
+        (run / name).rename(moved)
+        (run / name).symlink_to(moved)
+        assert any(name in place for place in places(check_run(run)))
+        (run / name).unlink()
+        moved.rename(run / name)
+    assert check_run(run).damage == ()
+
+
+def test_what_is_no_run_or_newer_is_refused(tmp_path: Path) -> None:
+    """A folder without a manifest and a run of a newer schema are named errors; neither is touched."""
+    (tmp_path / "folder").mkdir()
+    newer = closed_run(tmp_path, "newer")
+    text = (newer / "manifest.json").read_text().replace('"schema_version": 1', '"schema_version": 99')
+    (newer / "manifest.json").write_text(text)
+    for path, said in ((tmp_path / "folder", "is no run"), (newer, "schema version 99")):
+        before = sorted(path.rglob("*"))
+        for act in (check_run, lambda p: repair_run(p, ENDED), lambda p: Recorder.reopen(p, "test")):
+            with pytest.raises(RecordError, match=said):
+                act(path)
+        assert sorted(path.rglob("*")) == before
+
+
+def test_repair_closes_a_killed_run_and_keeps_every_byte(tmp_path: Path) -> None:
+    """Torn ends and the unlisted picture are moved aside; what was whole stays as it was; sha256 sums hold."""
+    run = killed_run(tmp_path)
+    whole = {path: path.read_bytes() for path in run.rglob("*.jsonl")}
+    for path, content in whole.items():
+        path.write_bytes(content + b'{"torn')
+    with (run / "can.log").open("ab") as log:
+        log.write(b"(1.0")
+    shutil.copy(run / "frames/000000.png", run / "frames/000004.png")
+    (run / "frames/.000005.png.tmp").write_bytes(b"half")
+    assert len(check_run(run).torn) == 8
+    assert repair_run(run, ENDED)
+    assert {path: path.read_bytes() for path in whole} == whole
+    verdict, opened = check_run(run), open_run(run)
+    assert (verdict.damage, verdict.torn, verdict.exit_status) == ((), (), "aborted")
+    assert opened.problems == ()
+    assert "closed by labrig runs check --repair" in str(opened.manifest["reason"])
+    assert sorted(path.name for path in (run / "torn/001").iterdir()) == [
+        ".000005.png.tmp", "000004.png", "can.log.end", "can.sums.jsonl.end", "events.jsonl.end",
+        "frames.jsonl.end", "states.jsonl.end", "truth.jsonl.end",
+    ]  # fmt: skip
+    assert (run / "torn/001/states.jsonl.end").read_bytes() == b'{"torn'
+    assert not repair_run(run, ENDED)
+
+
+def test_a_run_killed_while_it_was_being_closed_keeps_its_ending(tmp_path: Path) -> None:
+    """Where the last event says how the run ended, repairing says the same."""
+    recorder = begin(tmp_path / "writing")
+    recorder.event("run_stop", 1.0, exit_status="failed", reason="the drive is silent")
+    run = Path(shutil.copytree(recorder.path, tmp_path / "run"))
+    repair_run(run, ENDED)
+    manifest = open_run(run).manifest
+    assert (manifest["exit_status"], manifest["reason"]) == ("failed", "the drive is silent")
+
+
+def test_a_damaged_run_is_not_repaired(tmp_path: Path) -> None:
+    """A flipped bit in the middle is refused by repair, and nothing is changed."""
+    run = killed_run(tmp_path)
+    content = (run / "states.jsonl").read_bytes()
+    (run / "states.jsonl").write_bytes(content[:20] + b"?" + content[21:])
+    (run / ".lock").unlink()
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    with pytest.raises(RecordError, match=r"states\.jsonl:1: the line is damaged"):
+        repair_run(run, ENDED)
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+
+
+def test_a_run_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    """While a writer lives, checking names it, and neither repairing nor continuing is possible."""
+    run = killed_run(tmp_path)
+    with FileLock(run / ".lock").acquire("labrig run"):
+        owner = check_run(run).writer
+        assert owner is not None
+        assert owner.doing == "labrig run"
+        for act in (lambda: repair_run(run, ENDED), lambda: Recorder.reopen(run, "test")):
+            with pytest.raises(LockedError, match="in use by labrig run"):
+                act()
+
+
+def test_a_continued_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    """Numbers and rig time go on, the earlier lines stay, and the closed record is whole."""
+    run = killed_run(tmp_path)
+    before = (run / "events.jsonl").read_bytes()
+    recorder = Recorder.reopen(run, "test")
+    assert recorder.begin_session(ENDED, operator="b") == 21.0
+    recorder.event("run_resume", 0.0)
+    assert recorder.frame(picture(9), 0.5) == 4
+    recorder.state(0.5)
+    recorder.can_frames([(0.5, 0x601, b"\x01", "T")])
+    recorder.close("success", "", ENDED)
+    opened = open_run(run)
+    assert (run / "events.jsonl").read_bytes().startswith(before)
+    assert (opened.problems, check_run(run).damage) == ((), ())
+    assert list(opened.events["t_s"])[-1] == 21.0
+    assert list(opened.frame_table["t_s"])[-1] == 21.5
+    assert [frame.t_s for frame in opened.can_frames][-1] == 21.5
+    assert opened.manifest["sessions"] == [
+        {"started": "2026-03-02T09:45:00+00:00", "t0_s": 21.0, "operator": "b"}
+    ]
+    with pytest.raises(RecordError, match="has come to its end"):
+        Recorder.reopen(run, "test")
+
+
+def test_a_closed_run_that_is_continued_remembers_its_ending(tmp_path: Path) -> None:
+    """The earlier ending stays in the manifest, the earlier sums stay beside the new ones."""
+    recorder = begin(tmp_path)
+    recorder.close("aborted", "interrupted by INT", ENDED)
+    Recorder.reopen(recorder.path, "test").close("success", "", ENDED)
+    run = open_run(recorder.path)
+    assert run.manifest["earlier_endings"] == [
+        {"exit_status": "aborted", "reason": "interrupted by INT", "ended": "2026-03-02T09:45:00+00:00"}
+    ]
+    assert (run.path / "SHA256SUMS.001").is_file()
+    assert check_run(run.path).damage == ()
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("name", RAW_FILES)
+def test_a_file_cut_at_any_byte_is_opened_or_refused(tmp_path: Path, name: str, closed: bool) -> None:
+    """Cut at each byte of its last kilobyte (here every 41st), a record never says what it did not say."""
+    run = full_run(tmp_path, closed=closed)
+    original, content = values(open_run(run)), (run / name).read_bytes()
+    for kept in range(max(0, len(content) - 1024), len(content), 41):
+        (run / name).write_bytes(content[:kept])
+        assert is_noticed_or_unchanged(run, original), kept
+        if not closed:
+            told(run)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool) -> None:
+    """Any bit of any file: refused with the place, told as damage, or of no consequence for what is read."""
+    run = full_run(tmp_path, closed=closed)
+    original = values(open_run(run))
+    flip = random_flips(run, random.Random(6))
+    for _ in range(40):
+        path, undo = flip()
+        assert is_noticed_or_unchanged(run, original), path
+        told(run)
+        undo()
+    assert is_noticed_or_unchanged(run, original)
+
+
+def random_flips(run: Path, source: random.Random) -> Callable[[], tuple[Path, Callable[[], object]]]:
+    """Return what flips a random bit of a random file, and says how to undo it."""
+    files = sorted(path for path in run.rglob("*") if path.is_file() and path.stat().st_size)
+
+    def flip() -> tuple[Path, Callable[[], object]]:
+        path = source.choice(files)
+        content = path.read_bytes()
+        changed = bytearray(content)
+        changed[source.randrange(len(changed))] ^= 1 << source.randrange(8)
+        path.write_bytes(changed)
+        return path, lambda: path.write_bytes(content)
+
+    return flip

@@ -29,11 +29,15 @@ from labrig.devices.operator import (
     ClearBench,
     ConfirmAxesAtZero,
     ConfirmNeedleOut,
+    ConfirmPlan,
+    ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ShiftToHole,
 )
@@ -47,7 +51,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState
+from labrig.devices.state import RigState, RollZero
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -62,6 +66,8 @@ __all__ = [
     "ClearBench",
     "ConfirmAxesAtZero",
     "ConfirmNeedleOut",
+    "ConfirmPlan",
+    "ConfirmWithdrawal",
     "DriveState",
     "Frame",
     "HoldBoard",
@@ -69,11 +75,14 @@ __all__ = [
     "MountNeedle",
     "Operator",
     "OperatorRequest",
+    "PickTarget",
     "PictureSource",
+    "PlacePhantom",
     "PlaceSpecimen",
     "Rig",
     "RigDescription",
     "RigState",
+    "RollZero",
     "ServedBus",
     "Setpoint",
     "ShiftToHole",

@@ -95,6 +95,64 @@ class LayGraphPaper:
 
 
 @dataclass(frozen=True)
+class PlacePhantom:
+    """Put a block of gel with obstacles cast in into the frame; obstacles are ((x, y, z), radius) [mm]."""
+
+    name: str
+    gelatin_percent: float
+    obstacles: tuple[tuple[tuple[float, float, float], float], ...]
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Place block {self.name} ({self.gelatin_percent:g} % gelatin, obstacles: {len(self.obstacles)}) in the "
+            "frame, where nothing has been inserted yet."
+        )
+
+
+@dataclass(frozen=True)
+class PickTarget:
+    """Name the target's pixel on a picture."""
+
+    picture: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return f"Name the target's pixel on {self.picture}: u to the right, v down."
+
+
+@dataclass(frozen=True)
+class ConfirmPlan:
+    """Look at the plan drawn into a picture, and let the needle go."""
+
+    picture: str
+    target_mm: tuple[float, float, float]
+    plan: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Look at {self.picture}: plan, obstacles and axes ({self.plan}). Confirm that the needle is to be "
+            "inserted so."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmWithdrawal:
+    """Confirm that a needle of which something is not known may be withdrawn along its path."""
+
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return f"The needle was stopped: {self.reason}. Confirm that it may be withdrawn along its path."
+
+
+@dataclass(frozen=True)
 class ClearBench:
     """Take something away."""
 
@@ -123,6 +181,10 @@ OperatorRequest = (
     | ConfirmAxesAtZero
     | PlaceSpecimen
     | ShiftToHole
+    | PlacePhantom
+    | PickTarget
+    | ConfirmPlan
+    | ConfirmWithdrawal
     | HoldBoard
     | LayGraphPaper
     | ClearBench
@@ -132,10 +194,11 @@ OperatorRequest = (
 
 @dataclass(frozen=True)
 class Answer:
-    """What the operator said: done or refused, and a note for the record."""
+    """What the operator said: done or refused, a note for the record, and the pixel (u, v) where one was asked for."""
 
     confirmed: bool
     note: str = ""
+    pixel: tuple[float, float] | None = None
 
 
 class Operator(Protocol):

@@ -5,14 +5,17 @@ from collections.abc import Callable
 from labrig.devices.operator import (
     Answer,
     ClearBench,
+    ConfirmPlan,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ShiftToHole,
 )
-from labrig.simulation import World
+from labrig.simulation import Ball, World
 
 
 class SimulatedOperator:
@@ -42,6 +45,12 @@ class SimulatedOperator:
                 self._world.place_specimen(name, gelatin_percent)
             case ShiftToHole(specimen, hole, position_mm):
                 self._world.shift_to_hole(specimen, hole, position_mm)
+            case PlacePhantom(name, gelatin_percent, obstacles):
+                self._world.place_phantom(name, gelatin_percent, [Ball(*one) for one in obstacles])
+            case PickTarget():
+                return Answer(confirmed=True, note="simulated operator", pixel=self._world.target_mark_px())
+            case ConfirmPlan(_, target_mm):
+                self._world.aim_at(target_mm)
             case HoldBoard(view, _, columns, rows, square_mm):
                 self._world.hold_board(view, columns, rows, square_mm)
             case LayGraphPaper(pitch_mm):

@@ -23,15 +23,14 @@ from labrig.experiments.plan import (
     trials_planned,
 )
 from labrig.experiments.session import Progress, Session
+from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
     ReverseMove,
-    Stance,
     WithdrawalSpeeds,
     recorded_path,
     reverse_moves,
-    stance_of,
     withdraw,
 )
 

@@ -4,11 +4,12 @@ A needle that has been turned on its way lies in a track with bends in several d
 back, its stiff tip would cut another one. The path is what the axes read while it went in.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from labrig.devices import AxisReadback, ConfirmNeedleOut
+from labrig.devices import ConfirmNeedleOut
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance, stance_of
 from labrig.record import Run
 
 _SAME_DEPTH_MM = 0.02
@@ -16,15 +17,6 @@ _SAME_DEPTH_MM = 0.02
 
 _SAME_ROLL_RAD = 0.05
 """Smaller turns are not undone one by one; a turn while the needle advances is undone in steps of this."""
-
-
-@dataclass(frozen=True)
-class Stance:
-    """Where the three axes stand."""
-
-    insertion_mm: float
-    rotation_rad: float
-    linear_mm: float
 
 
 @dataclass(frozen=True)
@@ -51,11 +43,6 @@ class WithdrawalSpeeds:
 
 SLOWLY = WithdrawalSpeeds()
 """The speeds at which a needle is withdrawn unless somebody says otherwise."""
-
-
-def stance_of(states: Mapping[str, AxisReadback]) -> Stance:
-    """Return where the axes stand, as `Rig.read_states` gives it."""
-    return Stance(states["insertion"].position, states["rotation"].position, states["linear"].position)
 
 
 def recorded_path(run: Run) -> tuple[Stance, ...]:

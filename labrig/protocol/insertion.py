@@ -12,6 +12,17 @@ from labrig.protocol.scenario import PointMm, ScenarioWeights
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
 
 
+class Phantom(Specimen):
+    """A block of gel with obstacles cast in."""
+
+    length_mm: float = Field(
+        140.0, gt=0, le=1000, description="Length of the block along the insertion [mm]."
+    )
+    width_mm: float = Field(
+        80.0, gt=0, le=1000, description="Width of the block, half of it to each side of the sheath [mm]."
+    )
+
+
 class Advance(Model):
     """How fast the needle goes in and comes out."""
 
@@ -171,7 +182,7 @@ class InsertionProtocol(Protocol):
     experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Insertion to a target", description="Heading of the report.")
     needle: Needle = Field(description="The needle of the run.")
-    specimen: Specimen = Field(
+    specimen: Phantom = Field(
         description="The block of gel with the obstacles; each repetition takes a new one."
     )
     repetitions: int = Field(1, ge=1, le=500, description="Insertions.")

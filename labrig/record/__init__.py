@@ -43,6 +43,7 @@ from labrig.record.catalogue import RunSummary, list_runs
 from labrig.record.check import Verdict, check_run
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
+from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
@@ -64,6 +65,7 @@ __all__ = [
     "list_runs",
     "lock_owner",
     "open_run",
+    "picture_file",
     "read_recorded_picture",
     "repair_run",
     "require_free_bytes",

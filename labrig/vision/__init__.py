@@ -9,7 +9,7 @@ from labrig.vision.bundle import LensModel
 from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.overlay import draw_measurement
+from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
@@ -21,6 +21,7 @@ __all__ = [
     "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
+    "DrawnPlan",
     "Insertion",
     "Intrinsics",
     "LensModel",
@@ -33,6 +34,7 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "draw_measurement",
+    "draw_plan",
     "find_board",
     "find_board_corners",
     "load_intrinsics",

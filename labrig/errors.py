@@ -83,12 +83,18 @@ class TargetMissedError(AnswerIsNoError):
     Parameters
     ----------
     reason : str
-        target_missed, needle_lost, needle_stuck or no_path.
+        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; no_path or
+        no_roll_zero of one that never was.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:
         super().__init__(message, hint)
         self.reason = reason
+
+    @property
+    def inserted(self) -> bool:
+        """Whether a needle was inserted, so that there is something to measure."""
+        return not self.reason.startswith("no_")
 
 
 class InputError(LabrigError, ValueError):

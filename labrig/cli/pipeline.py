@@ -20,6 +20,7 @@ from labrig.errors import (
     InterruptedRunError,
     LabrigError,
     MachineError,
+    TargetMissedError,
 )
 from labrig.experiments import (
     Outcome,
@@ -81,7 +82,7 @@ def perform(order: Order) -> Finished:
     require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
     recorded = _record(order, needs.work)
     path, outcome = recorded.path, recorded.outcome
-    if outcome.error is not None:
+    if outcome.error is not None and not _has_an_answer(outcome.error):
         return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, recorded.needle)
     if recorded.signal_name is not None:
         return _unmeasured(path, recorded.signal_name)
@@ -96,7 +97,12 @@ def perform(order: Order) -> Finished:
         return _unmeasured(path, str(interruption))
     except AnswerIsNoError as error:
         return Finished(path, outcome.exit_status, error.message, None, None, error, "")
-    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None, "")
+    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
+
+
+def _has_an_answer(error: LabrigError) -> bool:
+    """Tell whether a run that ended so came to an end that is worth measuring: needles were inserted and withdrawn."""
+    return isinstance(error, TargetMissedError) and error.inserted
 
 
 def _unmeasured(path: Path, signal_name: str) -> Finished:

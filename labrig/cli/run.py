@@ -1,5 +1,6 @@
 """`labrig run`: a protocol, on a rig where it needs one, from the file to the report."""
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -78,7 +79,8 @@ def run(
             say(line)
         if finished.needle:
             say(f"note: {finished.needle}")
-        say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
+        if finished.result is None:
+            say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
     if as_json:
         print_json(document)
     elif finished.result is not None:
@@ -91,6 +93,12 @@ def run(
 
 def print_result(result: Mapping[str, Any]) -> None:
     """Print the table of the paper for a sweep; the verdict for a calibration; what to cut for a design."""
+    if result.get("kind") == "insertion":
+        _print_insertions(result)
+        return
+    if result.get("kind") == "roll-zero":
+        _print_roll_zero(result)
+        return
     if result.get("kind") == "design":
         from labrig.cli.designing import print_design
 
@@ -116,3 +124,34 @@ def print_result(result: Mapping[str, Any]) -> None:
         typer.echo("calibration accepted" if result["accepted"] else "calibration refused")
         for reason in result.get("reasons", ()):
             typer.echo(f"  {reason}")
+
+
+def _print_insertions(result: Mapping[str, Any]) -> None:
+    rows = [
+        [
+            one["trial"] + 1,
+            one["outcome"],
+            number(one["target_error_mm"]),
+            number(one["true_target_error_mm"]),
+            number(one["true_min_clearance_mm"]),
+            number(one["length_mm"], 1),
+            one["replans"],
+        ]
+        for one in result["insertions"]
+    ]
+    heads = ("insertion", "outcome", "error mm", "true error mm", "true clearance mm", "length mm", "replans")
+    print_table(heads, rows)
+    typer.echo(f"{result['arrived']} of {result['made']} reached the target")
+
+
+def _print_roll_zero(result: Mapping[str, Any]) -> None:
+    fit = result["fit"]
+    if fit is None or not result["accepted"]:
+        typer.echo("roll zero refused")
+        for reason in result["reasons"]:
+            typer.echo(f"  {reason}")
+        return
+    zero, sd = (math.degrees(fit[key]) for key in ("zero_rad", "sd_rad"))
+    typer.echo(
+        f"needle {result['needle_id']} bends towards -y at {number(zero)} degrees, SD {number(sd)} degrees"
+    )

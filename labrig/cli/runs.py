@@ -1,42 +1,226 @@
 """`labrig runs`: the folder of runs as a catalogue; without a further word it lists them."""
 
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
 import typer
 
 from labrig.cli import checking
 from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json, print_table, say
 
-app = typer.Typer(help="List the runs, newest first.", invoke_without_command=True)
+app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
 checking.register(app)
 
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
+RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
+ByOption = Annotated[
+    str | None,
+    typer.Option(
+        "--by", metavar="NAME", help="Who says so. Default: the account's name.", show_default=False
+    ),
+]
 
-@app.callback()
+LONGEST_CELL = 24
+LONGEST_SECTION = 15
+"""Lines of a section of differences that are printed; --json has all of them."""
+
+
+@app.callback(invoke_without_command=True)
 def list_(
     context: typer.Context,
     runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CONDITION",
+            help='Only those that fit, such as "gelatin_percent=13 and exit_status=success"; = != < <= > >= ~ '
+            "(contains), and, or, not, brackets.",
+            show_default=False,
+        ),
+    ] = None,
+    sort: Annotated[
+        str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.", show_default=False)
+    ] = None,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Turn the order round.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """List every run of a folder, damaged ones too."""
+    """List every run of a folder that fits, damaged ones too."""
     if context.invoked_subcommand is not None:
         return
+    from labrig.record import find_runs
+
+    found = find_runs(runs_dir, where, sort, reverse=reverse)
+    if as_json:
+        print_json([_row(one) for one in found])
+    elif found:
+        _print_runs(found)
+    elif where is not None and find_runs(runs_dir):
+        say("no run fits")
+    else:
+        say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
+
+
+def _row(found: Any) -> dict[str, object]:
     from dataclasses import asdict
 
-    from labrig.record import list_runs
+    asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
+    return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
-    found = list_runs(runs_dir)
-    if as_json:
-        print_json([{**asdict(summary), "run": str(summary.run)} for summary in found])
-        return
-    if not found:
-        say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
-        return
+
+def _print_runs(found: Sequence[Any]) -> None:
+    """Print a table, with a column for each field that was asked for and does not stand in it anyway."""
+    asked = [
+        name for name in found[0].fields if name not in {"run", "exit_status", "protocol", "tag", "verdict"}
+    ]
     rows = [
         [
-            summary.run.name,
-            summary.protocol,
-            summary.exit_status,
-            f"{summary.trials_done} of {summary.trials_planned}" if summary.trials_planned else None,
+            one.summary.run.name,
+            one.summary.protocol,
+            one.summary.exit_status,
+            f"{one.summary.trials_done} of {one.summary.trials_planned}"
+            if one.summary.trials_planned
+            else None,
+            *(_values(one.fields[name]) for name in asked),
+            " ".join((*one.summary.tags, *([f"[{one.summary.verdict}]"] if one.summary.verdict else [])))
+            or None,
         ]
-        for summary in found
+        for one in found
     ]
-    print_table(("run", "experiment", "exit status", "trials"), rows)
+    heads = ["run", "experiment", "exit status", "trials", *asked, "tags"]
+    if all(row[-1] is None for row in rows):
+        heads, rows = heads[:-1], [row[:-1] for row in rows]
+    print_table(heads, rows)
+
+
+def _values(values: Sequence[object]) -> object:
+    return values[0] if len(values) == 1 else ", ".join(str(value) for value in values) or None
+
+
+@app.command("tag", help="Put a tag on runs, or take it off with --remove.")
+def tag(
+    runs: RunsArgument,
+    tags: Annotated[list[str], typer.Option("--tag", "-t", metavar="TAG", help="The tag; repeatable.")],
+    remove: Annotated[bool, typer.Option("--remove", help="Take it off.")] = False,
+    by: ByOption = None,
+    as_json: AsJson = False,
+) -> None:
+    """Append to RUN/notes.jsonl; the record itself is not touched."""
+    from labrig.record import tag_run
+
+    at = _now()
+    said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
+    if as_json:
+        print_json([_said(run, annotations) for run, annotations in said])
+        return
+    for run, annotations in said:
+        typer.echo(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
+
+
+@app.command(
+    "note",
+    help="Add a note, revise one with --revise; without TEXT print all with their history.",
+)
+def note(
+    run: RunArgument,
+    text: Annotated[
+        str | None, typer.Argument(metavar="[TEXT]", help="The note.", show_default=False)
+    ] = None,
+    revise: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of the note to write anew.", show_default=False)
+    ] = None,
+    by: ByOption = None,
+    as_json: AsJson = False,
+) -> None:
+    """Append to RUN/notes.jsonl; older revisions are kept."""
+    from labrig.record import note_on_run, open_run, read_annotations
+
+    if text is None:
+        open_run(run)
+        annotations = read_annotations(run)
+    else:
+        annotations = note_on_run(run, text, revises=revise, by=_person(by), at=_now())
+    if as_json:
+        print_json(_said(run, annotations))
+        return
+    for one in annotations.revisions if text is None else annotations.notes:
+        typer.echo(f"{one.note}.{one.revision}  {one.at}  {one.by}: {one.text}")
+
+
+@app.command("verdict", help="Say whether a run is to be trusted; the last word counts.")
+def verdict(
+    run: RunArgument,
+    judgement: Annotated[
+        Literal["good", "doubtful", "bad"], typer.Argument(metavar="good|doubtful|bad", help="The verdict.")
+    ],
+    reason: Annotated[str, typer.Option(help="Why.", show_default=False)] = "",
+    by: ByOption = None,
+    as_json: AsJson = False,
+) -> None:
+    """Append to RUN/notes.jsonl; earlier verdicts are kept."""
+    from labrig.record import judge_run
+
+    annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
+    if as_json:
+        print_json(_said(run, annotations))
+    else:
+        typer.echo(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
+
+
+@app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Folder of another.")],
+    as_json: AsJson = False,
+) -> None:
+    """Say each value in which they differ."""
+    from dataclasses import asdict
+
+    from labrig.record import compare_runs
+
+    differences = compare_runs(a, b)
+    if as_json:
+        found = [asdict(each) for each in differences]
+        print_json({"a": str(a), "b": str(b), "identical": not found, "differences": found})
+        return
+    if not differences:
+        typer.echo("no difference")
+    for section, group in groupby(differences, key=lambda each: each.section):
+        rows = [[each.key, _shortened(each.a), _shortened(each.b)] for each in group]
+        print_table((section, "A", "B"), rows[:LONGEST_SECTION])
+        if len(rows) > LONGEST_SECTION:
+            typer.echo(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
+        typer.echo("")
+
+
+def _shortened(value: object) -> str | None:
+    """Return a value in few words, with the digits that tell it from another."""
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    text = None if value is None else str(value)
+    return text if text is None or len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 3]}..."
+
+
+def _said(run: Path, annotations: Any) -> dict[str, object]:
+    from dataclasses import asdict
+
+    return {"run": str(run), **asdict(annotations)}
+
+
+def _person(by: str | None) -> str:
+    import getpass
+
+    from labrig.errors import InputError
+
+    try:
+        return by or getpass.getuser()
+    except (OSError, KeyError) as error:
+        raise InputError("this account has no name", "say who you are with --by NAME") from error
+
+
+def _now() -> Any:
+    from labrig.devices import SystemClock
+
+    return SystemClock().utc()

@@ -2,15 +2,16 @@
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import HERE, Homing
+from labrig.devices.homing import Homing
 from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, check_move
-from labrig.errors import DriveError, SafetyStopError
+from labrig.errors import DriveError, MachineError, SafetyStopError
 
 MAX_RPM = 25_000
 _STOP_MARGIN_S = 0.5
@@ -53,6 +54,12 @@ class AxisReadback:
     statusword: int
     state: DriveState
     target_reached: bool
+
+
+def raise_together(failures: Sequence[MachineError]) -> None:
+    """Raise the first failure with the messages of all, if there are any."""
+    if failures:
+        raise failures[0].reworded("; ".join(failure.message for failure in failures))
 
 
 class Axis:
@@ -230,6 +237,10 @@ class Axis:
 
     # Stopping
 
+    def call_halt(self) -> None:
+        """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
+        self._drive.call_halt()
+
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
@@ -268,8 +279,21 @@ class Axis:
         DriveError, BusError
         """
         identity = self._drive.identify()
-        self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        failures = []
+        try:
+            self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
+        except DriveError as error:
+            failures.append(error)
+        try:
+            self._require_fingerprint()
+        except DriveError as error:
+            failures.append(error)
+        raise_together(failures)
         return identity
+
+    def _require_fingerprint(self) -> None:
+        if self._description.configuration_fingerprint is not None:
+            self._drive.require_fingerprint(self._description.configuration_fingerprint)
 
     def configure(self) -> None:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
@@ -279,7 +303,8 @@ class Axis:
 
     def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
         text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
-        return self._drive.configure(settings, (zlib.crc32(text.encode()), len(settings)))
+        ours = (zlib.crc32(text.encode()), len(settings))
+        return self._drive.configure(settings, self._description.configuration_fingerprint or ours)
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
@@ -298,8 +323,8 @@ class Axis:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
         return self._drive.is_referenced()
 
-    def reference_here(self) -> None:
-        """Make the position here zero, and give the drive the limits, which mean something from now on.
+    def start_homing(self, homing: Homing) -> None:
+        """Begin to look for home, without a reference and its limits until `finish_homing`.
 
         Raises
         ------
@@ -307,8 +332,29 @@ class Axis:
         """
         self.referenced = self.believed = False
         self._offset_quadcounts = 0
+        self._due_s = self._then = None
         self._free_limits()
-        self._drive.home(Homing(HERE))
+        self._drive.start_homing(homing)
+
+    def has_homed(self) -> bool:
+        """Tell whether home has been found.
+
+        Raises
+        ------
+        DriveError
+            When it cannot be found, or not in time.
+        BusError
+        """
+        return self._drive.has_homed()
+
+    def finish_homing(self, homing: Homing) -> None:
+        """Hold at home, and give the drive the limits, which mean something from now on.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        self._drive.finish_homing(homing)
         self.referenced = True
         self._target = None
         self._set_limits()
@@ -352,8 +398,7 @@ class Axis:
 
     def _free_limits(self) -> None:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
-        self._drive.ensure(od.LOWER_LIMIT, od.LOWER_LIMIT.default)
-        self._drive.ensure(od.UPPER_LIMIT, od.UPPER_LIMIT.default)
+        self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
 
     def _set_limits(self) -> None:
         """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""

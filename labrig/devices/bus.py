@@ -17,9 +17,6 @@ from labrig.clock import Clock
 from labrig.devices.rig_file import CanDescription
 from labrig.errors import BusError, BusOffError, BusPassiveError
 
-RESPONSE_TIMEOUT_S = 0.2
-"""How long a drive may take to answer; a real EPOS2 took at most 13 ms in 30 000 answers."""
-
 _NOTIFIER_CYCLE_S = 0.1
 """How long closing may wait for python-can's thread."""
 
@@ -114,18 +111,26 @@ class CanLink:
         The bus.
     clock : Clock
         Rig time, in which answers are waited for.
+    answer_timeout_s : float
+        How long a drive may take to answer; a real EPOS2 took at most 13 ms in 30 000 answers.
     in_process : bool
         Whether time has to be made to pass while an answer is awaited.
     """
 
     network: BusNetwork
     clock: Clock
+    answer_timeout_s: float
     in_process: bool = False
 
     @property
     def trouble(self) -> BusError | None:
         """What is wrong with the bus, once something is."""
         return self.network.trouble
+
+    @property
+    def carries(self) -> bool:
+        """Whether frames still pass, as on a sound bus, and on one that is only error passive."""
+        return self.trouble is None or isinstance(self.trouble, BusPassiveError)
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send one frame.
@@ -134,7 +139,7 @@ class CanLink:
         ------
         BusError
         """
-        if self.network.trouble is not None and not isinstance(self.network.trouble, BusPassiveError):
+        if self.network.trouble is not None and not self.carries:
             raise self.network.trouble
         try:
             self.network.send_message(can_id, data)
@@ -186,7 +191,7 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
         )
     except _OPENING_FAILURES as error:
         raise BusError(f"CAN interface {where} cannot be opened: {error}", _hint(description)) from error
-    return CanLink(network, clock)
+    return CanLink(network, clock, description.answer_timeout_ms / 1000)
 
 
 def _hint(description: CanDescription) -> str:

@@ -1,5 +1,7 @@
 """The camera: settings that are negotiated one by one, and pictures that are what the rig file promised."""
 
+import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,6 +18,9 @@ Setting = str | float
 
 _RATE_TOLERANCE = 0.01
 """Cameras tell their rate as a fraction of integers; 29.97 is what some mean by 30 Hz."""
+
+_MOVED_MM = 0.5
+"""Travel after which a picture cannot be the one before."""
 
 
 class PictureSource(Protocol):
@@ -78,6 +83,7 @@ class Camera:
         self._clock = clock
         self._shape = (description.height_px, description.width_px)
         self._sequence = 0
+        self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description.settings())
 
     def capture(self) -> Frame:
@@ -104,6 +110,30 @@ class Camera:
         frame = Frame(image, t_s, self._sequence)
         self._sequence += 1
         return frame
+
+    def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
+        """Refuse a camera that goes on showing one picture: two exposures are never alike to the last bit.
+
+        Parameters
+        ----------
+        frame : Frame
+            The newest picture.
+        place_mm : tuple of float
+            Where needle and sheath stood. A picture that comes again while they stand still is let pass, as
+            simulated worlds without noise have it.
+
+        Raises
+        ------
+        CameraError
+        """
+        shown = hashlib.blake2b(frame.image.tobytes()).digest()
+        if self._shown is None or self._shown[0] != shown:
+            self._shown = (shown, place_mm)
+        elif math.dist(self._shown[1], place_mm) > _MOVED_MM:
+            raise CameraError(
+                f"the camera still gives the same picture after {math.dist(self._shown[1], place_mm):.3g} mm of travel",
+                "unplug the camera and plug it in again",
+            )
 
     def close(self) -> None:
         """Let go of the camera."""

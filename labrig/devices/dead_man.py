@@ -53,9 +53,9 @@ class DeadManClock:
             self.beat()
 
     def beat(self) -> None:
-        """Send a beat if one is due and nothing is wrong with the bus. Raises `BusError`."""
+        """Send a beat if one is due and the bus carries it. Raises `BusError`."""
         now_s = self.now_s()
-        if self._let_go or self._link.trouble is not None or now_s - self._last_s < self._period_s - _EARLY_S:
+        if self._let_go or not self._link.carries or now_s - self._last_s < self._period_s - _EARLY_S:
             return
         self._last_s = now_s
         self._link.send(self._can_id, _OPERATIONAL)

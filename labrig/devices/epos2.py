@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
-from labrig.devices.bus import RESPONSE_TIMEOUT_S, CanLink
+from labrig.devices.bus import CanLink
 from labrig.devices.cia402 import (
     CHANGE_IMMEDIATELY,
     ENABLE,
@@ -63,6 +63,9 @@ STILL_TIME_S = 0.05
 _PROFILE_POSITION, _HOMING = 1, 6
 _NMT_START = 0x01
 _PDO_UNUSED = 0x80000000
+_CLASHING_ANSWERS = 3
+"""Answers that nobody asked for among the five to who a drive is: one may be a frame that came twice."""
+
 _CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
 _EMERGENCY = struct.Struct("<HB")
 
@@ -103,6 +106,9 @@ class Epos2:
         self._heard_s = 0.0
         self._silence_s = math.inf
         self._attained_is_fresh = False
+        self._was_enabled = False
+        self._vouched: tuple[int, int] | None = None
+        self._homing_due_s = math.inf
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
 
@@ -141,7 +147,8 @@ class Epos2:
 
     def _silent(self, what: str) -> DriveSilentError:
         return DriveSilentError(
-            f"{self.name} did not answer within {RESPONSE_TIMEOUT_S:g} s, asked {1 + RETRIES} times ({what})",
+            f"{self.name} did not answer within {self._link.answer_timeout_s:g} s, asked {1 + RETRIES} times "
+            f"({what})",
             _CHECK_POWER,
         )
 
@@ -157,8 +164,9 @@ class Epos2:
         Raises
         ------
         DriveError
-            When it is no EPOS2: other generations have other objects and signs.
+            When it is no EPOS2: other generations have other objects and signs; or when two drives answer.
         """
+        strays = self._sdo.strays
         vendor, device_type = self.read(od.VENDOR_ID), self.read(od.DEVICE_TYPE)
         if vendor != od.VENDOR_ID.default or device_type != od.DEVICE_TYPE.default:
             raise self._not_an_epos2(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
@@ -167,7 +175,13 @@ class Epos2:
         if model is None:
             other = od.OTHER_HARDWARE.get(hardware & 0xFFF0, "unknown to labrig")
             raise self._not_an_epos2(f"hardware version 0x{hardware:04X}, {other}")
-        return Identity(model, hardware, self.read(od.SOFTWARE_VERSION), self.read(od.SERIAL_NUMBER))
+        identity = Identity(model, hardware, self.read(od.SOFTWARE_VERSION), self.read(od.SERIAL_NUMBER))
+        if self._sdo.strays - strays >= _CLASHING_ANSWERS:
+            raise DriveError(
+                f"{self.name}: two nodes answer as node {self.node_id}",
+                "give every drive a node id of its own",
+            )
+        return identity
 
     def _not_an_epos2(self, found: str) -> DriveError:
         return DriveError(
@@ -186,6 +200,22 @@ class Epos2:
             raise DriveError(
                 f"{self.name} is set to {found} encoder pulses a turn, the rig file says {pulses}",
                 "find out which encoder it has; correct the rig file, or the drive in EPOS Studio",
+            )
+
+    def require_fingerprint(self, expected: tuple[int, int]) -> None:
+        """Refuse a drive whose configuration is not the one that was left in it.
+
+        Raises
+        ------
+        DriveError
+        """
+        found = self._fingerprint()
+        if found != expected:
+            raise DriveError(
+                f"{self.name} has the configuration fingerprint {list(found)} (0x1020), the rig file says "
+                f"{list(expected)}: its parameters have been changed",
+                "power it off and on, which brings back those that it has stored; else compare them in EPOS Studio "
+                "and enter the new fingerprint in the rig file",
             )
 
     def pdo_cob_ids(self) -> frozenset[int]:
@@ -227,9 +257,29 @@ class Epos2:
         DriveError
         """
         written = tuple(entry.place for entry, value in settings.items() if self.ensure(entry, value))
-        self.ensure(od.CONFIGURATION_DATE, fingerprint[0])
-        self.ensure(od.CONFIGURATION_TIME, fingerprint[1])
+        self._vouched = fingerprint
+        self._renew_fingerprint()
         return written
+
+    def adjust(self, settings: Mapping[od.Entry, int]) -> None:
+        """Bring settings to what operation asks for; the fingerprint that was left in the drive stays there.
+
+        Raises
+        ------
+        DriveError
+        """
+        written = [entry for entry, value in settings.items() if self.ensure(entry, value)]
+        if written:
+            self._renew_fingerprint()
+
+    def _fingerprint(self) -> tuple[int, int]:
+        return self.read(od.CONFIGURATION_DATE), self.read(od.CONFIGURATION_TIME)
+
+    def _renew_fingerprint(self) -> None:
+        """Write 0x1020 again; never into a drive that has restarted, for whose settings nobody can vouch."""
+        if self._vouched is not None and not self._restarted:
+            self.ensure(od.CONFIGURATION_DATE, self._vouched[0])
+            self.ensure(od.CONFIGURATION_TIME, self._vouched[1])
 
     def ensure(self, entry: od.Entry, value: int) -> bool:
         """Write an object where it differs, and read it back; return whether it was written."""
@@ -252,15 +302,14 @@ class Epos2:
 
     def watch(self, period_ms: int, silence_s: float) -> None:
         """Let the drive beat, and count it as silent when no beat is heard for `silence_s`."""
-        self.ensure(od.PRODUCER_HEARTBEAT, period_ms)
+        self.adjust({od.PRODUCER_HEARTBEAT: period_ms})
         self._heard_s = self._clock.now_s()
         self._silence_s = silence_s
 
     def unwatch(self) -> None:
         """Let both heartbeats end: the drive is left alone without power, which is no fault."""
         self._silence_s = math.inf
-        self.ensure(od.CONSUMER_HEARTBEAT, 0)
-        self.ensure(od.PRODUCER_HEARTBEAT, 0)
+        self.adjust({od.CONSUMER_HEARTBEAT: 0, od.PRODUCER_HEARTBEAT: 0})
 
     # States
 
@@ -274,7 +323,7 @@ class Epos2:
         """
         deadline_s = self._clock.now_s() + ANSWER_TIME_S
         while True:
-            statusword = self.read(od.STATUSWORD)
+            statusword = self.statusword()
             if goal is Goal.ENABLED:
                 self._refuse_fault(statusword)
             plan = plan_controlword(statusword, goal)
@@ -303,7 +352,9 @@ class Epos2:
 
     def statusword(self) -> int:
         """Return the statusword."""
-        return self.read(od.STATUSWORD)
+        statusword = self.read(od.STATUSWORD)
+        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
+        return statusword
 
     def is_referenced(self) -> bool:
         """Tell whether the drive itself knows its position to be referenced; lost with its power."""
@@ -328,47 +379,25 @@ class Epos2:
         # A set-point is taken at the rising edge of its bit; an acknowledge left from another would look like
         # success.
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
-        self._refuse_unless_enabled(self.read(od.STATUSWORD))
+        self._refuse_unless_enabled(self.statusword())
         self.ensure(od.MODE, _PROFILE_POSITION)
-        self.write(od.PROFILE_VELOCITY, rpm)
+        self.adjust({od.PROFILE_VELOCITY: rpm})
         self.write(od.TARGET_POSITION, target)
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT | CHANGE_IMMEDIATELY)
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, SETPOINT_ACKNOWLEDGED, "acknowledge the set-point")
         self.write(od.CONTROLWORD, ENABLE)
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "take back the acknowledge of the set-point")
 
-    def home(self, homing: Homing) -> None:
-        """Find home and wait until it is found; the axis must be enabled and standing still.
-
-        Whatever goes wrong, the axis is halted and the drive is left in profile position mode, held.
-
-        Raises
-        ------
-        DriveError
-            When it fails, takes too long, or attained what it had attained before.
-        """
-        self.start_homing(homing)
-        deadline_s = self._clock.now_s() + homing.timeout_s
-        try:
-            while not self.has_homed():
-                if self._clock.now_s() > deadline_s:
-                    raise DriveError(
-                        f"{self.name} did not find home within {homing.timeout_s:g} s",
-                        "see its homing section",
-                    )
-                self._clock.sleep(POLL_S)
-        except DriveError:
-            self.halt()
-            raise
-        self.finish_homing(homing)
-
     def start_homing(self, homing: Homing) -> None:
-        """Begin to look for home; `has_homed` says when it is found, `finish_homing` is due then."""
-        for entry, value in _homing_settings(homing):
-            self.ensure(entry, value)
+        """Begin to look for home; `has_homed` says when it is found, `finish_homing` is due then.
+
+        The axis must be enabled and stand still. Raises `DriveError`, `BusError`.
+        """
+        self._homing_due_s = self._clock.now_s() + homing.timeout_s
+        self.adjust(dict(_homing_settings(homing)))
         self.write(od.CONTROLWORD, ENABLE)
         # An attained bit left from an earlier homing is not believed until it has been seen to fall.
-        self._attained_is_fresh = not self.read(od.STATUSWORD) & HOMING_ATTAINED or homing.method == HERE
+        self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HERE
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
 
     def has_homed(self) -> bool:
@@ -377,7 +406,7 @@ class Epos2:
         Raises
         ------
         DriveError
-            When the drive says that it cannot be found, or is in fault.
+            When the drive says that it cannot be found, is in fault, or takes longer than the homing may.
         """
         statusword = self.statusword()
         self.refuse_unless_enabled(statusword)
@@ -388,7 +417,11 @@ class Epos2:
             )
         attained = bool(statusword & HOMING_ATTAINED)
         self._attained_is_fresh |= not attained
-        return attained and self._attained_is_fresh and bool(statusword & TARGET_REACHED)
+        if attained and self._attained_is_fresh and statusword & TARGET_REACHED:
+            return True
+        if self._clock.now_s() > self._homing_due_s:
+            raise DriveError(f"{self.name} did not find home in time", "see its homing section")
+        return False
 
     def finish_homing(self, homing: Homing) -> None:
         """Check that the counter is where homing leaves it, and hold there in profile position mode."""
@@ -406,8 +439,14 @@ class Epos2:
 
     def halt(self) -> None:
         """Decelerate and hold, if the axis is powered; power is never switched on by this."""
-        if decode_state(self.read(od.STATUSWORD)) is DriveState.OPERATION_ENABLED:
+        if decode_state(self.statusword()) is DriveState.OPERATION_ENABLED:
             self.write(od.CONTROLWORD, ENABLE | HALT)
+
+    def call_halt(self) -> None:
+        """Tell a drive that was enabled when it was last heard to halt, and wait for nothing. Raises `BusError`."""
+        if self._was_enabled:
+            data = od.CONTROLWORD.pack(ENABLE | HALT)
+            self._sdo.post(od.CONTROLWORD.index, od.CONTROLWORD.subindex, data)
 
     def quick_stop(self) -> None:
         """Stop with the quick stop deceleration and leave operation enabled."""
@@ -447,7 +486,7 @@ class Epos2:
             Names the error code, what it means and what to do.
         """
         self.raise_if_reported()
-        self._refuse_fault(self.read(od.STATUSWORD))
+        self._refuse_fault(self.statusword())
 
     def raise_if_reported(self) -> None:
         """Raise a restart, an emergency or a silence that has been noticed; asks the drive nothing.
@@ -513,7 +552,7 @@ class Epos2:
     def _wait_for_bit(self, mask: int, wanted: int, what: str) -> None:
         deadline_s = self._clock.now_s() + ANSWER_TIME_S
         while True:
-            statusword = self.read(od.STATUSWORD)
+            statusword = self.statusword()
             if statusword & mask == wanted:
                 return
             self.refuse_unless_enabled(statusword)

@@ -16,6 +16,7 @@ Fault = Literal[
     "sdo-timeout",
     "following-error",
     "bus-off",
+    "bus-passive",
     "lost-frames",
     "duplicated-frames",
     "late-frames",
@@ -28,7 +29,9 @@ Fault = Literal[
     "positive-limit-switch",
 ]
 
-_OF_THE_BUS = frozenset({"bus-off", "lost-frames", "duplicated-frames", "late-frames", "unplugged"})
+_OF_THE_BUS = frozenset(
+    {"bus-off", "bus-passive", "lost-frames", "duplicated-frames", "late-frames", "unplugged"}
+)
 _NEEDS_CODE = frozenset({"emergency", "sdo-abort"})
 
 

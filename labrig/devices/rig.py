@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 
-from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import Epos2, Identity
+from labrig.devices.epos2 import POLL_S, Epos2, Identity
+from labrig.devices.homing import HERE, Homing
 from labrig.devices.operator import Answer, Operator, OperatorRequest
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
@@ -136,6 +137,20 @@ class Rig:
             self._stop_because_of(error)
             raise
 
+    def look(self) -> tuple[Frame, dict[str, AxisReadback]]:
+        """Take a picture, and read where every axis stands.
+
+        Raises
+        ------
+        CameraError
+            Also for the same picture, to the last bit, after the needle or the sheath has moved.
+        DriveError, BusError
+        """
+        frame = self.camera.capture()
+        states = self.read_states()
+        self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
+        return frame, states
+
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, watching for signals and for what drives report.
 
@@ -210,7 +225,11 @@ class Rig:
         SafetyStopError
             When an axis is not known to stand still; names each and why.
         """
-        failures = [*_tried(self.axes, Axis.halt), *_tried(self.axes, Axis.wait_until_still)]
+        failures = [
+            *_tried(self.axes, Axis.call_halt),
+            *_tried(self.axes, Axis.halt),
+            *_tried(self.axes, Axis.wait_until_still),
+        ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
         if failures:
@@ -238,15 +257,45 @@ class Rig:
             When a needle is in tissue or may be: its depth and roll would be lost.
         DriveError, BusError
         """
+        self._require_needle_out()
+        for axis in self.axes:
+            self.home(axis.name, Homing(HERE))
+
+    def home(self, axis_name: str, homing: Homing) -> None:
+        """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is in tissue or may be.
+        InterruptedRunError, DriveError, BusError
+            The axis is without a reference then.
+        """
+        self._require_needle_out()
+        axis = self._axes[axis_name]
+        self._note_reference(axis_name, known=False)
+        try:
+            axis.start_homing(homing)
+            while not axis.has_homed():
+                self.clock.sleep(POLL_S)
+                self.look_after()
+            axis.finish_homing(homing)
+        except (InterruptedRunError, MachineError) as error:
+            self._stop_because_of(error)
+            raise
+        self._note_reference(axis_name, known=True)
+
+    def _note_reference(self, axis_name: str, *, known: bool) -> None:
+        others = {name for name in self.state.referenced if name != axis_name}
+        kept = others | {axis_name} if known else others
+        self._store.update(referenced=tuple(name for name in self._axes if name in kept))
+
+    def _require_needle_out(self) -> None:
         if self.state.needle_in_tissue is not False:
             raise SafetyStopError(
                 f"the axes are not referenced: {self.state.doubt}",
                 "withdraw the needle; labrig asks to confirm that it is out when the next run starts",
             )
-        self._store.update(referenced=())
-        for axis in self.axes:
-            axis.reference_here()
-        self._store.update(referenced=tuple(self._axes))
 
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
@@ -308,8 +357,7 @@ class Rig:
                     failures.append(error)
             if not failures:
                 failures += self._shared_cob_ids()
-            if failures:
-                raise failures[0].reworded("; ".join(failure.message for failure in failures))
+            raise_together(failures)
         self._recall_references()
         for axis in self.axes:
             axis.enable()

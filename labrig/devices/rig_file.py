@@ -74,6 +74,11 @@ class CanDescription(Model):
     bitrate: Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] = Field(
         1_000_000, description="Bit rate; the drives must be set to the same [bit/s]."
     )
+    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = Field(
+        120,
+        description="How long a drive may take to answer before it is asked once more; with the default a silent "
+        "drive is found out, and every axis stopped, within half a second [ms].",
+    )
     options: dict[str, str | int | float | bool] = Field(
         default_factory=dict, description="Further arguments of the python-can interface, by name."
     )
@@ -132,6 +137,13 @@ class AxisDescription(Model):
         0.0,
         description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
         "back, so that every move ends from the same side [mm or rad].",
+    )
+    configuration_fingerprint: (
+        tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None
+    ) = Field(
+        None,
+        description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed: a drive with "
+        "others is refused. null: not compared [-].",
     )
     limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
         (), description="Limit switches that are wired and must stop the drive; by default it ignores them."

@@ -9,7 +9,7 @@ import struct
 from queue import Empty, SimpleQueue
 from threading import Lock
 
-from labrig.devices.bus import RESPONSE_TIMEOUT_S, CanLink
+from labrig.devices.bus import CanLink
 
 RETRIES = 1
 """How often a question is asked again that got no answer."""
@@ -61,6 +61,7 @@ class SdoClient:
         self._link = link
         self._request_id = 0x600 + node_id
         self._answers: SimpleQueue[bytes] = SimpleQueue()
+        self._posted: list[bytes] = []
         self._lock = Lock()
         link.network.subscribe(0x580 + node_id, lambda _id, data, _t: self._answers.put(bytes(data)))
 
@@ -75,8 +76,14 @@ class SdoClient:
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object of at most four bytes. Raises as `upload`."""
-        command = 0x23 | (4 - len(data)) << 2
-        self._exchange(_HEAD.pack(command, index, subindex) + data.ljust(4, b"\0"))
+        self._exchange(_download(index, subindex, data))
+
+    def post(self, index: int, subindex: int, data: bytes) -> None:
+        """Write an object without waiting for the answer, where every millisecond counts. Raises `BusError`."""
+        request = _download(index, subindex, data)
+        with self._lock:
+            self._posted.append(request)
+            self._link.send(self._request_id, request)
 
     def _exchange(self, request: bytes) -> bytes:
         with self._lock:
@@ -89,21 +96,32 @@ class SdoClient:
 
     def _ask(self, request: bytes) -> bytes | None:
         self._drop_strays()
-        deadline_s = self._link.clock.now_s() + RESPONSE_TIMEOUT_S
+        deadline_s = self._link.clock.now_s() + self._link.answer_timeout_s
         self._link.send(self._request_id, request)
         while (answer := self._link.receive(self._answers, deadline_s)) is not None:
             if _answers(answer, request):
                 return answer
-            self.strays += 1
+            self._drop(answer)
         return None
 
     def _drop_strays(self) -> None:
         try:
             while True:
-                self._answers.get_nowait()
-                self.strays += 1
+                self._drop(self._answers.get_nowait())
         except Empty:
             return
+
+    def _drop(self, answer: bytes) -> None:
+        """Drop an answer that is not awaited: the one to a post, or a stray one."""
+        posted = next((request for request in self._posted if _answers(answer, request)), None)
+        if posted is None:
+            self.strays += 1
+        else:
+            self._posted.remove(posted)
+
+
+def _download(index: int, subindex: int, data: bytes) -> bytes:
+    return _HEAD.pack(0x23 | (4 - len(data)) << 2, index, subindex) + data.ljust(4, b"\0")
 
 
 def _answers(answer: bytes, request: bytes) -> bool:

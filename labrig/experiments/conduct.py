@@ -55,12 +55,21 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     try:
         session.rig.stop()
     except MachineError as error:
-        outcome = Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+        outcome = _not_known_to_stand_still(outcome, error)
     try:
         session.recorder.can_frames(session.rig.take_can_frames())
     except DiskError as error:
         outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+
+
+def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
+    """Return how a run ended that could not be stopped for certain; a fault that led to it stays its name."""
+    if isinstance(outcome.error, MachineError):
+        told = error.message in outcome.reason
+        reason = outcome.reason if told else f"{outcome.reason}; when stopping: {error.message}"
+        return Outcome("failed", reason, outcome.error)
+    return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
 def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:

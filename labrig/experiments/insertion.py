@@ -15,7 +15,7 @@ from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of, steering_settings
 from labrig.experiments.roll_zero import RollZeroOrder, find_roll_zero
 from labrig.experiments.session import Look, Session
-from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_sight
+from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.protocol import InsertionProtocol
@@ -143,7 +143,7 @@ def _done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> floa
 
 @dataclass
 class _Insertion:
-    """One insertion while it goes on: what it is made of, where the needle has been, and the last picture."""
+    """One insertion while it goes on: what it is made of, and where the needle has been."""
 
     protocol: InsertionProtocol
     session: Session
@@ -153,7 +153,6 @@ class _Insertion:
     settings: SteeringSettings
     path: list[Stance] = field(default_factory=list)
     bevel_rad: float = 0.0
-    last: Look | None = None
     run_to_mm: float = 0.0
 
     def turn_bevel(self, roll_rad: float) -> None:
@@ -187,9 +186,7 @@ class _Insertion:
 
     def find_tip(self, look: Look, state: SteeringState) -> TipSeen:
         """Look for the tip in a picture, where the last state expects it."""
-        moved_mm = 0.0 if self.last is None else look.stance.insertion_mm - self.last.stance.insertion_mm
-        require_sight(look.image, None if self.last is None else self.last.image, moved_mm)
-        self.last = look
+        require_light(look.image)
         inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
         return look_for_tip(
             self.eye, look.image, state.predicted(inserted_mm, self.settings), state.tip, self.bevel_rad

@@ -78,8 +78,8 @@ class Session:
         advances at 1 mm/s is told to some hundredths of a millimetre whenever the camera exposes.
         """
         before = stance_of(self.rig.read_states())
-        frame = self.rig.camera.capture()
-        stance = before.halfway_to(stance_of(self.rig.read_states()))
+        frame, states = self.rig.look()
+        stance = before.halfway_to(stance_of(states))
         number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **asdict(stance))
         return Look(number, frame.image, stance)
 

@@ -64,7 +64,14 @@ from labrig.protocol.protocols import (
 )
 from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema, schema_text
-from labrig.protocol.yaml_file import dump_yaml, load_yaml_model, model_of_values, parse_yaml_model
+from labrig.protocol.tree import Plain
+from labrig.protocol.yaml_file import (
+    dump_yaml,
+    load_yaml_model,
+    model_of_values,
+    parse_yaml_model,
+    yaml_values,
+)
 
 __all__ = [
     "Advance",
@@ -95,6 +102,7 @@ __all__ = [
     "Notes",
     "PixelUv",
     "Place",
+    "Plain",
     "Planner",
     "PositiveMm",
     "RollZeroProtocol",
@@ -118,4 +126,5 @@ __all__ = [
     "parse_yaml_model",
     "protocol_schema",
     "schema_text",
+    "yaml_values",
 ]

@@ -21,6 +21,7 @@ from labrig.protocol.schema import SchemaView, model_schema
 from labrig.protocol.tree import (
     Fault,
     Place,
+    Plain,
     Tree,
     file_format_error,
     half_characters,
@@ -52,6 +53,20 @@ def load_yaml_model(path: Path | str, model: type[AnyModel], overrides: Sequence
         With every problem of the file and of the overrides.
     """
     return model_of_tree(overridden(tree_of_file(Path(path)), overrides), model)
+
+
+def yaml_values(path: Path | str) -> dict[str, Plain]:
+    """Return what a YAML file says, of whatever kind it is, as JSON would hold it.
+
+    Raises
+    ------
+    FileFormatError
+        When it is no YAML, or holds no mapping.
+    """
+    tree = tree_of_file(Path(path))
+    if tree.faults:
+        raise file_format_error(list(tree.faults))
+    return {str(key): plain(child) for key, child in tree.root.children.items()}
 
 
 def parse_yaml_model(

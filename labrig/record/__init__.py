@@ -17,6 +17,7 @@
       can.sums.jsonl     a line for each part of can.log: its end and CRC-32
       truth.jsonl        what a simulated world drew; only the final comparison reads it
       SHA256SUMS         of the above except the manifest, once the run is closed (for `sha256sum -c`)
+      notes.jsonl        what people said of the run afterwards: tags, notes with their revisions, a verdict
       torn/NNN/          what an interruption left half written, set aside when the run was closed or continued
       analysis/NNN/      results, made from the above and never overwritten
 
@@ -32,15 +33,28 @@ Decided here:
   before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
   lines of the last `fsync_period_s` of rig time; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
+- What is listed and searched comes from the folders. `.catalogue.sqlite3` beside them is a cache of it, each row under
+  the time, size and inode of its files and with a CRC-32: throw it away, copy runs about, edit it, and the answers
+  stay the same.
 - The raw files are never rewritten. Only the manifest is, atomically, when the run is closed or continued.
 - One process writes a run: it holds `.lock`, which the kernel frees when it dies. `check_run` reads everything and
   tells damage from what an interruption left; only an undamaged run is closed by `repair_run` or continued by
   `Recorder.reopen`. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.
 """
 
+from labrig.record.annotations import (
+    Annotations,
+    Judgement,
+    Note,
+    judge_run,
+    note_on_run,
+    read_annotations,
+    tag_run,
+)
 from labrig.record.can_log import CanFrame
-from labrig.record.catalogue import RunSummary, list_runs
+from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
 from labrig.record.check import Verdict, check_run
+from labrig.record.difference import Difference, compare_runs
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.layout import picture_file
@@ -51,23 +65,34 @@ from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "Annotations",
     "CanFrame",
+    "Difference",
     "FileLock",
+    "FoundRun",
     "Frames",
+    "Judgement",
     "LockOwner",
+    "Note",
     "Recorder",
     "Run",
     "RunSummary",
     "Verdict",
     "check_run",
     "collect_provenance",
+    "compare_runs",
     "encode_document",
+    "find_runs",
+    "judge_run",
     "list_runs",
     "lock_owner",
+    "note_on_run",
     "open_run",
     "picture_file",
+    "read_annotations",
     "read_recorded_picture",
     "repair_run",
     "require_free_bytes",
+    "tag_run",
     "write_atomically",
 ]

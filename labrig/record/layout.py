@@ -21,6 +21,7 @@ EVENT_LINES = "events.jsonl"
 TRUTH_LINES = "truth.jsonl"
 FROM_THE_BEGINNING = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"
+NOTES = "notes.jsonl"
 CAN_SUMS = "can.sums.jsonl"
 LOCK = ".lock"
 RESERVE = ".reserve"

@@ -8,12 +8,13 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from labrig.analysis import AnalysisResult, CalibrationResult, DesignResult
+from labrig.analysis import AnalysisResult, CalibrationResult, DesignResult, InsertionResult, RollZeroResult
 from labrig.record import Run, write_atomically
 from labrig.report.calibration_page import calibration_page, calibration_verdict
 from labrig.report.curvature_page import calibration_rows, curvature_page, curvature_verdict
 from labrig.report.design_page import design_page, design_verdict
 from labrig.report.heading import make_heading
+from labrig.report.insertion_words import insertion_verdict, roll_zero_verdict
 from labrig.report.provenance import make_provenance
 from labrig.report.words import breakable, count_of, interval, number, signed
 
@@ -79,6 +80,19 @@ def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
                 "heading": make_heading(run, design_verdict(result.content), created),
                 "provenance": make_provenance(run, result),
                 **design_page(result, result.content),
+            },
+        )
+    if isinstance(result.content, InsertionResult | RollZeroResult):
+        verdict = (
+            insertion_verdict(result.content)
+            if isinstance(result.content, InsertionResult)
+            else roll_zero_verdict(result.content)
+        )
+        return _page(
+            "bare",
+            {
+                "heading": make_heading(run, verdict, created, result),
+                "provenance": make_provenance(run, result, calibration_rows(run)),
             },
         )
     return _page(

@@ -14,6 +14,9 @@ from labrig.vision.picture import Picture, as_grey, read_picture, require_size, 
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.template_file import load_template, save_template, template_files
+from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
@@ -27,6 +30,9 @@ __all__ = [
     "LensModel",
     "Picture",
     "PlaneMap",
+    "TipFix",
+    "TipSettings",
+    "TipTemplate",
     "ViewResidual",
     "as_grey",
     "board_points_mm",
@@ -39,11 +45,16 @@ __all__ = [
     "find_board_corners",
     "load_intrinsics",
     "load_plane",
+    "load_template",
+    "locate_tip",
     "measure_curvature",
+    "next_region_px",
     "projection_sigma_px",
     "read_picture",
     "require_size",
     "save_intrinsics",
     "save_plane",
+    "save_template",
     "size_of",
+    "template_files",
 ]

@@ -2,7 +2,18 @@
 
 import sys
 
-from tests.benchmarks import estimator, hinge, intrinsics, planner, real_insertions, start_up, sweep
+from tests.benchmarks import (
+    catalogue,
+    estimator,
+    faults,
+    hinge,
+    intrinsics,
+    planner,
+    real_insertions,
+    start_up,
+    sweep,
+    tip,
+)
 
 TABLES = {
     "start-up": start_up.print_table,
@@ -11,6 +22,9 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "tip": tip.print_table,
+    "faults": faults.print_table,
+    "catalogue": catalogue.print_table,
     "sweep": sweep.print_table,
 }
 

@@ -17,6 +17,7 @@ CALIBRATION = Path(__file__).parents[2] / "calibration"
 SIMULATED = CALIBRATION / "rig-simulated.yaml"
 BENCH = CALIBRATION / "rig-bench.yaml"
 
+ANSWER_TIMEOUT_S = 0.12
 FAST_WORLD = ("world.bubbles_per_specimen=0", "world.noise_sd=0")
 
 
@@ -72,7 +73,7 @@ class OneDrive:
 def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver."""
     clock, wire = SimulatedClock(), InProcessWire()
-    link = attach(wire, clock)
+    link = attach(wire, clock, ANSWER_TIMEOUT_S)
     drive = SimulatedDrive(wire, 1, clock, **drive_settings)
     clock.on_advance(drive.tick)
     driver = Epos2(link, 1, "insertion", clock)

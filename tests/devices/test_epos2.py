@@ -48,6 +48,13 @@ def _ready(one: OneDrive) -> OneDrive:
     return one
 
 
+def _home_here(one: OneDrive) -> None:
+    one.driver.start_homing(Homing(HERE))
+    while not one.driver.has_homed():
+        one.clock.sleep(0.005)
+    one.driver.finish_homing(Homing(HERE))
+
+
 def _run_until_done(one: OneDrive) -> float:
     start_s = one.clock.now_s()
     while not one.driver.statusword() & TARGET_REACHED:
@@ -181,7 +188,7 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
     ready.driver.start_move(4000, 120)
     _run_until_done(ready)
     assert not ready.driver.is_referenced()
-    ready.driver.home(Homing(HERE))
+    _home_here(ready)
     assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 4000)
     assert ready.driver.is_referenced()
     ready.driver.start_move(1000, 120)
@@ -266,7 +273,7 @@ def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:
 
 def test_a_restart_is_noticed(ready: OneDrive) -> None:
     """A boot-up frame after connecting means that power, settings and reference are lost."""
-    ready.driver.home(Homing(HERE))
+    _home_here(ready)
     ready.drive.restart()
     with pytest.raises(DriveError, match="has restarted"):
         ready.driver.raise_if_reported()

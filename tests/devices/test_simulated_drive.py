@@ -11,6 +11,7 @@ from labrig.devices import SimulatedClock
 from labrig.devices import epos2_objects as od
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire, attach
 from labrig.devices.simulated.drive import SimulatedDrive
+from tests.devices.rigs import ANSWER_TIMEOUT_S
 
 
 @pytest.fixture(name="wire")
@@ -30,7 +31,7 @@ def _heard(wire: InProcessWire) -> Iterator[list[can.Message]]:
 def _node(wire: InProcessWire, heard: list[can.Message]) -> Iterator[canopen.RemoteNode]:
     clock = SimulatedClock()
     drive = SimulatedDrive(wire, 5, clock)
-    link = attach(wire, clock)
+    link = attach(wire, clock, ANSWER_TIMEOUT_S)
     node = canopen.RemoteNode(5, canopen.ObjectDictionary())
     link.network.add_node(node)
     node.sdo.RESPONSE_TIMEOUT = 0.0

@@ -1,14 +1,17 @@
 """Listing runs."""
 
+import contextlib
 import json
+import shutil
+import sqlite3
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from labrig.errors import InputError
-from labrig.record import RunSummary, encode_document, list_runs
-from tests.record.runs import STARTED, closed_run, interrupted_run
+from labrig.record import RunSummary, encode_document, find_runs, list_runs, note_on_run, open_run, tag_run
+from tests.record.runs import ENDED, STARTED, begin, closed_run, fill, interrupted_run
 
 
 def test_runs_are_listed_newest_first(tmp_path: Path) -> None:
@@ -81,3 +84,98 @@ def test_a_file_is_no_folder_of_runs(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("")
     with pytest.raises(InputError, match="cannot list"):
         list_runs(tmp_path / "runs")
+
+
+INDEX = ".catalogue.sqlite3"
+
+
+def test_the_index_is_made_again_when_it_is_lost_or_spoilt(tmp_path: Path) -> None:
+    """Without the index, with a part of it flipped, and with something else in its place the list is the same."""
+    closed_run(tmp_path, "one")
+    interrupted_run(tmp_path, "two")
+    expected = list_runs(tmp_path)
+    index = tmp_path / INDEX
+    good = index.read_bytes()
+    flipped = bytearray(good)
+    for position in range(0, len(flipped), 7):
+        flipped[position] ^= 0x10
+    for spoilt in (b"", b"no database", bytes(flipped), good[: len(good) // 2]):
+        index.write_bytes(spoilt)
+        assert list_runs(tmp_path) == expected
+        assert list_runs(tmp_path) == expected
+    index.unlink()
+    assert list_runs(tmp_path) == expected
+
+
+def test_a_changed_row_of_the_index_is_not_believed(tmp_path: Path) -> None:
+    """A value that was changed in the database fails its checksum and is read again from the run."""
+    closed_run(tmp_path)
+    expected = list_runs(tmp_path)
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
+        index.execute("UPDATE runs SET line = replace(line, 'success', 'failure')")
+    assert list_runs(tmp_path) == expected
+
+
+def test_the_list_follows_the_folders(tmp_path: Path) -> None:
+    """Trials that are added, a run that is closed, tagged, renamed or removed show in the next list."""
+    recorder = begin(tmp_path, "run")
+    assert [summary.trials_done for summary in list_runs(tmp_path)] == [0]
+    fill(recorder, trials=1)
+    assert [summary.trials_done for summary in list_runs(tmp_path)] == [1]
+    recorder.close("success", "", ENDED)
+    assert [summary.exit_status for summary in list_runs(tmp_path)] == ["success"]
+    tag_run(tmp_path / "run", ["pilot"], remove=False, by="Chen", at=ENDED)
+    assert [summary.tags for summary in list_runs(tmp_path)] == [("pilot",)]
+    (tmp_path / "run").rename(tmp_path / "renamed")
+    assert [summary.run.name for summary in list_runs(tmp_path)] == ["renamed"]
+    shutil.rmtree(tmp_path / "renamed")
+    assert list_runs(tmp_path) == []
+
+
+def test_an_index_that_is_a_link_is_left_alone(tmp_path: Path) -> None:
+    """The index is not written through a link out of the folder."""
+    runs = tmp_path / "runs"
+    closed_run(runs)
+    (tmp_path / "outside").write_text("mine")
+    (runs / INDEX).symlink_to(tmp_path / "outside")
+    assert [summary.exit_status for summary in list_runs(runs)] == ["success"]
+    assert (tmp_path / "outside").read_text() == "mine"
+
+
+def test_runs_are_found_by_manifest_protocol_result_and_notes(tmp_path: Path) -> None:
+    """A condition may name any value of a run; what it is sorted by comes with it."""
+    for seed in (3, 1, 2):
+        run = closed_run(tmp_path, f"run {seed}", seed=seed, operator="Chen")
+        result = open_run(run).new_result_dir()
+        (result / "result.json").write_bytes(encode_document({"mean_radius_mm": 27.0 + seed / 10}))
+    note_on_run(tmp_path / "run 2", "cloudy gel", revises=None, by="Chen", at=ENDED)
+    found = find_runs(tmp_path, "operator=Chen and diameter_mm=1.2 and seed>1", "mean_radius_mm")
+    assert [(one.summary.run.name, one.fields["mean_radius_mm"]) for one in found] == [
+        ("run 2", (27.2,)),
+        ("run 3", (27.3,)),
+    ]
+    assert [one.summary.run.name for one in find_runs(tmp_path, "note ~ CLOUDY")] == ["run 2"]
+    assert [one.summary.run.name for one in find_runs(tmp_path, None, "seed", reverse=True)] == [
+        "run 3",
+        "run 2",
+        "run 1",
+    ]
+
+
+def test_a_new_result_is_found_at_once(tmp_path: Path) -> None:
+    """The numbers of the newest result count, also when it was made after the index."""
+    run = closed_run(tmp_path)
+    for radius_mm in (27.0, 28.0):
+        folder = open_run(run).new_result_dir()
+        (folder / "result.json").write_bytes(encode_document({"mean_radius_mm": radius_mm}))
+        assert len(find_runs(tmp_path, f"mean_radius_mm={radius_mm}")) == 1
+
+
+def test_an_unknown_field_is_named_with_those_that_there_are(tmp_path: Path) -> None:
+    """A field that no run has is refused for the condition and for the order; an empty folder has no say."""
+    assert find_runs(tmp_path, "colour=red") == []
+    closed_run(tmp_path)
+    with pytest.raises(InputError, match="--where, character 1: no run has a field 'colour'"):
+        find_runs(tmp_path, "colour=red")
+    with pytest.raises(InputError, match="--sort: no run has a field 'colour'"):
+        find_runs(tmp_path, sort="colour")

@@ -7,8 +7,10 @@ import can
 from labrig.clock import Clock
 from labrig.devices.bus import BusNetwork, CanLink
 
-_BUS_OFF_ID = 0x040
-"""COB-ID of the error frame by which SocketCAN tells of bus off."""
+_BUS_OFF_ID, _CONTROLLER_ID = 0x040, 0x004
+"""COB-IDs of the error frames by which SocketCAN tells of bus off, and of the state of the controller."""
+
+_PASSIVE = bytes([0, 0x20, 0, 0, 0, 0, 0, 0])
 
 
 class InProcessWire:
@@ -37,9 +39,14 @@ class InProcessWire:
     def bus_off(self) -> None:
         """Let nothing pass any more; the adapter tells by an error frame."""
         self._dead = True
-        frame = can.Message(
-            arbitration_id=_BUS_OFF_ID, is_error_frame=True, is_extended_id=False, data=bytes(8)
-        )
+        self._tell_adapters(_BUS_OFF_ID, bytes(8))
+
+    def bus_passive(self) -> None:
+        """Let the adapter tell that it has counted many errors; frames still pass."""
+        self._tell_adapters(_CONTROLLER_ID, _PASSIVE)
+
+    def _tell_adapters(self, can_id: int, data: bytes) -> None:
+        frame = can.Message(arbitration_id=can_id, is_error_frame=True, is_extended_id=False, data=data)
         for endpoint in tuple(self.endpoints):
             if endpoint.is_adapter:
                 endpoint.take(frame)
@@ -127,7 +134,7 @@ class InProcessBus(can.BusABC):
             self._wire.endpoints.remove(self)
 
 
-def attach(wire: InProcessWire, clock: Clock) -> CanLink:
+def attach(wire: InProcessWire, clock: Clock, answer_timeout_s: float) -> CanLink:
     """Return a link to an in-process wire; while it awaits a late answer, it lets the time of `clock` pass."""
     network = BusNetwork(clock)
 
@@ -138,4 +145,4 @@ def attach(wire: InProcessWire, clock: Clock) -> CanLink:
             network.notify(message.arbitration_id, message.data, 0.0)
 
     network.bus = InProcessBus(wire, receive, is_adapter=True)
-    return CanLink(network, clock, in_process=True)
+    return CanLink(network, clock, answer_timeout_s, in_process=True)

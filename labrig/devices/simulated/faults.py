@@ -70,6 +70,7 @@ class FaultScript:
         wire = self._wire
         return {
             "bus-off": wire.bus_off,
+            "bus-passive": wire.bus_passive,
             "lost-frames": lambda: wire.lose(fault.count),
             "duplicated-frames": lambda: wire.duplicate(fault.count),
             "late-frames": lambda: wire.delay(fault.count, fault.delay_s),

@@ -38,6 +38,7 @@ class SimulatedPlant:
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
         require_complete(rig)
         self.clock = SimulatedClock()
+        self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.world = World(world, seed)
         self.operator = SimulatedOperator(self.world)
         self.wire = InProcessWire()
@@ -61,7 +62,7 @@ class SimulatedPlant:
 
     def open_link(self) -> CanLink:
         """Return a link to the bus inside the process."""
-        return attach(self.wire, self.clock)
+        return attach(self.wire, self.clock, self._answer_timeout_s)
 
     def open_source(self) -> PictureSource:
         """Return a camera that sees the world."""

@@ -1,0 +1,219 @@
+"""What people say of a run afterwards: tags, notes with their revisions, a verdict.
+
+`RUN/notes.jsonl` is append-only, one CRC line a remark, and stands outside SHA256SUMS: it grows after the run is
+closed. Nothing in it is ever changed or removed. A note is revised by a new line of the same number, a tag taken off
+by a line that says so, a verdict replaced by a later one; who said what when stays readable.
+"""
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Literal
+
+from labrig.errors import InputError, RecordError
+from labrig.record.durable import disk_errors, sync_directory, write_fully
+from labrig.record.json_lines import decode_line, encode_line, read_lines
+from labrig.record.layout import NOTES, checked_name, inside
+from labrig.record.lock import FileLock
+from labrig.record.manifest import read_document
+
+Judgement = Literal["good", "doubtful", "bad"]
+_MAX_TEXT = 10_000
+
+
+@dataclass(frozen=True)
+class Note:
+    """A note as it reads now: its number, which revision this is, the text, and who wrote it when (ISO 8601, UTC)."""
+
+    note: int
+    revision: int
+    text: str
+    by: str
+    at: str
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """All that people have said of a run, as it stands now.
+
+    Attributes
+    ----------
+    tags : tuple of str
+        In the order in which they were given.
+    notes : tuple of Note
+        The newest revision of each, by number.
+    verdict : str or None
+        The operator's: good, doubtful or bad.
+    verdict_reason : str or None
+        Why.
+    revisions : tuple of Note
+        Every revision of every note, oldest first.
+    """
+
+    tags: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
+    verdict: str | None = None
+    verdict_reason: str | None = None
+    revisions: tuple[Note, ...] = ()
+
+
+def read_annotations(run: Path) -> Annotations:
+    """Return what has been said of a run; nothing where nobody has said anything.
+
+    Raises
+    ------
+    RecordError
+        When a line of it is damaged.
+    """
+    path = inside(run, NOTES)
+    return _joined(read_lines(path), path) if path.exists() else Annotations()
+
+
+def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: datetime) -> Annotations:
+    """Put tags on a run, or take them off.
+
+    Raises
+    ------
+    InputError
+        When a tag cannot be one, or is to be taken off and is not there.
+    RecordError, LockedError, DiskError
+        When it is no run, or it cannot be written now.
+    """
+    for tag in tags:
+        checked_name(tag, "the tag")
+    kind = "untag" if remove else "tag"
+    with _Remarks(run, by, at) as remarks:
+        missing = [tag for tag in tags if remove and tag not in remarks.now.tags]
+        if missing:
+            raise InputError(
+                f"{run} has no tag {', '.join(missing)}", f"it has: {', '.join(remarks.now.tags) or 'none'}"
+            )
+        return remarks.add([{"kind": kind, "tag": tag} for tag in tags])
+
+
+def note_on_run(run: Path, text: str, *, revises: int | None, by: str, at: datetime) -> Annotations:
+    """Add a note, or a new revision of the note with the number `revises`; the older ones are kept.
+
+    Raises
+    ------
+    InputError
+        When the text is empty or too long, or there is no note of that number.
+    """
+    _check_text(text)
+    with _Remarks(run, by, at) as remarks:
+        revisions = {note.note: note.revision for note in remarks.now.notes}
+        if revises is not None and revises not in revisions:
+            numbers = ", ".join(map(str, revisions)) or "none"
+            raise InputError(f"{run} has no note {revises}", f"it has: {numbers}")
+        number = max(revisions, default=0) + 1 if revises is None else revises
+        revision = revisions.get(number, 0) + 1
+        return remarks.add([{"kind": "note", "note": number, "revision": revision, "text": text}])
+
+
+def judge_run(run: Path, verdict: Judgement, reason: str, *, by: str, at: datetime) -> Annotations:
+    """Say whether a run is to be trusted; the last verdict counts."""
+    if reason:
+        _check_text(reason)
+    with _Remarks(run, by, at) as remarks:
+        return remarks.add([{"kind": "verdict", "verdict": verdict, "reason": reason}])
+
+
+def _check_text(text: str) -> None:
+    if not text.strip() or len(text) > _MAX_TEXT:
+        raise InputError(f"a note has 1 to {_MAX_TEXT} characters; this one has {len(text.strip())}")
+
+
+class _Remarks:
+    """notes.jsonl while it is locked for appending."""
+
+    def __init__(self, run: Path, by: str, at: datetime) -> None:
+        read_document(run)  # nothing is written into a folder that is no run
+        self._path = inside(run, NOTES)
+        self._lock = FileLock(run / f".{NOTES}.lock")
+        self._stamp: Mapping[str, object] = {"by": by, "at": at}
+        self.now = Annotations()
+
+    def __enter__(self) -> "_Remarks":
+        self._lock.acquire("labrig runs")
+        try:
+            self.now = read_annotations(self._path.parent)
+        except RecordError:
+            self._lock.release()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def add(self, remarks: Iterable[Mapping[str, object]]) -> Annotations:
+        """Append the remarks, durable when this returns."""
+        lines = b"".join(encode_line({**remark, **self._stamp}) for remark in remarks)
+        with disk_errors(self._path):
+            descriptor = os.open(
+                self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0), 0o666
+            )
+            try:
+                whole, missing = _end_of_whole_lines(self._path)
+                # The torn line of a process that was killed was never acknowledged, and must not continue.
+                os.ftruncate(descriptor, whole)
+                _append_or_leave(descriptor, missing + lines, whole)
+            finally:
+                os.close(descriptor)
+            sync_directory(self._path.parent)
+        return read_annotations(self._path.parent)
+
+
+def _end_of_whole_lines(path: Path) -> tuple[int, bytes]:
+    """Return where the last whole line ends, and the newline that it lacks where only that was torn off."""
+    content = path.read_bytes()
+    rest = content[content.rfind(b"\n") + 1 :]
+    try:
+        decode_line(rest)
+    except ValueError:
+        return len(content) - len(rest), b""
+    return len(content), b"\n"
+
+
+def _append_or_leave(descriptor: int, lines: bytes, before: int) -> None:
+    """Append all of it, or nothing where the disk is full."""
+    try:
+        write_fully(descriptor, lines)
+    except OSError:
+        os.ftruncate(descriptor, before)
+        raise
+    os.fsync(descriptor)
+
+
+def _joined(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:
+    tags: dict[str, None] = {}
+    revisions: list[Note] = []
+    verdict: tuple[str | None, str | None] = (None, None)
+    try:
+        for line in lines:
+            match line["kind"]:
+                case "tag":
+                    tags[str(line["tag"])] = None
+                case "untag":
+                    tags.pop(str(line["tag"]), None)
+                case "note":
+                    revisions.append(_note(line))
+                case "verdict":
+                    verdict = (str(line["verdict"]), str(line["reason"]) or None)
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(f"{path} holds a remark that cannot be read: {error}") from error
+    newest = {note.note: note for note in revisions}
+    return Annotations(
+        tuple(tags), tuple(newest[number] for number in sorted(newest)), *verdict, tuple(revisions)
+    )
+
+
+def _note(line: Mapping[str, object]) -> Note:
+    return Note(
+        int(str(line["note"])),
+        int(str(line["revision"])),
+        str(line["text"]),
+        str(line["by"]),
+        str(line["at"]),
+    )

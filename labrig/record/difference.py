@@ -1,0 +1,132 @@
+"""What tells two runs apart: how they ended, protocol, rig, calibration, versions, devices and results."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from labrig.errors import RecordError
+from labrig.protocol import yaml_values
+from labrig.record.condition import Value
+from labrig.record.layout import CALIBRATION, PROTOCOL, RIG, inside
+from labrig.record.manifest import read_manifest
+from labrig.record.results import latest_result
+
+_RUN_KEYS = (
+    "experiment",
+    "title",
+    "exit_status",
+    "reason",
+    "trials_planned",
+    "trials_done",
+    "seed",
+    "operator",
+    "recording",
+)
+# When a result was made, and by what, is no part of what it says; versions have a section of their own.
+_STAMP = frozenset({"created", "inputs", "parent", "provenance", "schema_version"})
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One value that two runs do not share.
+
+    Attributes
+    ----------
+    section : str
+        `run`, `protocol`, `rig`, `calibration`, `versions`, `devices` or `results`.
+    key : str
+        Dotted path in it; items of a list by their number.
+    a, b : str, int, float, bool or None
+        The value in each; None also where it is absent.
+    """
+
+    section: str
+    key: str
+    a: Value
+    b: Value
+
+
+def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
+    """Compare two runs by what their records say, section after section.
+
+    Raises
+    ------
+    RecordError
+        When one is no run, or a file of it cannot be read.
+    FileFormatError
+        When a protocol or rig file of them is no YAML.
+    """
+    sections_a, sections_b = _sections(a), _sections(b)
+    return tuple(
+        chain.from_iterable(
+            _differences(section, sections_a[section], sections_b[section]) for section in sections_a
+        )
+    )
+
+
+def differing_values(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
+    """Yield the dotted path and both values of each scalar in which two documents differ, in their order."""
+    ours, theirs = dict(_walked(a, "")), dict(_walked(b, ""))
+    for key in dict.fromkeys((*ours, *theirs)):
+        if (one := ours.get(key)) != (other := theirs.get(key)):
+            yield key, one, other
+
+
+def _differences(section: str, a: object, b: object) -> Iterator[Difference]:
+    return (Difference(section, *each) for each in differing_values(a, b))
+
+
+def _sections(run: Path) -> dict[str, Mapping[str, Any]]:
+    manifest = read_manifest(run)
+    provenance = _mapping(manifest.get("provenance"))
+    result = latest_result(run) or {}
+    return {
+        "run": {key: manifest.get(key) for key in _RUN_KEYS},
+        "protocol": _yaml(run, PROTOCOL),
+        "rig": _yaml(run, RIG),
+        "calibration": _calibration(run, manifest),
+        "versions": {key: value for key, value in provenance.items() if key != "command_line"},
+        "devices": _mapping(manifest.get("devices")),
+        "results": {key: value for key, value in result.items() if key not in _STAMP},
+    }
+
+
+def _yaml(run: Path, name: str) -> Mapping[str, Any]:
+    path = inside(run, name)
+    return yaml_values(path) if path.exists() else {}
+
+
+def _calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, Any]:
+    """Return the SHA-256 of each calibration file, and what it says where it is JSON."""
+    hashes = _mapping(_mapping(manifest.get("hashes")).get("calibration"))
+    return {name: {"sha256": sha256, **_document(run, name)} for name, sha256 in hashes.items()}
+
+
+def _document(run: Path, name: str) -> Mapping[str, Any]:
+    path = inside(run, f"{CALIBRATION}/{name}")
+    if path.suffix != ".json":
+        return {}
+    try:
+        document = _mapping(json.loads(path.read_bytes()))
+    except (OSError, ValueError) as error:
+        raise RecordError(f"cannot read {path}: {error}", "take the file from a copy of the run") from error
+    return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _walked(value: object, path: str) -> Iterator[tuple[str, Value]]:
+    if isinstance(value, Mapping):
+        items = value.items()
+    elif isinstance(value, list | tuple):
+        items = dict(enumerate(value)).items()
+    else:
+        yield path, value if isinstance(value, str | int | float) else None
+        return
+    for key, item in items:
+        yield from _walked(item, f"{path}.{key}" if path else str(key))

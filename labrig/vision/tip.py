@@ -1,0 +1,444 @@
+"""The needle's tip in a picture, by a template turned to its heading; to a tenth of a pixel.
+
+Normalised cross-correlation finds the place; a fit of place, heading and scale refines it (`tip_fit`). An upright
+template is 2.4 px off where the needle heads 10 degrees elsewhere, so the template is turned first. A bevel that has
+been turned over by half a turn is seen mirrored, and so is its template.
+
+The search goes through a smaller picture first, then looks at its best places at full size. Glints, which do not turn
+with the needle, are taken away first: a grey opening removes what is bright and narrower than the needle. A window
+without contrast correlates with anything and is never a tip.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import InputError, PictureError
+from labrig.vision.limits import below
+from labrig.vision.picture import Picture
+from labrig.vision.tip_fit import Fit, Similarity
+from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, grey_picture, half_turn, without_glints
+
+FloatArray = NDArray[np.float64]
+_Point = tuple[float, float]
+
+# Windows with less than this part of the template's spread are flat.
+_FLAT = 0.4
+# A smaller picture keeps at least so many pixels of the template's side, and is at most so many times smaller.
+_LEAST_SMALL_SIDE_PX = 10
+_MOST_TIMES_SMALLER = 4
+# A region of fewer pixels is searched at half its size: there is time for it.
+_SMALL_AREA_PX = 40_000
+# So many places of the smaller picture are looked at in full size.
+_PLACES = 3
+# A fit that moves the tip by more than this part of the template's side has found something else.
+_MOST_MOVED = 0.25
+# Two places within this part of the template's side are one.
+_SAME_PLACE = 0.6
+# Headings tried where none is predicted, from -96 to 96 degrees.
+_HEADINGS_RAD = tuple(math.radians(12.0 * step) for step in range(-8, 9))
+
+
+@dataclass(frozen=True)
+class TipSettings:
+    """When a place is believed to be the tip.
+
+    Parameters
+    ----------
+    min_score : float
+        Correlation of the refined template with the picture, 1 at best.
+    min_distinctness : float
+        By so much the score exceeds that of the next best place.
+    max_turn_rad : float
+        The refined heading may differ from the predicted one by so much.
+
+    Raises
+    ------
+    InputError
+        For a setting out of its range, with its name.
+    """
+
+    min_score: float = 0.85
+    min_distinctness: float = 0.05
+    max_turn_rad: float = math.radians(15.0)
+
+    def __post_init__(self) -> None:
+        for name, highest in (("min_score", 1.0), ("min_distinctness", 1.0), ("max_turn_rad", math.pi)):
+            if not 0.0 <= getattr(self, name) <= highest:
+                raise InputError(f"{name} is {getattr(self, name):g}, must be between 0 and {highest:.4g}")
+
+
+@dataclass(frozen=True)
+class TipFix:
+    """What a picture says about the tip; what it does not say is None.
+
+    Attributes
+    ----------
+    accepted : bool
+    reason : str or None
+        Why not, as a sentence with value and limit.
+    tip_px : (float, float) or None
+        Where accepted.
+    heading_rad : float or None
+        Where accepted: as refined, within a degree or two.
+    score, distinctness : float or None
+        Correlation, and by how much it exceeds the next best place; also where refused for them.
+    """
+
+    accepted: bool
+    reason: str | None
+    tip_px: _Point | None = None
+    heading_rad: float | None = None
+    score: float | None = None
+    distinctness: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what is recorded and printed of it."""
+        return {
+            "accepted": self.accepted,
+            "reason": self.reason,
+            "tip_px": None if self.tip_px is None else list(self.tip_px),
+            "heading_rad": self.heading_rad,
+            "score": self.score,
+            "distinctness": self.distinctness,
+        }
+
+
+def next_region_px(region_px: float, misses: int, growth: float = 1.6) -> float:
+    """Return the side of the square to search after so many misses in a row; `locate_tip` cuts it to the picture."""
+    return region_px * float(growth ** min(max(misses, 0), 16))
+
+
+def locate_tip(
+    image: Picture,
+    template: TipTemplate,
+    settings: TipSettings | None = None,
+    *,
+    near_px: _Point | None = None,
+    heading_rad: float | None = None,
+    roll_rad: float | None = None,
+    region_px: float = 120.0,
+    mask: NDArray[np.bool_] | None = None,
+) -> TipFix:
+    """Find the tip in a picture.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+    template : TipTemplate
+    settings : TipSettings or None
+        None: the usual ones.
+    near_px : (float, float) or None
+        Predicted pixel of the tip. None: the whole picture is searched.
+    heading_rad : float or None
+        Predicted heading, within about 7 degrees. None: all from -96 to 96 degrees are tried.
+    roll_rad : float or None
+        Roll of the bevel. None: as in the template and turned over are both tried.
+    region_px : float
+        Side of the square around `near_px` that is searched.
+    mask : ndarray of bool (H, W) or None
+        Pixels to be left out; no window that holds one of them is a tip.
+
+    Returns
+    -------
+    TipFix
+        Refused where the picture does not show one tip.
+
+    Raises
+    ------
+    PictureError
+        For a picture that is not of 8 bits, that is smaller than the template, or that the mask does not fit.
+    InputError
+        For a prediction that is not finite, or a region that is not positive.
+    """
+    rules, grey = settings or TipSettings(), grey_picture(image)
+    _check(grey, template, mask, (*(near_px or ()), heading_rad or 0.0, roll_rad or 0.0), region_px)
+    region = _Region.around(grey, template, near_px, region_px, mask)
+    if region is None:
+        return TipFix(accepted=False, reason="The tip is predicted outside of the picture.")
+    headings = _HEADINGS_RAD if heading_rad is None else (heading_rad,)
+    views = [
+        _View(one, half_turn(heading - one.heading_rad))
+        for one in _sides(template, roll_rad)
+        for heading in headings
+    ]
+    places = _places(region, views)
+    if not places:
+        return TipFix(
+            accepted=False,
+            reason="Nothing in what is searched is like the template: it is dark, flat or masked.",
+        )
+    # Of several views the one that fits best is not known before they have been fitted.
+    tried = [(place, _refined(region, place)) for place in (places if len(views) > 1 else places[:1])]
+    best, fit = max(tried, key=lambda one: -1.0 if one[1] is None else one[1].score)
+    rival = max((one.score for one in places if _apart(one, best)), default=0.0)
+    reason = _judged(fit, best, rival, rules)
+    score, distinctness = best.score if fit is None else fit.score, best.score - rival
+    if fit is None or reason is not None:
+        return TipFix(accepted=False, reason=reason, score=score, distinctness=distinctness)
+    (u, v), (left, top) = fit.place.lands_px, region.corner_px
+    heading = half_turn(best.view.template.heading_rad + fit.place.turn_rad)
+    tip = (float(u + left), float(v + top))
+    return TipFix(
+        accepted=True, reason=None, tip_px=tip, heading_rad=heading, score=score, distinctness=distinctness
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A template turned to a heading."""
+
+    template: TipTemplate
+    turn_rad: float
+
+    def patch(self, times_smaller: int) -> tuple[Picture, FloatArray]:
+        """Return the turned picture, and the tip's pixel in it; what the turn brings in continues the rim."""
+        source = self.template.plain
+        height, width = source.shape
+        c, s = abs(math.cos(self.turn_rad)), abs(math.sin(self.turn_rad))
+        # A square stays as large as it is, and an oblong one by a quarter turn becomes an upright one.
+        size = np.array([width * c + height * s, width * s + height * c]) / ((c + s) * times_smaller)
+        columns, rows = (int(n) for n in np.maximum(1, np.rint(size)))
+        forth = Similarity(_middle(columns, rows), self.turn_rad, 1.0 / times_smaller).warp(
+            _middle(width, height)
+        )
+        picture = source if times_smaller == 1 else cv2.blur(source, (times_smaller, times_smaller))
+        turned = cv2.warpAffine(
+            picture, forth, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(turned, np.uint8), forth @ (*self.template.tip_px, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A candidate: the tip's pixel in the region, with the view that fits there."""
+
+    view: _View
+    tip_px: _Point
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """The part of a picture that is searched, where it begins, and what of it is masked."""
+
+    picture: Picture
+    corner_px: tuple[int, int]
+    masked: NDArray[np.bool_] | None
+
+    @classmethod
+    def around(
+        cls,
+        image: Picture,
+        template: TipTemplate,
+        near_px: _Point | None,
+        side_px: float,
+        mask: NDArray[np.bool_] | None,
+    ) -> Self | None:
+        """Return the square around a prediction, cut to the picture; None where nothing is left."""
+        if near_px is None:
+            return cls(image, (0, 0), mask)
+        # The template may be larger on one side of its tip than on the other.
+        side = max(side_px, float(max(template.picture.shape)))
+        low = np.floor(np.asarray(near_px) - side / 2).astype(int)
+        high = np.ceil(np.asarray(near_px) + side / 2).astype(int) + 1
+        (left, top), (right, bottom) = np.maximum(low, 0), np.minimum(high, image.shape[::-1])
+        if right - left < LEAST_SIDE_PX or bottom - top < LEAST_SIDE_PX:
+            return None
+        part = (slice(top, bottom), slice(left, right))
+        return cls(image[part], (int(left), int(top)), None if mask is None else mask[part])
+
+    def times_smaller(self, template: TipTemplate) -> int:
+        most = _MOST_TIMES_SMALLER if self.picture.size > _SMALL_AREA_PX else 2
+        return max(1, min(most, int(min(template.picture.shape)) // _LEAST_SMALL_SIDE_PX))
+
+    def without_glints(self, side_px: float) -> "_Region":
+        return replace(self, picture=without_glints(self.picture, side_px))
+
+    def smaller(self, times: int) -> "_Region":
+        if times == 1:
+            return self
+        rows, columns = (n // times * times for n in self.picture.shape)
+        size = (columns // times, rows // times)
+        picture = cv2.resize(self.picture[:rows, :columns], size, interpolation=cv2.INTER_AREA)
+        masked = (
+            None
+            if self.masked is None
+            else np.asarray(
+                cv2.resize(
+                    self.masked[:rows, :columns].astype(np.uint8) * 255, size, interpolation=cv2.INTER_AREA
+                )
+            )
+            > 0
+        )
+        return _Region(np.asarray(picture, np.uint8), (0, 0), masked)
+
+    def within(self, centre_px: _Point, reach_px: float) -> "_Region":
+        """Return the part of this region within a reach of a pixel of it; its corner is told in this region."""
+        left, top = (max(0, math.floor(at - reach_px)) for at in centre_px)
+        right, bottom = (math.ceil(at + reach_px) + 1 for at in centre_px)
+        part = (slice(top, bottom), slice(left, right))
+        return _Region(self.picture[part], (left, top), None if self.masked is None else self.masked[part])
+
+
+def _places(region: _Region, views: Sequence[_View]) -> list[_Place]:
+    """Return the most likely places, best first; of one side of the bevel none within the reach of a better one."""
+    template = views[0].template
+    side_px, times = float(min(template.picture.shape)), region.times_smaller(template)
+    small = region.smaller(times).without_glints(side_px / times)
+    rough = [
+        replace(place, tip_px=_scaled(place.tip_px, times))
+        for view in views
+        for place in _peaks(small, view, times, _SAME_PLACE * side_px, _PLACES)
+    ]
+    near = _thinned(rough)
+    full = [_looked_at(region, place, times) for place in near] if times > 1 else near
+    return _thinned([place for place in full if place is not None])
+
+
+def _looked_at(region: _Region, place: _Place, times_smaller: int) -> _Place | None:
+    """Return the best place at full size around one found in a smaller picture."""
+    reach_px = 0.75 * max(place.view.template.picture.shape) + 2.0 * times_smaller
+    part = region.within(place.tip_px, reach_px).without_glints(min(place.view.template.picture.shape))
+    found = _peaks(part, place.view, 1, reach_px, 1)
+    if not found:
+        return None
+    (u, v), (left, top) = found[0].tip_px, part.corner_px
+    return replace(found[0], tip_px=(u + left, v + top))
+
+
+def _peaks(region: _Region, view: _View, times_smaller: int, apart_px: float, most: int) -> list[_Place]:
+    """Return the highest places of the correlation with one view, at least so far apart [px of the full picture]."""
+    patch, tip = view.patch(times_smaller)
+    scores = _scores(region, patch)
+    if scores is None:
+        return []
+    reach = max(1, round(apart_px / times_smaller))
+    places = []
+    for _ in range(most):
+        _, score, _, (u, v) = cv2.minMaxLoc(scores)
+        if score <= 0.0:
+            break
+        places.append(_Place(view, (u + float(tip[0]), v + float(tip[1])), float(score)))
+        scores[max(0, v - reach) : v + reach + 1, max(0, u - reach) : u + reach + 1] = -1.0
+    return places
+
+
+def _scores(region: _Region, patch: Picture) -> NDArray[np.float32] | None:
+    """Return the correlation at each place of the patch's first pixel; -1 where the window is flat or masked."""
+    rows, columns = patch.shape
+    if region.picture.shape[0] < rows or region.picture.shape[1] < columns:
+        return None
+    scores = np.asarray(cv2.matchTemplate(region.picture, patch, cv2.TM_CCOEFF_NORMED), np.float32)
+    mean, square = (
+        _window_means(values, columns, rows)
+        for values in (region.picture.astype(np.float32), np.square(region.picture, dtype=np.float32))
+    )
+    least = (_FLAT * float(cv2.meanStdDev(patch)[1][0, 0])) ** 2
+    # What is not a number fails the comparison, and is no tip either.
+    usable = (square - mean * mean >= least) & (scores <= 1.01)
+    if region.masked is not None:
+        usable &= _window_means(region.masked.astype(np.float32), columns, rows) <= 0.0
+    scores[~usable] = -1.0
+    return scores
+
+
+def _window_means(values: NDArray[np.float32], columns: int, rows: int) -> NDArray[np.float32]:
+    """Return the mean of each window that lies in the picture, at its first pixel."""
+    means = cv2.blur(values, (columns, rows), anchor=(0, 0))
+    return np.asarray(means[: values.shape[0] - rows + 1, : values.shape[1] - columns + 1], np.float32)
+
+
+def _refined(region: _Region, place: _Place) -> Fit | None:
+    """Return the place with pixel, heading and scale refined together; None where that runs away."""
+    template = place.view.template
+    part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
+    left, top = part.corner_px
+    start = Similarity((place.tip_px[0] - left, place.tip_px[1] - top), place.view.turn_rad)
+    rough = template.fitted.fit(part.without_glints(min(template.picture.shape)).picture, start)
+    close = None if rough is None else template.fitted_closely.fit(part.picture, rough.place)
+    if rough is None or close is None:
+        return None
+    u, v = close.place.lands_px
+    return Fit(replace(close.place, lands_px=(u + left, v + top)), rough.score)
+
+
+def _judged(fit: Fit | None, start: _Place, rival: float, rules: TipSettings) -> str | None:
+    """Return why the refined place is not believed to be the tip, or None where it is."""
+    if fit is None:
+        return "The template cannot be fitted to the best place."
+    distinctness = start.score - rival
+    if fit.score < rules.min_score:
+        return f"The score is {below(fit.score, 3)}, and {rules.min_score:g} is the least."
+    if distinctness < rules.min_distinctness:
+        return (
+            f"The best place scores {below(distinctness, 3)} more than the next, "
+            f"and {rules.min_distinctness:g} is the least: they cannot be told apart."
+        )
+    turned_rad = abs(half_turn(fit.place.turn_rad - start.view.turn_rad))
+    moved_px = math.dist(fit.place.lands_px, start.tip_px)
+    if turned_rad > rules.max_turn_rad or moved_px > _MOST_MOVED * min(start.view.template.picture.shape):
+        return (
+            f"The fit went {moved_px:.1f} px and {math.degrees(turned_rad):.1f} degrees away from the best place, "
+            "so it is not to be trusted."
+        )
+    return None
+
+
+def _thinned(places: Sequence[_Place]) -> list[_Place]:
+    """Return the best places of each side of the bevel, each apart from every better one of that side."""
+    kept: list[_Place] = []
+    for place in sorted(places, key=lambda one: -one.score):
+        if all(place.view.template is not better.view.template or _apart(place, better) for better in kept):
+            kept.append(place)
+    return kept[:_PLACES]
+
+
+def _apart(one: _Place, other: _Place) -> bool:
+    """Return whether two places are too far from each other to be the same tip."""
+    reach_px = _SAME_PLACE * float(min(one.view.template.picture.shape))
+    return math.dist(one.tip_px, other.tip_px) > reach_px
+
+
+def _sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
+    if roll_rad is None:
+        return (template, template.turned_over)
+    return (template if template.shows(roll_rad) else template.turned_over,)
+
+
+def _scaled(px: _Point, times: int) -> _Point:
+    """Return a pixel of the smaller picture in the full one; pixel centres are integers in both."""
+    return (px[0] + 0.5) * times - 0.5, (px[1] + 0.5) * times - 0.5
+
+
+def _middle(columns: int, rows: int) -> _Point:
+    return (columns - 1) / 2, (rows - 1) / 2
+
+
+def _check(
+    grey: Picture,
+    template: TipTemplate,
+    mask: NDArray[np.bool_] | None,
+    numbers: Sequence[float],
+    region_px: float,
+) -> None:
+    (height, width), (rows, columns) = grey.shape, template.picture.shape
+    if rows > height or columns > width:
+        raise PictureError(
+            f"the template has {columns} x {rows} pixels, larger than the picture, {width} x {height}",
+            "use the camera setting that the template was made with",
+        )
+    if mask is not None and mask.shape != grey.shape:
+        raise PictureError(
+            f"the mask has shape {mask.shape}, the picture {grey.shape}", "use a mask made for this camera"
+        )
+    if not (np.isfinite(numbers).all() and math.isfinite(region_px) and region_px > 0.0):
+        raise InputError(
+            f"the prediction {tuple(numbers)} or the region of {region_px:g} px is not a number that can be used",
+            "predict from a good frame",
+        )

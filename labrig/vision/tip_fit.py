@@ -1,0 +1,194 @@
+"""A template fitted to a picture: shift, turn and scale by least squares, blind to brightness and contrast.
+
+The inverse compositional form (Baker and Matthews 2004, International Journal of Computer Vision 56:221) of what
+enhanced correlation maximises (Evangelidis and Psarakis 2008, IEEE TPAMI 30:1858): each step regresses the picture on
+the template, its steepest descents and a constant. The scale is free, because a tilted camera sees a needle larger
+where it is nearer. Where asked, pixels that do not fit the rest lose their weight (Tukey's biweight): a glint stays
+where the lamp puts it while the needle turns.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.vision.picture import Picture
+
+FloatArray = NDArray[np.float64]
+_Pixels = NDArray[np.float32]
+
+# A step that moves no pixel of the template by more than this ends the search [px]; and so many steps do.
+_SETTLED_PX, _STEPS = 0.03, 10
+_BLUR_PX = 1.0
+# So much weighs a scale other than 1, in squared slopes of the template: where a small template shows the needle's
+# edges badly, scale and shift along the needle look alike.
+_SCALE_WEIGHT = 0.1
+# A scale beyond these is another thing than the template's.
+_SCALES = (0.7, 1.4)
+# Tukey's constant, for 95 % efficiency with normal noise. The noise that is granted falls from step to step, from what
+# a fit half a pixel off leaves to little more than a camera's [grey levels].
+_TUKEY, _FIRST_NOISE, _CALMER, _LEAST_NOISE = 4.685, 10.0, 0.6, 4.0
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """From pixels of a template, told from a pivot in it, to pixels of a picture."""
+
+    lands_px: tuple[float, float]
+    turn_rad: float
+    scale: float = 1.0
+
+    def warp(self, pivot_px: tuple[float, float]) -> FloatArray:
+        """Return the (2, 3) map of the template's pixels; a positive turn is counter-clockwise on the screen."""
+        turn = _turned(self.turn_rad, self.scale)
+        return np.column_stack((turn, np.asarray(self.lands_px) - turn @ pivot_px))
+
+    def stepped_back(self, step: FloatArray) -> "Similarity":
+        """Return this map after the inverse of a small one: shift (2), turn and growth, in the template's pixels."""
+        growth = 1.0 + float(step[3])
+        size, angle = math.hypot(float(step[2]), growth), math.atan2(float(step[2]), growth)
+        turn_rad, scale = self.turn_rad - angle, self.scale / size
+        u, v = np.asarray(self.lands_px) - _turned(turn_rad, scale) @ step[:2]
+        return Similarity((float(u), float(v)), turn_rad, scale)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where the template lies, and the correlation of the two there."""
+
+    place: Similarity
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPicture:
+    """A template prepared for fitting.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8, (H, W)
+    pivot_px : (float, float)
+        The pixel whose place is asked for.
+    used : ndarray of bool, (H, W)
+        Pixels that are compared.
+    robust : bool
+        Whether pixels that do not fit the rest lose their weight.
+    """
+
+    picture: Picture
+    pivot_px: tuple[float, float]
+    used: NDArray[np.bool_]
+    robust: bool
+
+    @cached_property
+    def _columns(self) -> _Pixels:
+        """What a picture is regressed on, (N, 6): steepest descents of shift, turn and growth, template, constant."""
+        smooth = _smooth(self.picture)
+        across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
+        down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
+        v, u = np.indices(smooth.shape)
+        right, below = u - self.pivot_px[0], v - self.pivot_px[1]
+        columns = (
+            across,
+            down,
+            across * below - down * right,
+            across * right + down * below,
+            smooth,
+            np.ones_like(smooth),
+        )
+        return np.stack([column[self.used] for column in columns], axis=1).astype(np.float32)
+
+    @cached_property
+    def _normal(self) -> FloatArray:
+        """The normal matrix (6, 6) where every pixel has its weight."""
+        return (self._columns.T @ self._columns).astype(np.float64)
+
+    @cached_property
+    def _scale_weight(self) -> float:
+        """The weight of a scale other than 1, in grey levels squared."""
+        slopes, reach_px = (
+            float(self._normal[0, 0] + self._normal[1, 1]),
+            0.5 * float(min(self.picture.shape)),
+        )
+        return _SCALE_WEIGHT * slopes * reach_px**2 / 2.0
+
+    def fit(self, picture: Picture, start: Similarity) -> Fit | None:
+        """Return the best place near a start, or None where it runs away or out of the picture.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8, (H, W)
+        start : Similarity
+            Within about a tenth of the template's side and ten degrees.
+        """
+        smooth, place, score = _smooth(picture), start, 0.0
+        reach = 0.5 * max(self.picture.shape)
+        for number in range(_STEPS):
+            seen = self._seen(smooth, place)
+            if seen is None:
+                return None
+            step, score = self._step(seen, place.scale, number)
+            if step is None:
+                return None
+            place = place.stepped_back(step)
+            if not _SCALES[0] < place.scale < _SCALES[1]:
+                return None
+            if math.hypot(step[0], step[1]) + reach * math.hypot(step[2], step[3]) < _SETTLED_PX:
+                break
+        return Fit(place, score)
+
+    def _step(self, seen: _Pixels, scale: float, number: int) -> tuple[FloatArray | None, float]:
+        """Return the step (4,) that brings the template nearer to what is seen, and how the two correlate before."""
+        right = (seen @ self._columns).astype(np.float64)
+        gain, offset = np.linalg.solve(self._normal[4:, 4:], right[4:])
+        score = self._correlation(seen, float(gain))
+        if score <= 0.0:
+            return None, score
+        normal = self._normal.copy()
+        if self.robust:
+            weighted = self._columns * self._weights(seen, float(gain), float(offset), number)[:, None]
+            normal, right = (
+                (weighted.T @ self._columns).astype(np.float64),
+                (seen @ weighted).astype(np.float64),
+            )
+        normal[3, 3] += self._scale_weight
+        right[3] += self._scale_weight * gain * math.log(scale)
+        found = np.linalg.solve(normal, right)
+        return (found[:4] / found[4] if found[4] > 0.0 else None), score
+
+    def _correlation(self, seen: _Pixels, gain: float) -> float:
+        """Return the correlation with the template, of which `gain` is the slope."""
+        pixels, total = self._normal[5, 5], self._normal[4, 5]
+        spread = self._normal[4, 4] - total**2 / pixels
+        seen_spread = float(seen.var()) * pixels
+        return gain * math.sqrt(spread / seen_spread) if seen_spread > 0.0 else 0.0
+
+    def _weights(self, seen: _Pixels, gain: float, offset: float, number: int) -> _Pixels:
+        """Return the weight (N, 1) of each pixel by how far it is from the template's grey level."""
+        off = seen - (gain * self._columns[:, 4] + offset)
+        noise = max(_FIRST_NOISE * _CALMER**number, _LEAST_NOISE)
+        return np.asarray(np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)), np.float32)
+
+    def _seen(self, smooth: _Pixels, place: Similarity) -> _Pixels | None:
+        """Return the picture (N,) where the template lies, None where its pivot lies outside."""
+        rows, columns = self.picture.shape
+        u, v = place.lands_px
+        if not (0 <= u < smooth.shape[1] and 0 <= v < smooth.shape[0]):
+            return None
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        seen = cv2.warpAffine(
+            smooth, place.warp(self.pivot_px), (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(seen, np.float32)[self.used]
+
+
+def _turned(turn_rad: float, scale: float) -> FloatArray:
+    c, s = scale * math.cos(turn_rad), scale * math.sin(turn_rad)
+    return np.array([[c, s], [-s, c]])
+
+
+def _smooth(picture: Picture) -> _Pixels:
+    return np.asarray(cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _BLUR_PX), np.float32)

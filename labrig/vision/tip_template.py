@@ -1,0 +1,163 @@
+"""A picture of a needle's tip: where in it the tip is, how the needle heads, and what of it can be compared."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.errors import InputError, PictureError
+from labrig.vision.limits import below
+from labrig.vision.picture import Picture, as_grey
+from labrig.vision.plane import PICTURE_AXES, Insertion, checked_frame
+from labrig.vision.tip_fit import FittedPicture
+
+LEAST_SIDE_PX = 9
+# A template whose grey levels spread less has nothing that correlates.
+_LEAST_CONTRAST = 4.0
+# What is bright and narrower than this part of the template's side is taken for a glint.
+_GLINT = 1 / 6
+# Steps of grey levels above this part of the highest one are edges.
+_EDGE = 0.3
+# Pixels of which that is not known to so many grey levels, because the rim is near, are not compared.
+_UNSURE = 12
+
+
+@dataclass(frozen=True, eq=False)
+class TipTemplate:
+    """A picture of a tip.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8, (H, W)
+    tip_px : (float, float)
+        The tip's pixel (u, v) in it.
+    heading_rad : float
+        Of the needle in it, zero along the insertion and positive towards +y.
+    insertion : "right", "left", "up" or "down"
+        Where the insertion points in it.
+    roll_rad : float
+        Roll of the bevel in it.
+
+    Raises
+    ------
+    PictureError
+        For a picture that is not of 8 bits, too small, or flat.
+    InputError
+        For a tip outside of the picture, or a number that is not finite.
+    """
+
+    picture: Picture
+    tip_px: tuple[float, float]
+    heading_rad: float
+    insertion: Insertion = "right"
+    roll_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        grey = grey_picture(self.picture)
+        object.__setattr__(self, "picture", grey)
+        (height, width), (u, v) = grey.shape, self.tip_px
+        if min(height, width) < LEAST_SIDE_PX:
+            raise PictureError(
+                f"the template has {width} x {height} pixels, and {LEAST_SIDE_PX} a side is the least",
+                "take a larger piece around the tip",
+            )
+        if self.contrast < _LEAST_CONTRAST:
+            raise PictureError(
+                f"the template is flat: its grey levels spread by {below(self.contrast, 1)}, "
+                f"and {_LEAST_CONTRAST:g} is the least",
+                "take a picture in which the tip is sharp and lit",
+            )
+        if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
+            raise InputError(f"the tip ({u:g}, {v:g}) px lies outside of the template, {width} x {height} px")
+        if not (math.isfinite(self.heading_rad) and math.isfinite(self.roll_rad)):
+            raise InputError("the template's heading or roll is not finite", "make the template again")
+        checked_frame(self.tip_px, self.insertion)
+
+    @cached_property
+    def plain(self) -> Picture:
+        """The picture without glints."""
+        return without_glints(self.picture, min(self.picture.shape))
+
+    @cached_property
+    def fitted(self) -> FittedPicture:
+        """The picture without glints, prepared for fitting; at the rim it is not known what was a glint."""
+        side = min(self.picture.shape)
+        brightest = without_glints(self.picture, side, beyond=255)
+        sure = cv2.absdiff(brightest, self.plain) <= _UNSURE
+        return FittedPicture(self.plain, self.tip_px, sure, robust=False)
+
+    @cached_property
+    def fitted_closely(self) -> FittedPicture:
+        """The picture as it is, prepared for the last fit."""
+        return FittedPicture(self.picture, self.tip_px, _near_edges(self.picture), robust=True)
+
+    @cached_property
+    def contrast(self) -> float:
+        """Spread of the grey levels."""
+        return float(self.picture.std())
+
+    @cached_property
+    def turned_over(self) -> "TipTemplate":
+        """The template of the same bevel turned over: mirrored top to bottom."""
+        u, v = self.tip_px
+        upside_down = -(self.heading_rad + _direction_rad(self.insertion))
+        return replace(
+            self,
+            picture=np.ascontiguousarray(self.picture[::-1]),
+            tip_px=(u, self.picture.shape[0] - 1.0 - v),
+            heading_rad=half_turn(upside_down - _direction_rad(self.insertion)),
+            roll_rad=self.roll_rad + math.pi,
+        )
+
+    def relative_to(self, insertion: Insertion) -> Self:
+        """Return the same template with its heading told from another direction of insertion."""
+        turned = _direction_rad(self.insertion) - _direction_rad(insertion)
+        return replace(self, heading_rad=half_turn(self.heading_rad + turned), insertion=insertion)
+
+    def shows(self, roll_rad: float) -> bool:
+        """Return whether the bevel at this roll looks as here, rather than turned over."""
+        return math.cos(roll_rad - self.roll_rad) >= 0.0
+
+
+def without_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
+    """Return a picture without what is bright and narrower than a needle in a template of that side.
+
+    What lies beyond the rim is not known. Taken as black (0) the result is the darkest that is possible, and taken
+    as white (255) the brightest.
+    """
+    width = 2 * round(0.5 * _GLINT * side_px) + 1
+    wider = cv2.copyMakeBorder(picture, *(width,) * 4, cv2.BORDER_CONSTANT, value=beyond)
+    opened = cv2.morphologyEx(wider, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    return np.ascontiguousarray(opened[width:-width, width:-width], np.uint8)
+
+
+def _near_edges(picture: Picture) -> NDArray[np.bool_]:
+    """Return the pixels beside which the picture changes; the others say nothing of where it lies."""
+    smooth = cv2.GaussianBlur(picture, (0, 0), 1.0)
+    steps = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    near = cv2.dilate((steps > _EDGE * float(steps.max())).astype(np.uint8), np.ones((9, 9), np.uint8))
+    return np.asarray(near, np.bool_)
+
+
+def _direction_rad(insertion: Insertion) -> float:
+    """Return the picture's angle of the insertion, zero to the right and positive counter-clockwise."""
+    u, v = PICTURE_AXES[insertion][1]
+    return math.atan2(-v, u)
+
+
+def half_turn(angle_rad: float) -> float:
+    """Return an angle between minus and plus half a turn."""
+    return math.remainder(angle_rad, 2.0 * math.pi)
+
+
+def grey_picture(image: Picture) -> Picture:
+    """Return a picture of 8 bits in grey; raises PictureError for any other array."""
+    if image.dtype != np.uint8 or image.ndim not in {2, 3} or not image.size:
+        raise PictureError(
+            f"a picture of {image.dtype} with shape {image.shape} cannot be searched", "use 8 bits a channel"
+        )
+    return as_grey(image)

@@ -1,0 +1,59 @@
+"""How long it takes to list and search 5,000 runs."""
+
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+from labrig.record import find_runs, list_runs
+from tests.benchmarks.table import measure, print_rows
+from tests.record.runs import STARTED, closed_run
+
+RUNS = 5000
+LIMIT_S = 0.3
+REPETITIONS = 5
+
+
+def print_table(runs: int = RUNS) -> None:
+    """Print the time of a list: with the index, without it, with a condition, and of the whole command."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs_dir = Path(folder)
+        _make_runs(runs_dir, runs)
+        condition = "diameter_mm=1.2 and exit_status=success and seed<100"
+        first_s = _best_s(lambda: list_runs(runs_dir), 1)
+        first_search_s = _best_s(lambda: find_runs(runs_dir, condition), 1)
+        command = [sys.executable, "-m", "labrig", "runs", "--runs-dir", folder]
+        rows = [
+            ["list", _best_s(lambda: list_runs(runs_dir), REPETITIONS), LIMIT_S],
+            ["list with a condition", _best_s(lambda: find_runs(runs_dir, condition), REPETITIONS), None],
+            ["list, index lost: made again", first_s, None],
+            ["list with a condition, likewise", first_search_s, None],
+            ["the whole command, from start to exit", measure(command).wall_s, None],
+            ["the same for an empty folder", measure([*command[:-1], f"{folder}/none"]).wall_s, None],
+        ]
+    print_rows(
+        [f"{runs} runs", "ms", "limit ms"],
+        [
+            [what, f"{1e3 * took:.0f}", "-" if limit is None else f"{1e3 * limit:.0f}"]
+            for what, took, limit in rows
+        ],
+    )
+
+
+def _best_s(work: Callable[[], object], repetitions: int) -> float:
+    times = []
+    for _ in range(repetitions):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return min(times)
+
+
+def _make_runs(runs_dir: Path, runs: int) -> None:
+    """Make one run as a recorder does, and copies of it that differ in name; their pictures are left out."""
+    first = closed_run(runs_dir, "00000", started=STARTED + timedelta(seconds=1))
+    for number in range(1, runs):
+        shutil.copytree(first, runs_dir / f"{number:05d}", ignore=shutil.ignore_patterns("*.png"))

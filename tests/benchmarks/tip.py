@@ -1,0 +1,78 @@
+"""How near the tip is found by its template, and how fast."""
+
+import math
+import statistics
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from labrig.vision import locate_tip
+from tests.benchmarks.table import print_rows
+from tests.vision.tips import tip
+
+PICTURES = 60
+_TIMED = 200
+_TOLD_RAD = math.radians(5.0)
+_NEAR_PX = 15.0
+
+
+def print_table() -> None:
+    """Error over rendered pictures, and times of a region and of a full frame."""
+    template = tip(0.0, 100).template()
+    random = np.random.default_rng(0)
+    errors, headings, missed = [], [], 0
+    for seed in range(PICTURES):
+        shown = tip(float(random.uniform(-0.9, 0.9)), seed)
+        near = (
+            shown.px[0] + random.uniform(-_NEAR_PX, _NEAR_PX),
+            shown.px[1] + random.uniform(-_NEAR_PX, _NEAR_PX),
+        )
+        told = shown.heading_rad + random.uniform(-_TOLD_RAD, _TOLD_RAD)
+        fix = locate_tip(shown.picture, template, near_px=near, heading_rad=told, roll_rad=0.0)
+        if fix.tip_px is None or fix.heading_rad is None:
+            missed += 1
+            continue
+        errors.append(np.subtract(fix.tip_px, shown.px))
+        headings.append(fix.heading_rad - shown.heading_rad)
+    across, down = np.sqrt(np.mean(np.square(errors), axis=0))
+    shown = tip(0.3, 1)
+    full = cv2.copyMakeBorder(shown.picture, 300, 300, 640, 640, cv2.BORDER_REFLECT)[:1080, :1920].copy()
+    told = {"heading_rad": 0.35, "roll_rad": 0.0}
+    print_rows(
+        ("figure", "measured", "limit"),
+        [
+            [
+                f"error along u, px rms, noise 3, heading within 5 degrees, {PICTURES} pictures",
+                f"{across:.3f}",
+                "0.1",
+            ],
+            ["error along v, px rms", f"{down:.3f}", "0.1"],
+            [
+                "heading, degrees rms",
+                f"{math.degrees(float(np.sqrt(np.mean(np.square(headings))))):.2f}",
+                "-",
+            ],
+            ["missed", missed, "0"],
+            [
+                "region of 120 x 120 px, ms, median",
+                _milliseconds(lambda: locate_tip(shown.picture, template, near_px=shown.px, **told)),
+                "1",
+            ],
+            [
+                f"frame of {full.shape[1]} x {full.shape[0]} px, ms, median",
+                _milliseconds(lambda: locate_tip(full, template, **told)),
+                "5",
+            ],
+        ],
+    )
+
+
+def _milliseconds(work: Callable[[], object]) -> str:
+    times = []
+    for _ in range(_TIMED):
+        started = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - started)
+    return f"{1e3 * statistics.median(times):.2f}"

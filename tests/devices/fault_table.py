@@ -1,0 +1,209 @@
+"""The fault matrix as a table: what goes wrong, and what must come of it; written down before anything is run.
+
+Each fault strikes an axis that idles, that moves with the needle in tissue, and that homes. `Cell.outcome` is the
+whole expectation; `tests/experiments/fault_cells.py` makes it come true or not.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from labrig.errors import (
+    BusError,
+    BusOffError,
+    BusPassiveError,
+    CameraError,
+    DiskError,
+    DriveFaultError,
+    DriveRefusedError,
+    DriveRestartedError,
+    DriveSilentError,
+    InterruptedRunError,
+    LabrigError,
+)
+
+HEARTBEAT_S = 0.5
+"""Silence after which a drive stops by itself, and the computer believes a drive to be dead."""
+
+SPEED_MM_S, QUICK_STOP_MM_S2 = 5.0, 200.0
+
+
+class Phase(Enum):
+    """What the axis is doing when the fault strikes."""
+
+    IDLE = "idle"
+    MOVING = "moving"
+    HOMING = "homing"
+
+
+class Stop(Enum):
+    """By when the struck axis stands still, counted from the strike in the drive's own time [s]."""
+
+    BY_ANYBODY = 0.5
+    """The computer or the drive can act."""
+
+    BY_THE_DRIVE = HEARTBEAT_S + SPEED_MM_S / QUICK_STOP_MM_S2
+    """Only the drive can: heartbeat time and deceleration."""
+
+    AFTER_SILENCE = HEARTBEAT_S + 0.5
+    """The computer can act, but a missed heartbeat is known only after the heartbeat time."""
+
+    NO_DEADLINE = 60.0
+    """The fault stops nothing by itself: the axis goes on until something asks, or to where it was sent."""
+
+
+class Lost(Enum):
+    """Which axes have to be referenced again by the next run: those whose drive has to be switched off and on."""
+
+    NONE = "none"
+    STRUCK = "the struck one"
+    ALL = "all"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What must come of a fault.
+
+    Parameters
+    ----------
+    ends : str
+        Exit status of the run.
+    error : type of LabrigError or None
+        What names the fault.
+    words : str
+        Stand in the reason that the record states; a pattern.
+    stop : Stop
+        By when the axis stands still.
+    lost : Lost
+        References that the next run does not believe.
+    counted : bool
+        Whether the fault shows in the counts of repeated questions and stray answers.
+    found_in_tissue : bool
+        Whether the needle has gone into tissue by the time it is found out.
+    """
+
+    ends: str
+    error: type[LabrigError] | None
+    words: str
+    stop: Stop
+    lost: Lost
+    counted: bool = False
+    found_in_tissue: bool = False
+
+
+SURVIVED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counted=True)
+UNNOTICED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
+
+
+def _fails(
+    error: type[LabrigError], words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK
+) -> Outcome:
+    return Outcome("failed", error, words, stop, lost)
+
+
+def _emergency(code: int, words: str) -> Outcome:
+    return _fails(DriveFaultError, f"error 0x{code:04X}, {words}")
+
+
+def _found_later(
+    error: type[LabrigError], words: str, *, found_in_tissue: bool = False
+) -> dict[Phase, Outcome]:
+    """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
+    return {
+        Phase.IDLE: replace(_fails(error, words, lost=Lost.NONE), found_in_tissue=found_in_tissue),
+        Phase.MOVING: _fails(error, words, lost=Lost.NONE),
+        Phase.HOMING: replace(
+            _fails(error, words, Stop.NO_DEADLINE, Lost.NONE), found_in_tissue=found_in_tissue
+        ),
+    }
+
+
+_SILENT = _fails(DriveSilentError, "did not answer|no heartbeat", lost=Lost.ALL)
+_DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL)
+_RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
+_REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
+_UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE)
+
+FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
+    # Survived and counted
+    "one frame duplicated": SURVIVED,
+    "one frame lost": SURVIVED,
+    "one answer lost": SURVIVED,
+    "one frame late": SURVIVED,
+    # The drive or its answers
+    "node silent": _SILENT,
+    "node deaf": {
+        # An idle axis is not asked; the drive, which still speaks, is the first to tell.
+        Phase.IDLE: _fails(DriveFaultError, "error 0x8130", Stop.BY_THE_DRIVE, Lost.ALL),
+        Phase.MOVING: _DEAF,
+        Phase.HOMING: _DEAF,
+    },
+    "boot-up": _RESTARTED,
+    "SDO abort": _REFUSED,
+    "SDO timeout": _UNANSWERED,
+    "heartbeat of the drive lost": _fails(
+        DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE
+    ),
+    "node-id clash": _RESTARTED,
+    # What the drive reports
+    "EMCY generic": _emergency(0x1000, "generic error"),
+    "EMCY over-current": _emergency(0x2310, "over-current"),
+    "EMCY over-voltage": _emergency(0x3210, "over-voltage"),
+    "EMCY under-voltage": _emergency(0x3220, "under-voltage"),
+    "EMCY over-temperature": _emergency(0x4210, "over-temperature"),
+    "EMCY logic supply": _emergency(0x5113, "logic supply"),
+    "EMCY software": _emergency(0x6100, "internal software error"),
+    "EMCY position sensor": _emergency(0x7320, "position sensor"),
+    "EMCY CAN overrun": _emergency(0x8110, "CAN overrun"),
+    "EMCY CAN passive": _emergency(0x8120, "CAN passive"),
+    "EMCY PDO length": _emergency(0x8210, "CAN PDO of a wrong length"),
+    "EMCY Hall sensor": _emergency(0xFF01, "Hall sensor error"),
+    "following error": {
+        # It is found out once the axis is to move.
+        Phase.IDLE: replace(_emergency(0x8611, "following error"), found_in_tissue=True),
+        Phase.MOVING: _emergency(0x8611, "following error"),
+        # Homing by current takes what blocks it for the stop; it is found out on the way back.
+        Phase.HOMING: _fails(DriveFaultError, "error 0x8611, following error", Stop.NO_DEADLINE),
+    },
+    "software limit": _emergency(0xFF09, "software position limit"),
+    "limit switch": {
+        Phase.IDLE: _emergency(0xFF07, "positive limit switch"),
+        Phase.MOVING: _emergency(0xFF07, "positive limit switch"),
+        Phase.HOMING: UNNOTICED,
+    },
+    "emergency stop": _emergency(0x3220, "under-voltage: supply cut or emergency stop"),
+    # The bus
+    "bus off": _fails(BusOffError, "the CAN bus is off", Stop.BY_THE_DRIVE, Lost.ALL),
+    "bus passive": _fails(BusPassiveError, "error passive", lost=Lost.NONE),
+    "adapter unplugged": _fails(BusError, "took no frame", Stop.BY_THE_DRIVE, Lost.ALL),
+    # Another drive in place of the one that was verified
+    "wrong encoder resolution": _RESTARTED,
+    "wrong vendor": _RESTARTED,
+    "unknown hardware": _RESTARTED,
+    "fingerprint mismatch": _RESTARTED,
+    # The computer
+    "computer hangs": _fails(DriveFaultError, "error 0x8130", Stop.BY_THE_DRIVE, Lost.ALL),
+    "signal": Outcome("aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE),
+    "camera lost": _found_later(CameraError, "gave no picture"),
+    "camera frozen": _found_later(CameraError, "the same picture", found_in_tissue=True),
+    "disk full": _found_later(DiskError, "cannot write"),
+}
+"""Fault -> what must come of it, in every phase or by phase."""
+
+REFUSED_AT_CONNECT = {
+    "node-id clash": "two nodes answer as node",
+    "wrong encoder resolution": "encoder pulses a turn, the rig file says 500",
+    "wrong vendor": "is no EPOS2: vendor 0x",
+    "unknown hardware": "is no EPOS2: hardware version 0x6552",
+    "fingerprint mismatch": "configuration fingerprint",
+}
+"""Fault -> what the next run says when it finds it there; these are not mended by switching off and on."""
+
+
+def outcome_of(fault: str, phase: Phase) -> Outcome:
+    """Return what must come of a fault in a phase."""
+    expected = FAULTS[fault]
+    return expected if isinstance(expected, Outcome) else expected[phase]
+
+
+CELLS = [(fault, phase) for fault in FAULTS for phase in Phase]
+"""Every cell of the matrix."""

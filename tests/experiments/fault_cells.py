@@ -1,0 +1,412 @@
+"""One cell of the fault matrix: a run on the simulated rig, a fault in the middle of it, and what came of it."""
+
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+
+from labrig.devices import DriveState, OperatorRequest, PlaceSpecimen, RigDescription, ShiftToHole
+from labrig.devices import epos2_objects as od
+from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.fault_script import FaultDescription
+from labrig.devices.homing import Homing
+from labrig.devices.rig import Rig
+from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.errors import MachineError, SafetyStopError
+from labrig.experiments import Outcome, Session, conduct
+from labrig.protocol import AnyProtocol, dump_yaml
+from labrig.record import Recorder, Run, open_run
+from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
+from tests.devices.rigs import Person, Signal, simulated_rig
+from tests.experiments.sessions import Told, Watched, sweep
+
+AXES = ("insertion", "rotation", "linear")
+STRUCK = {Phase.IDLE: "insertion", Phase.MOVING: "insertion", Phase.HOMING: "linear"}
+"""Which axis the fault strikes."""
+
+REFERENCED = {Phase.IDLE: set(AXES), Phase.MOVING: set(AXES), Phase.HOMING: {"insertion", "rotation"}}
+"""Which axes know where they are at that moment."""
+
+_SHORT = (
+    "insertion.length_mm=5",
+    "insertion.speed_mm_s=5",
+    "insertion.frame_every_mm=1",
+    "sheath.depth_mm=2",
+    "analysis.window_start_mm=0",
+    "analysis.window_end_mm=0",
+    "analysis.min_window_mm=5",
+)
+_FINGERPRINT = (20_261_121, 1)
+_RIG = (
+    "state_file=state.json",
+    *(f"axes.{name}.configuration_fingerprint={list(_FINGERPRINT)}" for name in AXES),
+    *(f"axes.{name}.limit_switches=[positive]" for name in AXES),
+)
+_TO_THE_LOWER_STOP = Homing(-4, offset=11_200, switch_rpm=240, index_rpm=240, rpm_per_s=6000, timeout_s=30.0)
+_WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
+_PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
+_CUT_CODES = {"emergency stop", "EMCY under-voltage"}
+
+
+class FaultyCamera:
+    """Passes everything on to a camera until it is lost or frozen."""
+
+    def __init__(self, source: PictureSource) -> None:
+        self.lost = self.frozen = False
+        self._source = source
+        self._picture: Picture | None = None
+
+    def set(self, name: str, value: Setting) -> None:
+        """Make a setting."""
+        self._source.set(name, value)
+
+    def get(self, name: str) -> Setting | None:
+        """Return a setting."""
+        return self._source.get(name)
+
+    def read(self) -> Picture | None:
+        """Return a picture, none, or the last one again."""
+        if self.lost:
+            return None
+        if self._picture is None or not self.frozen:
+            self._picture = self._source.read()
+        return self._picture
+
+    def close(self) -> None:
+        """Let go."""
+        self._source.close()
+
+
+class Hanging(Signal):
+    """The place between two transactions where a signal is looked for, and where the program can hang."""
+
+    def __init__(self, plant: SimulatedPlant) -> None:
+        super().__init__()
+        self.hangs = False
+        self._plant = plant
+
+    def __call__(self) -> str | None:
+        """Hang if it is time to, then return the signal that has arrived."""
+        if self.hangs:
+            self.hangs = False
+            self._plant.clock.sleep(_HANG_S)
+        return self.name
+
+
+@dataclass
+class Cell:
+    """A rig in the middle of a run, and what can be done to it."""
+
+    fault: str
+    phase: Phase
+    plant: SimulatedPlant
+    camera: FaultyCamera
+    signal: Hanging
+    rig: Rig
+    struck_s: float | None = None
+    limit: tuple[int, int] | None = None
+    taps: list[InProcessBus] = field(default_factory=list)
+    moving: list[SimulatedDrive] = field(default_factory=list)
+    folder: Path = Path()
+
+    @property
+    def drive(self) -> SimulatedDrive:
+        """The drive that is struck."""
+        return self.plant.drives[STRUCK[self.phase]]
+
+    def script(self, fault: FaultDescription) -> None:
+        """Let a fault happen as a rig file does."""
+        of_drive = {"axis": STRUCK[self.phase]} if fault.axis else {}
+        self.plant.faults.inject(fault.model_copy(update=of_drive))
+
+    def strike(self) -> None:
+        """Let the fault happen, once."""
+        if self.struck_s is None:
+            self.struck_s = self.plant.clock.now_s()
+            self.moving = [drive for drive in self.plant.drives.values() if drive.is_moving]
+            STRIKES[self.fault](self)
+
+    def at_next_answer(self, then: Callable[[], None]) -> None:
+        """Call `then` once when the struck drive has answered, so that the next frame is one of a question."""
+
+        def hear(message: can.Message) -> None:
+            if message.arbitration_id == 0x580 + self.drive.node_id and self.taps:
+                self.taps.pop().shutdown()
+                then()
+
+        self.taps.append(InProcessBus(self.plant.wire, hear))
+
+    def swap(self, entry: od.Entry, value: int) -> None:
+        """Put another drive in place of this one, which shows in one of its objects."""
+        self.drive.node.objects.set_fixed(entry, value)
+        self.drive.restart()
+
+    def change_parameter(self) -> None:
+        """Change a parameter in EPOS Studio, store it, and switch the drive off and on."""
+        objects = self.drive.node.objects
+        objects.put(od.MAX_CURRENT, 1234)
+        objects.put(od.STORE, 0x65766173)
+        self.drive.restart()
+
+    def fill_disk(self) -> None:
+        """Let no file of this process grow beyond the longest of the record."""
+        self.limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+        longest = max(file.stat().st_size for file in self.folder.glob("[a-z]*.*"))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (longest, self.limit[1]))
+
+    def free_disk(self) -> None:
+        """Let files grow again."""
+        if self.limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, self.limit)
+
+
+def _scripted(**values: object) -> Callable[[Cell], None]:
+    fault = FaultDescription.model_validate(values)
+    return lambda cell: cell.script(fault)
+
+
+def _of_a_question(**values: object) -> Callable[[Cell], None]:
+    fault = FaultDescription.model_validate(values)
+    return lambda cell: cell.at_next_answer(lambda: cell.script(fault))
+
+
+def _emergency(code: int) -> Callable[[Cell], None]:
+    return _scripted(fault="emergency", axis="insertion", code=code)
+
+
+def _limit_behind(cell: Cell) -> None:
+    """Let the axis find itself beyond a software limit that somebody else has written."""
+    cell.drive.node.objects.put(od.LOWER_LIMIT, 2**30)
+
+
+STRIKES: dict[str, Callable[[Cell], None]] = {
+    "one frame duplicated": _of_a_question(fault="duplicated-frames"),
+    "one frame lost": _of_a_question(fault="lost-frames"),
+    "one answer lost": _scripted(fault="sdo-timeout", axis="insertion"),
+    "one frame late": _of_a_question(fault="late-frames", delay_s=0.2),
+    "node silent": _scripted(fault="silent", axis="insertion"),
+    "node deaf": _scripted(fault="deaf", axis="insertion"),
+    "boot-up": _scripted(fault="boot-up", axis="insertion"),
+    "SDO abort": _scripted(fault="sdo-abort", axis="insertion", code=0x08000022),
+    "SDO timeout": _scripted(fault="sdo-timeout", axis="insertion", count=2),
+    "heartbeat of the drive lost": _scripted(fault="heartbeat-stops", axis="insertion"),
+    "node-id clash": _scripted(fault="node-id-clash", axis="insertion"),
+    "EMCY generic": _emergency(0x1000),
+    "EMCY over-current": _emergency(0x2310),
+    "EMCY over-voltage": _emergency(0x3210),
+    "EMCY under-voltage": _emergency(0x3220),
+    "EMCY over-temperature": _emergency(0x4210),
+    "EMCY logic supply": _emergency(0x5113),
+    "EMCY software": _emergency(0x6100),
+    "EMCY position sensor": _emergency(0x7320),
+    "EMCY CAN overrun": _emergency(0x8110),
+    "EMCY CAN passive": _emergency(0x8120),
+    "EMCY PDO length": _emergency(0x8210),
+    "EMCY Hall sensor": _emergency(0xFF01),
+    "following error": _scripted(fault="following-error", axis="insertion"),
+    "software limit": _limit_behind,
+    "limit switch": _scripted(fault="positive-limit-switch", axis="insertion"),
+    "emergency stop": _scripted(fault="emergency-stop", axis="insertion"),
+    "bus off": _scripted(fault="bus-off"),
+    "bus passive": _scripted(fault="bus-passive"),
+    "adapter unplugged": _scripted(fault="unplugged"),
+    "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
+    "wrong vendor": lambda cell: cell.swap(od.VENDOR_ID, 0x2A),
+    "unknown hardware": lambda cell: cell.swap(od.HARDWARE_VERSION, 0x6552),
+    "fingerprint mismatch": lambda cell: cell.change_parameter(),
+    "computer hangs": lambda cell: setattr(cell.signal, "hangs", True),
+    "signal": lambda cell: setattr(cell.signal, "name", "SIGINT"),
+    "camera lost": lambda cell: setattr(cell.camera, "lost", True),
+    "camera frozen": lambda cell: setattr(cell.camera, "frozen", True),
+    "disk full": lambda cell: cell.fill_disk(),
+}
+"""How each fault of the table is made to happen."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a cell: how the run ended, when the axes stood still, and what differs from the table."""
+
+    outcome: Outcome
+    run: Run
+    still_after_s: float
+    differences: tuple[str, ...]
+
+
+@contextmanager
+def _rig(description: RigDescription, plant: SimulatedPlant) -> Iterator[tuple[Rig, FaultyCamera, Hanging]]:
+    link, camera, signal = plant.open_link(), FaultyCamera(plant.open_source()), Hanging(plant)
+    rig = Rig(description, plant=plant, link=link, source=camera, person=Person(), interrupted=signal)
+    yield rig, camera, signal
+    with suppress(SafetyStopError):
+        rig.close()
+    link.close()
+
+
+def _plant(description: RigDescription) -> SimulatedPlant:
+    """Return a rig whose drives have their fingerprint stored."""
+    assert description.world is not None
+    plant = SimulatedPlant(description, description.world, seed=1)
+    for drive in plant.drives.values():
+        objects = drive.node.objects
+        objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
+        objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
+        objects.put(od.STORE, 0x65766173)
+    return plant
+
+
+def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
+    """Run a cell and compare it with the table.
+
+    Parameters
+    ----------
+    folder : Path
+        For the record and the state file of the rig.
+    fault, phase
+        Which cell.
+    """
+    description = simulated_rig(*_RIG).placed_in(folder)
+    plant, protocol = _plant(description), sweep(*_SHORT)
+    with _rig(description, plant) as (rig, camera, signal):
+        cell = Cell(fault, phase, plant, camera, signal, rig)
+        rig.mark_needle_out()
+        rig.connect()
+        outcome, run = _conduct(cell, folder, protocol, description)
+        counted = sum(sum(axis.counts().values()) for axis in rig.axes)
+    plant.clock.sleep(_LONG_AFTER_S)
+    still_after_s = _still_after_s(cell)
+    differences = [
+        *_ending_differences(cell, outcome, run, counted),
+        *_stop_differences(cell, still_after_s),
+        *_next_run_differences(cell, description, run.path.name),
+    ]
+    plant.close()
+    return Result(outcome, run, still_after_s, tuple(differences))
+
+
+def _conduct(
+    cell: Cell, folder: Path, protocol: AnyProtocol, description: RigDescription
+) -> tuple[Outcome, Run]:
+    recorder = Recorder.create(
+        folder,
+        "run",
+        {"experiment": protocol.experiment, "started": cell.rig.clock.utc(), "trials_planned": 1},
+        dump_yaml(protocol),
+        dump_yaml(description),
+        {},
+    )
+    cell.folder = recorder.path
+    cell.rig.operator = Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
+    cell.plant.clock.on_advance(lambda: _strike_on_the_way(cell))
+    try:
+        outcome = conduct(protocol, Session(cell.rig, recorder, Told()))
+    finally:
+        cell.free_disk()
+    return outcome, open_run(recorder.path)
+
+
+def _meanwhile(cell: Cell, request: OperatorRequest) -> None:
+    """Do what the person at the bench does, or the fault that strikes meanwhile."""
+    if cell.phase is Phase.HOMING and isinstance(request, PlaceSpecimen):
+        cell.rig.home("linear", _TO_THE_LOWER_STOP)
+    if cell.phase is Phase.IDLE and isinstance(request, ShiftToHole):
+        cell.strike()
+        cell.rig.wait(_PERSON_TAKES_S)
+
+
+def _strike_on_the_way(cell: Cell) -> None:
+    """Strike once the axis has gone a part of its way."""
+    if cell.phase is Phase.IDLE:
+        return
+    doing = cell.drive.is_homing if cell.phase is Phase.HOMING else cell.drive.is_moving
+    way = abs(cell.drive.shaft_quadcounts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]]
+    if doing and way >= _WAY_MM:
+        cell.strike()
+
+
+def _still_after_s(cell: Cell) -> float:
+    """Return how long after the strike the axis that moved came to rest, in the drive's own time; 0 if none moved."""
+    assert cell.struck_s is not None, "the fault never struck"
+    rests = [drive.journal.last("still") for drive in cell.moving]
+    return max([0.0, *(rest.t_s - cell.struck_s for rest in rests if rest is not None)])
+
+
+def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) -> Iterator[str]:
+    expected = outcome_of(cell.fault, cell.phase)
+    if outcome.exit_status != expected.ends or run.manifest["exit_status"] != expected.ends:
+        yield f"ended {outcome.exit_status} ({outcome.reason}), record {run.manifest['exit_status']}"
+    if type(outcome.error) is not (expected.error or type(None)):
+        yield f"error {type(outcome.error).__name__}: {outcome.reason}"
+    if not any(words in str(run.manifest["reason"]) for words in expected.words.split("|")):
+        yield f"reason {run.manifest['reason']}"
+    if run.problems or run.events.empty or list(run.events["kind"])[-1] != "run_stop":
+        yield f"record: {run.problems}"
+    if expected.counted and not counted:
+        yield "not counted"
+
+
+def _stop_differences(cell: Cell, still_after_s: float) -> Iterator[str]:
+    limit = outcome_of(cell.fault, cell.phase).stop.value
+    if still_after_s > limit + 1e-6:
+        yield f"stood still after {still_after_s:.3f} s, limit {limit:.3f} s"
+    stood = [drive.shaft_quadcounts for drive in cell.plant.drives.values()]
+    cell.plant.clock.sleep(_LONG_AFTER_S)
+    if [drive.shaft_quadcounts for drive in cell.plant.drives.values()] != stood:
+        yield "moves on"
+
+
+def _mend(cell: Cell) -> set[str]:
+    """Mend what has failed, switch off and on what is in fault, and return which axes that were."""
+    cell.plant.wire.restore()
+    off_and_on = set()
+    for name, drive in cell.plant.drives.items():
+        drive.recover()
+        drive.restore_power_stage()
+        drive.unblock()
+        drive.forced_inputs = 0
+        drive.node.vigilance.mute = False
+        if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
+            off_and_on.add(name)
+            drive.restart()
+    return off_and_on
+
+
+def _next_run_differences(cell: Cell, description: RigDescription, run_name: str) -> Iterator[str]:
+    """Yield what the next run does otherwise than it should: it honours the needle and the lost references."""
+    expected = outcome_of(cell.fault, cell.phase)
+    _mend(cell)
+    with _rig(description, cell.plant) as (rig, _, _):
+        refused = REFUSED_AT_CONNECT.get(cell.fault)
+        try:
+            rig.connect()
+        except MachineError as error:
+            if refused is None or refused not in error.message:
+                yield f"next run: {error.message}"
+            return
+        if refused is not None:
+            yield f"next run was not refused for {refused}"
+        lost = {Lost.NONE: set(), Lost.STRUCK: {STRUCK[cell.phase]}, Lost.ALL: set(AXES)}[expected.lost]
+        known = (set(AXES) if expected.stop is Stop.NO_DEADLINE else REFERENCED[cell.phase]) - lost
+        if set(rig.state.referenced) != known:
+            yield f"next run believes {sorted(rig.state.referenced)}, expected {sorted(known)}"
+        yield from _needle_differences(cell, rig, run_name)
+
+
+def _needle_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
+    expected = outcome_of(cell.fault, cell.phase)
+    in_tissue = expected.ends != "success" and (cell.phase is Phase.MOVING or expected.found_in_tissue)
+    if rig.state.needle_in_tissue is not in_tissue:
+        yield f"next run believes needle_in_tissue {rig.state.needle_in_tissue}"
+    try:
+        rig.reference_axes()
+    except SafetyStopError as error:
+        if not in_tissue or run_name not in error.message:
+            yield f"next run: {error.message}"
+    else:
+        if in_tissue:
+            yield "next run homed with the needle in tissue"

@@ -1,0 +1,44 @@
+"""Comparing two runs."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import RecordError
+from labrig.record import Difference, compare_runs, encode_document, open_run
+from tests.record.runs import closed_run
+
+
+def test_equal_runs_do_not_differ(tmp_path: Path) -> None:
+    """Name, time and command line of a run are no difference."""
+    assert compare_runs(closed_run(tmp_path, "a"), closed_run(tmp_path, "b")) == ()
+
+
+def test_every_section_is_compared(tmp_path: Path) -> None:
+    """What was asked, by which code on which devices, and what came out of it is told with both values."""
+    versions = {"provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.6"}, "command_line": ["labrig"]}}
+    other = {"provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.5"}, "command_line": ["x"]}}
+    drive = {"devices": {"axes": {"linear": {"drive": {"software_version": 8464}}}}}
+    a = closed_run(tmp_path, "a", **versions, **drive)
+    b = closed_run(tmp_path, "b", seed=8, **other)
+    (b / "protocol.yaml").write_text((b / "protocol.yaml").read_text().replace("1.2", "1.3"))
+    (b / "calibration" / "intrinsics.json").write_text('{"fx": 1.5}')
+    for run, radius_mm in ((a, 27.0), (b, 28.0)):
+        folder = open_run(run).new_result_dir()
+        (folder / "result.json").write_bytes(
+            encode_document({"created": run.name, "specimens": [{"n": 2, "r_mm": radius_mm}]})
+        )
+    assert compare_runs(a, b) == (
+        Difference("run", "seed", 7, 8),
+        Difference("protocol", "needle.diameter_mm", 1.2, 1.3),
+        Difference("calibration", "intrinsics.json.fx", 1.0, 1.5),
+        Difference("versions", "packages.numpy", "2.4.6", "2.4.5"),
+        Difference("devices", "axes.linear.drive.software_version", 8464, None),
+        Difference("results", "specimens.0.r_mm", 27.0, 28.0),
+    )
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
+    """Both have to be runs."""
+    with pytest.raises(RecordError, match="is no run"):
+        compare_runs(closed_run(tmp_path, "a"), tmp_path)

@@ -1,0 +1,205 @@
+"""The tip by a template: where it is found, and what is refused."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.errors import FileFormatError, InputError, PictureError
+from labrig.vision import TipTemplate, load_template, locate_tip, next_region_px, save_template
+from tests.vision.rendering import Gel
+from tests.vision.tips import bench, tip
+
+TEMPLATE = tip(0.0, 100).template()
+
+
+def _off_px(found: tuple[float, float] | None, px: tuple[float, float]) -> float:
+    assert found is not None
+    return math.dist(found, px)
+
+
+def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five_degrees() -> None:
+    """At noise 3 the error is at most 0.1 px rms along each axis, wherever the needle heads."""
+    random = np.random.default_rng(0)
+    errors = []
+    for seed in range(16):
+        shown = tip(float(random.uniform(-0.9, 0.9)), seed)
+        near = (shown.px[0] + random.uniform(-15, 15), shown.px[1] + random.uniform(-15, 15))
+        told = shown.heading_rad + random.uniform(-1, 1) * math.radians(5.0)
+        fix = locate_tip(shown.picture, TEMPLATE, near_px=near, heading_rad=told, roll_rad=0.0)
+        assert fix.accepted, fix.reason
+        assert fix.heading_rad == pytest.approx(shown.heading_rad, abs=math.radians(1.0))
+        errors.append(np.subtract(fix.tip_px, shown.px))
+    assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_whole_picture_is_searched_where_nothing_is_predicted() -> None:
+    """Without place, heading and roll the tip is found all the same."""
+    shown = tip(0.5, 3)
+    assert _off_px(locate_tip(shown.picture, TEMPLATE).tip_px, shown.px) < 0.3
+
+
+def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
+    """A template taken at roll 0 serves at roll pi, also where the lamp leaves no glint there."""
+    shown = tip(0.3, 4, over=True)
+    fix = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.3, roll_rad=math.pi)
+    assert _off_px(fix.tip_px, shown.px) < 1.0
+
+
+@pytest.mark.parametrize("insertion", ["down", "left", "up"])
+def test_a_template_serves_whichever_way_the_insertion_points(insertion: str) -> None:
+    """Its heading is told from another direction of insertion, and its picture stays."""
+    shown = tip(0.4, 5)
+    turned = TEMPLATE.relative_to(insertion)
+    angle = {"down": -0.5, "left": 1.0, "up": 0.5}[insertion] * math.pi
+    told = math.remainder(0.4 - angle, 2 * math.pi)
+    fix = locate_tip(shown.picture, turned, near_px=shown.px, heading_rad=told, roll_rad=0.0)
+    assert _off_px(fix.tip_px, shown.px) < 0.2
+
+
+def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
+    """A blue-green-red picture is taken in grey."""
+    shown = tip(0.2, 6)
+    colour = cv2.cvtColor(shown.picture, cv2.COLOR_GRAY2BGR)
+    grey = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2)
+    assert (
+        _off_px(locate_tip(colour, TEMPLATE, near_px=shown.px, heading_rad=0.2).tip_px, grey.tip_px or (0, 0))
+        < 0.05
+    )
+
+
+@pytest.mark.parametrize("level", [0, 3, 128, 255])
+def test_a_flat_picture_shows_no_tip(level: int) -> None:
+    """A dark, grey or saturated picture is refused, whatever its windows correlate with."""
+    flat = np.full((480, 640), level, np.uint8)
+    for near in (None, (300.0, 200.0)):
+        fix = locate_tip(flat, TEMPLATE, near_px=near, heading_rad=0.0)
+        assert not fix.accepted
+        assert fix.tip_px is None
+        assert fix.reason is not None
+
+
+def test_a_gel_without_a_needle_shows_no_tip() -> None:
+    """Bubbles, tracks and noise are not taken for a tip."""
+    empty = bench().picture(None, Gel(), 1)
+    assert not locate_tip(empty, TEMPLATE).accepted
+
+
+def test_a_masked_tip_is_not_found() -> None:
+    """Pixels that a mask leaves out belong to no tip, and no place beside them is one either."""
+    shown = tip(0.2, 7)
+    mask = np.zeros(shown.picture.shape, bool)
+    u, v = (round(at) for at in shown.px)
+    mask[v - 6 : v + 7, u - 6 : u + 7] = True
+    assert not locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2, mask=mask).accepted
+
+
+def test_two_tips_cannot_be_told_apart() -> None:
+    """Where two places score alike, neither is accepted."""
+    shown = tip(0.0, 8)
+    twice = shown.picture.copy()
+    u, v = (round(at) for at in shown.px)
+    twice[v + 80 : v + 141, u - 30 : u + 31] = shown.picture[v - 30 : v + 31, u - 30 : u + 31]
+    fix = locate_tip(twice, TEMPLATE, heading_rad=0.0, roll_rad=0.0)
+    assert not fix.accepted
+    assert "told apart" in (fix.reason or "")
+
+
+def test_a_tip_predicted_outside_of_the_picture_is_refused() -> None:
+    """The region is cut to the picture; where nothing is left there is no tip."""
+    shown = tip(0.0, 9)
+    assert not locate_tip(shown.picture, TEMPLATE, near_px=(5000.0, 200.0), heading_rad=0.0).accepted
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.zeros((30, 30), np.uint8),
+        np.zeros((480, 640), np.uint16),
+        np.zeros((480, 640), np.float64),
+        np.zeros((0, 0), np.uint8),
+        np.zeros((4, 4, 4, 4), np.uint8),
+    ],
+)
+def test_a_picture_that_cannot_hold_the_template_is_an_error(picture: np.ndarray) -> None:
+    """A picture smaller than the template, or not of 8 bits, is named as such."""
+    with pytest.raises(PictureError):
+        locate_tip(picture, TEMPLATE)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [{"near_px": (math.nan, 0.0)}, {"heading_rad": math.inf}, {"region_px": 0.0, "near_px": (1.0, 1.0)}],
+)
+def test_a_prediction_that_is_no_number_is_an_error(told: dict[str, float]) -> None:
+    """NaN and infinity are refused before anything is searched."""
+    with pytest.raises(InputError):
+        locate_tip(tip().picture, TEMPLATE, **told)
+
+
+@given(st.integers(0, 300), st.floats(10.0, 500.0))
+def test_the_region_grows_with_each_miss(misses: int, side_px: float) -> None:
+    """It starts as it is, never shrinks, and stays finite however often the tip is missed."""
+    assert next_region_px(side_px, 0) == side_px
+    assert side_px <= next_region_px(side_px, misses) <= next_region_px(side_px, misses + 1) < math.inf
+
+
+def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
+    """Picture, tip, heading, insertion and roll survive, by the name of either file."""
+    kept = TipTemplate(TEMPLATE.picture, (20.25, 19.5), -0.3, "down", 1.5)
+    save_template(tmp_path / "tip.png", kept, {"command": "test"})
+    for name in ("tip.png", "tip.json"):
+        found = load_template(tmp_path / name)
+        assert np.array_equal(found.picture, kept.picture)
+        assert (found.tip_px, found.heading_rad, found.insertion, found.roll_rad) == (
+            (20.25, 19.5),
+            -0.3,
+            "down",
+            1.5,
+        )
+
+
+def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
+    """A picture that was cut out, and a JSON with tip and heading in degrees, are enough."""
+    cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
+    (tmp_path / "tip.json").write_text('{"tip_px": [20, 19.5], "heading_deg": 90}')
+    assert load_template(tmp_path / "tip.png").heading_rad == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        None,
+        "",
+        "{",
+        "[]",
+        '{"tip_px": [20, 20]}',
+        '{"tip_px": [20, 20], "heading_rad": 0, "heading_deg": 0}',
+        '{"tip_px": [20], "heading_rad": 0}',
+        '{"tip_px": [20, 900], "heading_rad": 0}',
+        '{"tip_px": [20, 20], "heading_rad": NaN}',
+        '{"tip_px": [20, 20], "heading_rad": 0, "kind": "labrig-plane"}',
+        '{"tip_px": [20, 20], "heading_rad": 0, "insertion": "sideways"}',
+    ],
+)
+def test_a_template_whose_json_says_something_else_is_refused(tmp_path: Path, document: str | None) -> None:
+    """Missing, malformed, incomplete and contradictory files are named."""
+    cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
+    if document is not None:
+        (tmp_path / "tip.json").write_text(document)
+    with pytest.raises(FileFormatError, match=r"tip\.json"):
+        load_template(tmp_path / "tip.png")
+
+
+@pytest.mark.parametrize("picture", [np.full((41, 41), 90, np.uint8), np.zeros((4, 4), np.uint8)])
+def test_a_flat_or_tiny_template_is_refused(tmp_path: Path, picture: np.ndarray) -> None:
+    """Nothing correlates with it."""
+    cv2.imwrite(str(tmp_path / "tip.png"), picture)
+    (tmp_path / "tip.json").write_text(json.dumps({"tip_px": [1, 1], "heading_rad": 0}))
+    with pytest.raises(PictureError, match=r"tip\.png"):
+        load_template(tmp_path / "tip.png")

@@ -8,7 +8,12 @@ from labrig.analysis import InsertionResult, InsertionTrial, RollZeroResult
 from labrig.report.words import number
 
 
-def insertion_verdict(result: InsertionResult) -> list[Markup]:
+def arrival_verdict(result: InsertionResult | RollZeroResult) -> list[Markup]:
+    """Return what either kind of run came to."""
+    return _insertions(result) if isinstance(result, InsertionResult) else _roll_zero(result)
+
+
+def _insertions(result: InsertionResult) -> list[Markup]:
     """Return how many insertions arrived, and each one's error and cause."""
     first = Markup("{} of {} insertions reached the target.").format(result.arrived, result.made)
     return [first, *(_trial(one) for one in result.insertions)]
@@ -30,7 +35,7 @@ def _trial(one: InsertionTrial) -> Markup:
     )
 
 
-def roll_zero_verdict(result: RollZeroResult) -> list[Markup]:
+def _roll_zero(result: RollZeroResult) -> list[Markup]:
     """Return the roll zero with its uncertainty, or why there is none."""
     if not result.accepted or result.fit is None:
         return [Markup("Not certified: {}.").format("; ".join(result.reasons))]

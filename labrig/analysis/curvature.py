@@ -8,7 +8,7 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import Measured, PictureFile, Progress, Unreadable, measure_pictures
+from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
 from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
 from labrig.analysis.truth import compare_with_truth
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
@@ -54,8 +54,8 @@ def analyze_curvature(
     """
     trials = _trials(run)
     pictures = _pictures(run, trials)
-    files = [PictureFile(run.path / one.line["file"], one.line["sha256"]) for one in pictures]
-    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    places = [run.pictures[int(one.line["frame"])] for one in pictures]
+    measured = measure_pictures(places, load_mapping(run), settings, workers, progress)
     results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals)

@@ -41,6 +41,8 @@ GRID_FILE = "grid.csv"
 
 Document = dict[str, Any]
 
+_NO_DESIGN_HINT = "ask for a smaller radius, or cut with a smaller clearance"
+
 _COLUMNS = (
     "clearance_mm",
     "beta_cut_deg",
@@ -63,7 +65,11 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class MeasuredRadius:
-    """A needle that was measured: its radius, how it was cut (None: as equation (3) says), and in which run."""
+    """A needle that was measured: its radius, how it was cut, and in which run.
+
+    An inclination of None stands for the one that the needle asked for is cut at: table I's for the paper's, that of
+    equation (3) for any other.
+    """
 
     radius_mm: float
     beta_cut_deg: float | None
@@ -108,7 +114,7 @@ class DesignStudy:
     plane: RotationPlane
 
     def save(self, folder: Path, provenance: Mapping[str, Any]) -> None:
-        """Write the grid as CSV, and the design file.
+        """Write the grid as CSV, and the design file where there is something to cut.
 
         Raises
         ------
@@ -116,7 +122,8 @@ class DesignStudy:
             When a file cannot be written.
         """
         write_atomically(folder / GRID_FILE, hinge_table(self.cells, self.plane))
-        write_atomically(folder / DESIGN_FILE, design_file(self.document, provenance))
+        if self.document["accepted"]:
+            write_atomically(folder / DESIGN_FILE, design_file(self.document, provenance))
 
 
 def analyze_design(
@@ -126,8 +133,6 @@ def analyze_design(
 
     Raises
     ------
-    AnswerIsNoError
-        When no inclination gives the radius on our contour.
     MachineError
         When a process that searches dies.
     """
@@ -140,7 +145,7 @@ def analyze_design(
 def study_design(
     order: DesignOrder, workers: int = DEFAULT_WORKERS, progress: Progress | None = None
 ) -> DesignStudy:
-    """Answer by equation (3), then by the search.
+    """Answer by equation (3), then by the search; where our contour cannot give the radius, its answer says why.
 
     Parameters
     ----------
@@ -152,7 +157,7 @@ def study_design(
     InputError
         When a length or angle is beyond its limit; nothing has been searched.
     AnswerIsNoError
-        When no inclination gives the radius, or no clearance explains the measured one.
+        When by equation (3) no inclination gives the radius, or no clearance explains the measured one.
     MachineError
         When a process that searches dies.
     """
@@ -162,6 +167,8 @@ def study_design(
         cells = search_cells(hinges, pool, progress, order.seed)
     plane = fit_plane(cells)
     document["search"] = _by_search(order, cells, plane)
+    # Equation (3) always answers for a tube of the paper's section; for any other only our contour speaks.
+    document["accepted"] = design_basis(document) == "equation (3)" or document["search"]["reason"] is None
     if document["measured"] is not None:
         document["measured"]["search_clearance_mm"] = _clearance_or_none(plane, document["measured"])
     return DesignStudy(document, cells, plane)
@@ -177,9 +184,13 @@ def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> b
 
     Raises
     ------
+    AnswerIsNoError
+        When nothing was found to cut.
     InputError
         When the tolerances are so wide that the hinges might not turn at all: no radius can be promised.
     """
+    if not document["accepted"]:
+        raise AnswerIsNoError(document["search"]["reason"], _NO_DESIGN_HINT)
     basis = design_basis(document)
     answer = document if basis == "equation (3)" else document["search"]
     low_mm, high_mm = answer["tolerance"]["radius_mm"]
@@ -245,7 +256,9 @@ def _by_equations(order: DesignOrder) -> Document:
         if is_table_1
         else None,
         "links": None if order.tip_length_mm is None else links_in(order.tip_length_mm, tube.link_length_mm),
-        "measured": None if order.measured is None else _measured(order, order.measured, beta_cut_deg),
+        "measured": None
+        if order.measured is None
+        else _measured(order, order.measured, TABLE_1.beta_cut_deg if is_table_1 else beta_cut_deg),
     }
 
 
@@ -297,20 +310,35 @@ def _clearance_or_none(plane: RotationPlane, measured: Document) -> float | None
 
 
 def _by_search(order: DesignOrder, cells: tuple[Cell, ...], plane: RotationPlane) -> Document:
-    found = search_design(order.tube, order.radius_mm, order.clearance_mm, plane, order.seed)
-    beta_cut_deg = found.hinge.beta_cut_deg
-    return {
-        "beta_cut_deg": beta_cut_deg,
-        "beta_rot_deg": found.rotation.beta_rot_deg,
-        "beta_a_deg": found.rotation.hinge_a.rotation_deg,
-        "beta_b_deg": found.rotation.hinge_b.rotation_deg,
-        "radius_mm": radius_mm(found.rotation.beta_rot_deg, order.tube.link_length_mm),
+    """Return the searched answer, its numbers None and `reason` a sentence where our contour has none."""
+    answer: Document = {
+        "beta_cut_deg": None,
+        "beta_rot_deg": None,
+        "beta_a_deg": None,
+        "beta_b_deg": None,
+        "radius_mm": None,
+        "tolerance": None,
+        "inside_grid": None,
+        "reason": None,
         "fit": asdict(plane),
-        "tolerance": _tolerance(order, plane, found.rotation.beta_rot_deg),
         "grid": {
             "points": order.grid_points,
             "clearance_mm": [cells[0].clearance_mm, cells[-1].clearance_mm],
             "beta_cut_deg": [cells[0].beta_cut_deg, cells[-1].beta_cut_deg],
         },
+    }
+    try:
+        found = search_design(order.tube, order.radius_mm, order.clearance_mm, plane, order.seed)
+    except (AnswerIsNoError, InputError) as error:
+        return {**answer, "reason": f"on our contour {error.message}"}
+    beta_cut_deg = found.hinge.beta_cut_deg
+    return {
+        **answer,
+        "beta_cut_deg": beta_cut_deg,
+        "beta_rot_deg": found.rotation.beta_rot_deg,
+        "beta_a_deg": found.rotation.hinge_a.rotation_deg,
+        "beta_b_deg": found.rotation.hinge_b.rotation_deg,
+        "radius_mm": radius_mm(found.rotation.beta_rot_deg, order.tube.link_length_mm),
+        "tolerance": _tolerance(order, plane, found.rotation.beta_rot_deg),
         "inside_grid": beta_cut_deg <= STEEPEST_CUT_DEG,
     }

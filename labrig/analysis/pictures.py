@@ -8,7 +8,7 @@ from pathlib import Path
 
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import PictureError, RecordError
-from labrig.record import read_recorded_picture
+from labrig.record import RecordedPicture
 from labrig.vision import (
     CurvatureMeasurement,
     CurvatureSettings,
@@ -19,14 +19,6 @@ from labrig.vision import (
 Progress = Callable[[int, int], None]
 # Enough to keep a worker busy between two messages, few enough for a steady progress bar.
 _PICTURES_A_MESSAGE = 4
-
-
-@dataclass(frozen=True)
-class PictureFile:
-    """A picture of the record: its file, and the SHA-256 that was noted when it was taken."""
-
-    path: Path
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -44,7 +36,7 @@ Measured = CurvatureMeasurement | Unreadable
 
 
 def measure_pictures(
-    files: Sequence[PictureFile],
+    pictures: Sequence[RecordedPicture],
     plane: PlaneMap,
     settings: CurvatureSettings,
     workers: int = DEFAULT_WORKERS,
@@ -65,15 +57,15 @@ def measure_pictures(
         When a worker process dies; the usual cause is that memory ran out.
     """
     results: list[Measured] = []
-    with _mapping(min(workers, len(files))) as map_in_order:
-        for result in map_in_order(partial(_measure, plane, settings), files):
+    with _mapping(min(workers, len(pictures))) as map_in_order:
+        for result in map_in_order(partial(_measure, plane, settings), pictures):
             results.append(result)
             if progress is not None:
-                progress(len(results), len(files))
+                progress(len(results), len(pictures))
     return results
 
 
-MapInOrder = Callable[[Callable[[PictureFile], Measured], Sequence[PictureFile]], Iterator[Measured]]
+MapInOrder = Callable[[Callable[[RecordedPicture], Measured], Sequence[RecordedPicture]], Iterator[Measured]]
 
 
 @contextmanager
@@ -86,10 +78,10 @@ def _mapping(workers: int) -> Iterator[MapInOrder]:
         yield partial(pool.map, chunksize=_PICTURES_A_MESSAGE)
 
 
-def _measure(plane: PlaneMap, settings: CurvatureSettings, file: PictureFile) -> Measured:
+def _measure(plane: PlaneMap, settings: CurvatureSettings, picture: RecordedPicture) -> Measured:
     try:
-        return measure_curvature(read_recorded_picture(file.path, file.sha256), plane, settings)
+        return measure_curvature(picture.read(), plane, settings)
     except (PictureError, RecordError) as error:
         # Where the run lies on this computer is no part of a result.
-        reason = error.message.replace(str(file.path), file.path.name)
+        reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
         return Unreadable(reason, damaged=isinstance(error, RecordError))

@@ -184,10 +184,13 @@ class HingeCell(Model):
 class DesignResult(_Common):
     """Of design runs: the document that `labrig design --json` prints too, and the searched grid.
 
-    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says.
+    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says, or the reason
+    why it cannot give the radius. `accepted`: there is something to cut, by the one or, for a tube that equation (3)
+    does not speak of, by the other.
     """
 
     kind: Literal["design"] = "design"
+    accepted: bool = True
     beta_cut_deg: float
     beta_rot_deg: float
     radius_mm: float

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json
 
 
@@ -35,13 +36,16 @@ def design(
     from_run: Annotated[
         Path | None,
         typer.Option(
-            metavar="RUN", help="Take the measured radius from this run's result.", show_default=False
+            metavar="RUN",
+            help="Take the measured radius from a run's result: its folder, or its name in --runs-dir.",
+            show_default=False,
         ),
     ] = None,
+    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
     beta_cut_deg: Annotated[
         float | None,
         typer.Option(
-            help="Inclination that the measured needle was cut at. Default: the one of equation (3).",
+            help="Inclination that the measured needle was cut at. Default: table I's for its needle, else (3)'s.",
             show_default=False,
         ),
     ] = None,
@@ -66,22 +70,27 @@ def design(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: AsJson = False,
-) -> None:
-    """Print both answers; the search takes ten to thirty seconds."""
+) -> int:
+    """Print both answers; the search takes ten to thirty seconds.
+
+    Exit with 0 when equation (3) says what to cut, also where our contour cannot give the radius and says why; with 1
+    when neither gives it, or the tube is one that only our contour speaks of and it cannot.
+    """
     from labrig.analysis import DesignOrder, MeasuredRadius, Tolerances
-    from labrig.cli.designing import Outputs, carry_out, measured_radius, print_design
+    from labrig.cli.designing import Outputs, carry_out, measured_radius, print_design, run_by_name
     from labrig.needle import Tube
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)
-    radius = measured_radius(measured_radius_mm, from_run, beta_cut_deg)
+    run = None if from_run is None else run_by_name(from_run, runs_dir)
+    radius = measured_radius(measured_radius_mm, run, beta_cut_deg)
     order = DesignOrder(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),
         radius_mm=radius_mm,
         clearance_mm=clearance_mm,
         tolerances=Tolerances(clearance_tolerance_mm, cut_tolerance_deg),
         tip_length_mm=tip_length_mm,
-        measured=None if radius is None else MeasuredRadius(radius, beta_cut_deg, from_run),
+        measured=None if radius is None else MeasuredRadius(radius, beta_cut_deg, run),
         grid_points=grid_points,
     )
     document = carry_out(order, outputs)
@@ -89,3 +98,4 @@ def design(
         print_json(document)
     else:
         print_design(document)
+    return 0 if document["accepted"] else 1

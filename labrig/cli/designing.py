@@ -48,7 +48,7 @@ class Outputs:
 
     def write(self, study: DesignStudy) -> None:
         """Write the design file, the figure and the table. Raises `DiskError`."""
-        if self.out is not None:
+        if self.out is not None and study.document["accepted"]:
             write_atomically(self.out, design_file(study.document, collect_provenance(tuple(sys.argv))))
             say(f"design: {self.out}")
         if self.figure is not None:
@@ -68,6 +68,12 @@ def _require_writable(option: str, path: Path, *, force: bool) -> None:
         raise OutputExistsError(f"{option} {path} exists", "choose another name, or replace it with --force")
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}", "make the folder first")
+
+
+def run_by_name(given: Path, runs_dir: Path) -> Path:
+    """Return a run's folder: the one given, or the run of that name."""
+    named = runs_dir / given
+    return named if len(given.parts) == 1 and not given.exists() and named.is_dir() else given
 
 
 def measured_radius(radius_mm: float | None, run: Path | None, beta_cut_deg: float | None) -> float | None:
@@ -146,7 +152,7 @@ def _rows(document: Document, search: Document) -> list[list[str]]:
         [
             "radius within tolerances [mm]",
             interval(document["tolerance"]["radius_mm"]),
-            interval(search["tolerance"]["radius_mm"]),
+            interval(None if search["tolerance"] is None else search["tolerance"]["radius_mm"]),
         ],
     ]
     for label, key, digits in (
@@ -171,6 +177,8 @@ def _print_measured(measured: Document) -> None:
 def _warnings(document: Document) -> Iterator[str]:
     if not document["equation_3"]["same_tube"]:
         yield "Equation (3) was fitted to a tube of 1.2 and 0.7 mm; for this one only our contour was searched."
-    if not document["search"]["inside_grid"]:
+    if document["search"]["reason"] is not None:
+        yield f"No answer of our own: {document['search']['reason']}."
+    if document["search"]["inside_grid"] is False:
         yield f"The inclination is beyond the searched grid, which ends at {STEEPEST_CUT_DEG:g} degrees."
     yield "Our contour is not the paper's, whose figure 2 is not in its text: it shows trends, and is not for cutting."

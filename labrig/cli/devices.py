@@ -1,14 +1,18 @@
-"""`labrig devices`: what the rig says of itself, and stopping it."""
+"""`labrig devices`: what the rig says of itself, moving it axis by axis, and stopping it."""
 
 from dataclasses import asdict
 
 import typer
 
+from labrig.cli import devices_motion
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, rig_file
 from labrig.cli.output import AsJson, print_json, say
 
-app = typer.Typer(help="Look after the rig: check it, stop it.", no_args_is_help=True)
+app = typer.Typer(
+    help="Look after the rig: check it, move its axes, stop it.",
+    no_args_is_help=True,
+)
 
 
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
@@ -39,6 +43,7 @@ def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
         say(line)
 
 
+devices_motion.register(app)
 app.command(
     "simulate",
     help="Serve simulated EPOS2 drives on a CAN bus until interrupted, for any CANopen client.",

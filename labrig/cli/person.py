@@ -1,12 +1,14 @@
 """The person at the bench, asked at the terminal."""
 
+import math
 import select
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TextIO
 
 from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
-from labrig.devices import Answer, OperatorRequest
+from labrig.devices import Answer, OperatorRequest, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 
@@ -32,13 +34,27 @@ class TerminalOperator:
                 f"nobody is there to answer: {request.text}",
                 "run labrig in a terminal; --yes never answers on a real rig",
             )
+        if isinstance(request, ReadScale):
+            return self._ask_number(request, meanwhile)
         while True:
-            say(f"\n>> {request.text}\n   yes, or no to stop the run: ")
+            say(f"\n>> {request.text}\n   yes, or no to stop: ")
             answer = self._read_line(meanwhile).strip().lower()
             if answer in {"y", "yes"}:
                 return Answer(confirmed=True, note=answer)
             if answer in {"n", "no"}:
                 return Answer(confirmed=False, note=answer)
+
+    def _ask_number(self, request: ReadScale, meanwhile: Callable[[], None]) -> Answer:
+        """Ask until the answer is a number, or no."""
+        while True:
+            say(f"\n>> {request.text}\n   a number, or no to stop: ")
+            answer = self._read_line(meanwhile).strip().lower()
+            if answer in {"n", "no"}:
+                return Answer(confirmed=False, note=answer)
+            with suppress(ValueError):
+                reading = float(answer.replace(",", "."))
+                if math.isfinite(reading):
+                    return Answer(confirmed=True, note=answer, reading=reading)
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line, looking for signals and after the rig twenty times a second."""

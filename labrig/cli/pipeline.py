@@ -166,7 +166,8 @@ def _needle_left(rig: Rig) -> str:
         where = f"where is not known: {error.message}"
     return (
         f"the needle is in tissue ({where}); the axes stand still and hold nothing once labrig has ended. "
-        "Withdraw needle and sheath by hand or with the drives' own tool; the next run asks whether they are out."
+        f"Take it out along its path: labrig devices withdraw --rig FILE --run {rig.state.since_run}. "
+        "After a withdrawal by hand, the next run asks whether needle and sheath are out."
     )
 
 
@@ -184,7 +185,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
     }
     name = order.run_name
     if name is None:
-        name = _free_name(order.runs_dir, started, order.protocol.experiment)
+        name = free_name(order.runs_dir, started, order.protocol.experiment)
     protocol_yaml, rig = dump_yaml(order.protocol), order.rig
     if rig is None:
         return Recorder.create(order.runs_dir, name, manifest, protocol_yaml, None, {})
@@ -197,10 +198,11 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         rig.calibration_files(),
         fsync_period_s=rig.recording.fsync_period_s,
         least_free_bytes=int(1e6 * rig.recording.least_free_mb),
+        picture_store=rig.camera.store,
     )
 
 
-def _free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
+def free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
     """Return a name that no run has; two runs started in the same second get different ones."""
     name = f"{started:%Y%m%d-%H%M%S}-{experiment}"
     number = 1

@@ -28,12 +28,12 @@ def plan(
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.cli.scenario import problem_of
     from labrig.devices import SystemClock
-    from labrig.protocol import Scenario, load_yaml_model
+    from labrig.protocol import load_scenario
     from labrig.steering import plan_path
 
     if figure is not None:
         _check_figure(figure, force)
-    asked = load_yaml_model(scenario, Scenario)
+    asked = load_scenario(scenario)
     problem = problem_of(asked)
     clock = SystemClock()
     started_s = clock.now_s()
@@ -73,3 +73,9 @@ def _print(document: dict[str, Any]) -> None:
         f"{document['target_error_mm']:.2f} mm from the target, clearance {number(document['clearance_mm'], 2)} mm, "
         f"planned in {1000 * document['elapsed_s']:.1f} ms"
     )
+    if document["worst_target_error_mm"] is not None:
+        typer.echo(
+            "Followed without looking, a needle of the worst radius within its tolerance would end "
+            f"{document['worst_target_error_mm']:.1f} mm from the target, with a clearance of "
+            f"{number(document['worst_clearance_mm'], 2)} mm."
+        )

@@ -21,6 +21,7 @@ def problem_of(scenario: Scenario) -> PlanProblem:
         obstacles=tuple(Obstacle(one.position_mm, one.radius_mm) for one in scenario.obstacles),
         start=start,
         radius_mm=scenario.needle.radius_mm,
+        radius_range_mm=scenario.needle.radius_range_mm,
         diameter_mm=scenario.needle.diameter_mm,
         tolerance_mm=scenario.target.tolerance_mm,
         clearance_mm=scenario.clearance_mm,

@@ -24,12 +24,22 @@ from labrig.devices.camera import Camera, CameraSettings, Frame, PictureSource
 from labrig.devices.check import CheckResult, CheckStatus, check_calibration, check_rig
 from labrig.devices.cia402 import DriveState
 from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.homing import DIRECTIONS as HOMING_DIRECTIONS
+from labrig.devices.homing import HERE as HOMING_HERE
+from labrig.devices.homing import ORDER as HOME_ORDER
+from labrig.devices.homing import ZEROS
 from labrig.devices.operator import (
     Answer,
     ClearBench,
     ConfirmAxesAtZero,
+    ConfirmFaultReset,
+    ConfirmFree,
+    ConfirmHere,
+    ConfirmMotion,
     ConfirmNeedleOut,
     ConfirmPlan,
+    ConfirmStance,
+    ConfirmStopped,
     ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
@@ -39,9 +49,10 @@ from labrig.devices.operator import (
     PickTarget,
     PlacePhantom,
     PlaceSpecimen,
+    ReadScale,
     ShiftToHole,
 )
-from labrig.devices.rig import Rig, open_rig
+from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
     RigDescription,
@@ -51,10 +62,15 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, RollZero
+from labrig.devices.state import RigState, RollZero, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
+    "AXES",
+    "HOME_ORDER",
+    "HOMING_DIRECTIONS",
+    "HOMING_HERE",
+    "ZEROS",
     "Answer",
     "Axis",
     "AxisDescription",
@@ -65,20 +81,28 @@ __all__ = [
     "CheckStatus",
     "ClearBench",
     "ConfirmAxesAtZero",
+    "ConfirmFaultReset",
+    "ConfirmFree",
+    "ConfirmHere",
+    "ConfirmMotion",
     "ConfirmNeedleOut",
     "ConfirmPlan",
+    "ConfirmStance",
+    "ConfirmStopped",
     "ConfirmWithdrawal",
     "DriveState",
     "Frame",
     "HoldBoard",
     "LayGraphPaper",
     "MountNeedle",
+    "Opening",
     "Operator",
     "OperatorRequest",
     "PickTarget",
     "PictureSource",
     "PlacePhantom",
     "PlaceSpecimen",
+    "ReadScale",
     "Rig",
     "RigDescription",
     "RigState",
@@ -95,6 +119,7 @@ __all__ = [
     "load_rig",
     "open_rig",
     "rig_schema",
+    "rig_state",
     "serve_drives",
     "stop_rig",
     "unknown_entries",

@@ -1,19 +1,18 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
 import math
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
+from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import Homing
-from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, check_move
-from labrig.errors import DriveError, MachineError, SafetyStopError
+from labrig.devices.homing import DIRECTIONS, Homing
+from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, HomingDescription, check_move
+from labrig.errors import DriveError, DriveFaultError, MachineError, SafetyStopError
 
-MAX_RPM = 25_000
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
 _MOVE_MARGIN_FRACTION = 0.2
@@ -77,6 +76,8 @@ class Axis:
         Whose time bounds moves.
     heartbeat : HeartbeatDescription
         When the drive stops by itself.
+    max_current_ma : int or None
+        Output current beyond which the drive does not go while this axis is open; None leaves its own limit.
     """
 
     def __init__(
@@ -86,6 +87,8 @@ class Axis:
         drive: Epos2,
         clock: Clock,
         heartbeat: HeartbeatDescription,
+        *,
+        max_current_ma: int | None = None,
     ) -> None:
         self.name = name
         self.unit = description.unit
@@ -105,6 +108,8 @@ class Axis:
         self._inside_since_s: float | None = None
         self._last: tuple[float, float] | None = None
         self._heartbeat = heartbeat
+        self._max_current_ma = max_current_ma
+        self._own_current_ma: int | None = None
         self.written: tuple[str, ...] = ()
 
     # Moving
@@ -144,13 +149,45 @@ class Axis:
         if not (self.referenced or self.believed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
-                "reference the axes first",
+                f"first: labrig devices home --axis {self.name} --rig FILE",
             )
         target, rpm = self._counter(position), self._scale.to_rpm(speed)
         achieved = self._scale.to_speed(rpm)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
         self._go(target, rpm, self._beyond(position))
         return Setpoint(position, speed, target, rpm, self._position(target), achieved)
+
+    def start_jog(self, distance: float, speed: float) -> float:
+        """Start a move by a distance from where the axis stands, referenced or not; `read` says when it is done.
+
+        Backlash is not compensated. Limits of the rig file hold where the axis has a reference.
+
+        Parameters
+        ----------
+        distance : float
+            How far [mm or rad].
+        speed : float
+            How fast at most [mm/s or rad/s].
+
+        Returns
+        -------
+        float
+            The speed that integer rpm give [mm/s or rad/s].
+
+        Raises
+        ------
+        LimitError
+            Before anything is sent.
+        DriveError, BusError
+        """
+        counter = self._drive.position()
+        achieved = self.nearest_speed(min(speed, self.max_speed))
+        if self.referenced:
+            self.check_move(self._position(counter) + distance, achieved)
+        target = self._counter(self._position(counter) + distance)
+        self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
+        self._go(target, self._scale.to_rpm(achieved), None)
+        return achieved
 
     def _beyond(self, position: float) -> int | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
@@ -299,12 +336,26 @@ class Axis:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
         self._drive.hold_off()
         self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-        self.written = self._configure(self._settings())
+        self.written = self._configure(self._settings() | self._gentle())
+
+    def _gentle(self) -> dict[od.Entry, int]:
+        """Return the current limit of this opening, where it has one below the drive's own."""
+        if self._max_current_ma is None:
+            return {}
+        self._own_current_ma = self._drive.read(od.MAX_CURRENT)
+        return {od.MAX_CURRENT: min(self._max_current_ma, self._own_current_ma)}
 
     def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
-        text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
-        ours = (zlib.crc32(text.encode()), len(settings))
+        ours = fingerprint(self._settings())
         return self._drive.configure(settings, self._description.configuration_fingerprint or ours)
+
+    def reported_fault(self) -> DriveFaultError | None:
+        """Return the fault in which its drive is; None when it is in none. Raises `DriveError`, `BusError`."""
+        return self._drive.reported_fault()
+
+    def reset_fault(self) -> None:
+        """Reset the fault of its drive, as a person has confirmed. Raises `DriveError`, `BusError`."""
+        self._drive.reset_fault()
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
@@ -315,13 +366,39 @@ class Axis:
         self._drive.enable()
 
     def release(self) -> None:
-        """Switch the power stage off. Raises `DriveError`, `BusError`."""
+        """Switch the power stage off, and give the drive its current limit back. Raises `DriveError`, `BusError`."""
         self._drive.go_to(Goal.POWER_OFF)
+        if self._own_current_ma is not None:
+            self._drive.adjust({od.MAX_CURRENT: self._own_current_ma})
         self._drive.unwatch()
 
     def is_referenced_in_drive(self) -> bool:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
         return self._drive.is_referenced()
+
+    def homing_direction(self, method: int) -> int:
+        """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
+        return -DIRECTIONS[method] if self._description.reversed else DIRECTIONS[method]
+
+    @property
+    def homing(self) -> HomingDescription:
+        """How the rig file has this axis homed."""
+        return self._description.homing
+
+    def homing_by(self, method: int) -> Homing:
+        """Return a homing by this method as the rig file has it, in the units of the drive."""
+        described, scale = self._description.homing, self._scale
+        offset = round(described.offset * scale.quadcounts_per_unit)
+        return Homing(
+            method,
+            offset=-DIRECTIONS[method] * offset,
+            position=scale.to_quadcounts(described.position),
+            switch_rpm=scale.to_rpm(described.speed),
+            index_rpm=max(1, scale.to_rpm(described.speed) // 10),
+            rpm_per_s=scale.to_rpm_per_s(self._description.acceleration),
+            current_threshold_ma=described.current_threshold_ma,
+            timeout_s=described.timeout_s,
+        )
 
     def start_homing(self, homing: Homing) -> None:
         """Begin to look for home, without a reference and its limits until `finish_homing`.
@@ -375,26 +452,7 @@ class Axis:
         self.believed = True
 
     def _settings(self) -> dict[od.Entry, int]:
-        scale, description = self._scale, self._description
-        acceleration = scale.to_rpm_per_s(description.acceleration)
-        return {
-            od.MAX_FOLLOWING_ERROR: scale.to_distance_quadcounts(description.max_following_error),
-            od.POSITION_WINDOW: self._window_quadcounts,
-            od.POSITION_WINDOW_TIME: description.position_window_time_ms,
-            od.MAX_PROFILE_VELOCITY: min(MAX_RPM, scale.to_rpm(description.max_speed)),
-            od.PROFILE_ACCELERATION: acceleration,
-            od.PROFILE_DECELERATION: acceleration,
-            od.QUICK_STOP_DECELERATION: scale.to_rpm_per_s(description.quick_stop_deceleration),
-            od.PROFILE_TYPE: 0,
-            od.LIMIT_EXECUTION_MASK: self._limit_switch_mask(),
-            od.CONSUMER_HEARTBEAT: self._heartbeat.computer_node_id << 16 | self._heartbeat.timeout_ms,
-        }
-
-    def _limit_switch_mask(self) -> int:
-        bits = {"negative": 1, "positive": 2}
-        return od.LIMIT_EXECUTION_MASK.default | sum(
-            bits[one] for one in set(self._description.limit_switches)
-        )
+        return drive_settings(self._description, self._heartbeat)
 
     def _free_limits(self) -> None:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
@@ -407,7 +465,7 @@ class Axis:
             od.LOWER_LIMIT: low - self._window_quadcounts,
             od.UPPER_LIMIT: high + self._window_quadcounts,
         }
-        self._configure(self._settings() | limits)
+        self._configure(limits)
 
     def counts(self) -> dict[str, int]:
         """Return how often the drive had to be asked again, and answers of it that nobody had asked for."""

@@ -7,7 +7,7 @@ What is decided here
 - Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
   both edges, the position at the end of a move, standing still after a stop.
 - Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
-  nothing moves until a move is commanded. A fault is never reset.
+  nothing moves until a move is commanded. A fault is reset by `reset_fault` alone, once a person has confirmed.
 - Only settings that differ are written, because writing clears the drive's configuration fingerprint
   (0x1020); the fingerprint is renewed last.
 - A drive is watched: its heartbeat, its EMCY and its boot-up become errors as soon as the rig looks.
@@ -28,6 +28,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.cia402 import (
     CHANGE_IMMEDIATELY,
     ENABLE,
+    FAULT_RESET,
     FAULTED,
     HALT,
     HOMING_ATTAINED,
@@ -61,7 +62,10 @@ STILL_TIME_S = 0.05
 """An axis stands still when it moves no more than this in this time; a servo at rest dithers a little."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
-_NMT_START = 0x01
+_NMT_START, _NMT_RESET_COMMUNICATION = 0x01, 0x82
+_RESET_COMMUNICATION_FIRST = frozenset({0x8120, 0x81FD})
+"""Faults of the bus whose reset the drive takes only after its communication has been reset."""
+
 _PDO_UNUSED = 0x80000000
 _CLASHING_ANSWERS = 3
 """Answers that nobody asked for among the five to who a drive is: one may be a frame that came twice."""
@@ -538,6 +542,39 @@ class Epos2:
             register=register,
             text=emergency.text,
         )
+
+    def reported_fault(self) -> DriveFaultError | None:
+        """Return the fault in which the drive is, as its statusword says; None when it is in none."""
+        try:
+            self._refuse_fault(self.read(od.STATUSWORD))
+        except DriveFaultError as fault:
+            return fault
+        return None
+
+    def reset_fault(self) -> None:
+        """Reset a fault, as a person has confirmed; power stays off and nothing moves.
+
+        Raises
+        ------
+        DriveFaultError
+            When the cause is still there.
+        """
+        fault = self.reported_fault()
+        if fault is None:
+            return
+        if fault.code in _RESET_COMMUNICATION_FIRST:
+            self.send_nmt(_NMT_RESET_COMMUNICATION)
+            self._clock.sleep(ANSWER_TIME_S)
+            self._restarted = False
+            self.send_nmt(_NMT_START)
+        self.write(od.CONTROLWORD, 0)
+        self.write(od.CONTROLWORD, FAULT_RESET)
+        self._clock.sleep(STILL_TIME_S)
+        self.write(od.CONTROLWORD, 0)
+        self._emergency = None
+        left = self.reported_fault()
+        if left is not None:
+            raise left.reworded(f"{left.message}; it could not be reset, its cause is still there")
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self._heard_s = self._clock.now_s()

@@ -1,10 +1,18 @@
-"""Homing of an EPOS2: which methods there are, which way each goes, and what one of them needs.
+"""Homing of an EPOS2: which methods there are, which way each goes, what one of them needs, and when it is allowed.
+
+An axis is homed by a search only on a bare instrument, the linear module first, so that nothing turns or comes out
+before the instrument is known to be clear of the frame. With a needle mounted only what cannot bend or lose it is
+allowed: needle and bevel get their zeros where they stand (the tip flush with the sheath), and the linear module may
+search backwards, away from the gel. With a needle in tissue nothing is homed at all.
 
 The signs are maxon's: -1 and -3 go in the POSITIVE direction until the current threshold, -2 and -4 in the
 negative one. `canopen` has them the other way round, which would drive an axis the wrong way.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
+
+from labrig.errors import SafetyStopError
 
 HERE = 35
 """Method that makes the position here the home position; nothing moves."""
@@ -52,3 +60,56 @@ class Homing:
     rpm_per_s: int = 1000
     current_threshold_ma: int = 500
     timeout_s: float = 1.0
+
+
+ORDER = ("linear", "insertion", "rotation")
+"""In which order axes are homed."""
+
+ZEROS = {
+    "insertion": "the needle's tip, or the end of the bare screw's carriage, flush with the end of the sheath",
+    "rotation": "the bevel, or its mark on the chuck, at roll zero",
+    "linear": "the sheath's end just before the gel's place",
+}
+"""What the zero of each axis is."""
+
+
+def require_homing_allowed(
+    axis: str, method: int, direction: int, *, needle_mounted: bool, referenced: Collection[str]
+) -> None:
+    """Refuse a homing that could bend a needle or run the instrument into something.
+
+    Parameters
+    ----------
+    axis : str
+        insertion, rotation or linear.
+    method : int
+        A key of `DIRECTIONS`.
+    direction : int
+        Which way the axis goes in its search: -1 back, +1 forwards.
+    needle_mounted : bool
+        Whether a needle is in the clamp.
+    referenced : collection of str
+        Axes that have their reference.
+
+    Raises
+    ------
+    SafetyStopError
+        Says what to do instead.
+    """
+    if method == HERE:
+        return
+    if needle_mounted and axis != "linear":
+        raise SafetyStopError(
+            f"axis {axis} is not homed by method {method} with a needle mounted: the search could bend it",
+            f"take the needle out, or set the zero where it stands: labrig devices home --axis {axis} --method 35",
+        )
+    if needle_mounted and direction > 0:
+        raise SafetyStopError(
+            f"axis {axis} is not homed by method {method} with a needle mounted: it would search towards the gel",
+            "take the needle out, or give the axis a method that searches backwards",
+        )
+    if axis != "linear" and "linear" not in referenced:
+        raise SafetyStopError(
+            f"axis {axis} is not homed by method {method} before the linear module: it might stand in the frame",
+            "first: labrig devices home --axis linear",
+        )

@@ -141,8 +141,8 @@ class ConfirmPlan:
 
 
 @dataclass(frozen=True)
-class ConfirmWithdrawal:
-    """Confirm that a needle of which something is not known may be withdrawn along its path."""
+class ConfirmStopped:
+    """Take note why the needle was stopped, and confirm that it may be withdrawn along its path."""
 
     reason: str
 
@@ -176,6 +176,122 @@ class ConfirmNeedleOut:
         return f"Confirm that no needle is in tissue: {self.reason}."
 
 
+@dataclass(frozen=True)
+class ConfirmHere:
+    """Confirm that an axis stands where its position is to be set (homing method 35); nothing moves."""
+
+    axis: str
+    position: float
+    unit: str
+    place: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Confirm that the axis {self.axis} stands at its {self.position:g} {self.unit}: {self.place}. "
+            "Nothing moves; its position becomes this here."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmMotion:
+    """Confirm that an axis may move slowly, with a hand on the emergency stop."""
+
+    axis: str
+    what: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"The axis {self.axis} is going to {self.what}. Confirm that its way is free and that a hand is on the "
+            "emergency stop."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmFree:
+    """Confirm that an axis stands free at one of its limits."""
+
+    axis: str
+    position: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"The axis {self.axis} stands at its limit, {self.position:g} {self.unit}. Confirm that it stands free of "
+            "every stop, cable and frame."
+        )
+
+
+@dataclass(frozen=True)
+class ReadScale:
+    """Read how far an axis has gone on graph paper, a ruler or a protractor; the answer is a number."""
+
+    axis: str
+    unit: str
+    instruction: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return f"{self.instruction} Type the reading of the axis {self.axis} in {self.unit}."
+
+
+@dataclass(frozen=True)
+class ConfirmFaultReset:
+    """Confirm that the cause of a drive's fault is gone, so that it may be reset."""
+
+    fault: str
+    remedy: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"{self.fault}. What to do: {self.remedy}. Confirm that the cause is gone and the fault may be reset; "
+            "nothing moves by that."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmStance:
+    """Confirm where the needle stands, where the drives have lost it."""
+
+    run: str
+    insertion_mm: float
+    rotation_rad: float
+    linear_mm: float
+    lost: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"The axes {', '.join(self.lost)} have lost their positions. At the end of run {self.run} the needle stood "
+            f"{self.insertion_mm:.1f} mm out of the sheath, turned by {self.rotation_rad:.2f} rad, the sheath "
+            f"{self.linear_mm:.1f} mm in. Look at needle and picture: confirm that they still stand so."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmWithdrawal:
+    """Confirm that the needle may be withdrawn along its path."""
+
+    moves: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"The needle is going to be withdrawn slowly: {'; '.join(self.moves)}. Confirm it, with a hand on the "
+            "emergency stop."
+        )
+
+
 OperatorRequest = (
     MountNeedle
     | ConfirmAxesAtZero
@@ -184,20 +300,28 @@ OperatorRequest = (
     | PlacePhantom
     | PickTarget
     | ConfirmPlan
-    | ConfirmWithdrawal
+    | ConfirmStopped
     | HoldBoard
     | LayGraphPaper
     | ClearBench
     | ConfirmNeedleOut
+    | ConfirmHere
+    | ConfirmMotion
+    | ConfirmFree
+    | ReadScale
+    | ConfirmFaultReset
+    | ConfirmStance
+    | ConfirmWithdrawal
 )
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the operator said: done or refused, a note for the record, and the pixel (u, v) where one was asked for."""
+    """What the operator said: done or refused, a note for the record, and the reading or pixel that was asked for."""
 
     confirmed: bool
     note: str = ""
+    reading: float | None = None
     pixel: tuple[float, float] | None = None
 
 

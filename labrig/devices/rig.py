@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
@@ -12,15 +12,56 @@ from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity
-from labrig.devices.homing import HERE, Homing
-from labrig.devices.operator import Answer, Operator, OperatorRequest
+from labrig.devices.homing import HERE, Homing, require_homing_allowed
+from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.state import RigState, RollZero, StateStore
-from labrig.errors import DriveError, InterruptedRunError, MachineError, SafetyStopError
+from labrig.errors import (
+    CameraError,
+    DriveError,
+    InputError,
+    InterruptedRunError,
+    MachineError,
+    SafetyStopError,
+)
+
+AXES = ("insertion", "rotation", "linear")
+"""Every axis of the instrument."""
 
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
+
+_WITHDRAW_FIRST = (
+    "take it out along its path: labrig devices withdraw --rig FILE; "
+    "after one by hand, the next labrig run asks to confirm that it is out"
+)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What of a rig is opened, and how.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        The axes; the others need not be there, nor be known in the rig file.
+    camera : bool
+        Whether the camera is opened too.
+    max_current_ma : int or None
+        Output current that no drive exceeds while it is open; None leaves their own limits.
+    reset_faults : bool
+        Whether the operator is asked to have faults reset; otherwise a drive in fault is refused.
+    """
+
+    axes: tuple[str, ...] = AXES
+    camera: bool = True
+    max_current_ma: int | None = None
+    reset_faults: bool = False
+
+
+WHOLE = Opening()
+"""The whole rig, as a run has it."""
 
 
 class Rig:
@@ -34,14 +75,16 @@ class Rig:
         Clock, operator and what is true.
     link : CanLink
         The bus on which the drives stand.
-    source : PictureSource
-        What draws the camera's pictures.
+    source : PictureSource or None
+        What draws the camera's pictures; None without the camera.
     person : Operator
         Answers where the plant does not answer by itself.
     interrupted : callable
         Asked between two bus transactions whether a signal has arrived.
     stop_requests : StopRequests or None
         Where another labrig asks this one to stop.
+    opening : Opening
+        What of it is opened, and how.
     """
 
     def __init__(
@@ -50,12 +93,14 @@ class Rig:
         *,
         plant: Plant,
         link: CanLink,
-        source: PictureSource,
+        source: PictureSource | None,
         person: Operator,
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
+        opening: Opening = WHOLE,
     ) -> None:
         self.description = description
+        self._opening = opening
         self.clock = plant.clock
         self.operator = plant.operator or person
         self.needs_person = plant.operator is None
@@ -74,24 +119,49 @@ class Rig:
                 Epos2(link, axis.node_id, name, self._dead_man),
                 self._dead_man,
                 description.can.heartbeat,
+                max_current_ma=opening.max_current_ma,
             )
             for name, axis in description.axes.items()
+            if name in opening.axes
         }
-        self.insertion = self._axes["insertion"]
-        self.rotation = self._axes["rotation"]
-        self.linear = self._axes["linear"]
-        self.camera = Camera(source, description.camera, self.clock)
+        self._camera = None if source is None else Camera(source, description.camera, self.clock)
 
     # What is known
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The three axes."""
+        """The axes that are open, all three of them in a run."""
         return tuple(self._axes.values())
 
     def axis(self, name: str) -> Axis:
-        """Return an axis by its name: insertion, rotation or linear."""
+        """Return an axis by its name: insertion, rotation or linear. Raises `InputError` where it is not open."""
+        if name not in self._axes:
+            raise InputError(f"axis {name} is not open", f"open are: {', '.join(self._axes)}")
         return self._axes[name]
+
+    @property
+    def insertion(self) -> Axis:
+        """The screw that pushes the needle out of the sheath."""
+        return self.axis("insertion")
+
+    @property
+    def rotation(self) -> Axis:
+        """What turns the needle about its axis."""
+        return self.axis("rotation")
+
+    @property
+    def linear(self) -> Axis:
+        """The module that carries the instrument with the sheath."""
+        return self.axis("linear")
+
+    @property
+    def camera(self) -> Camera:
+        """The camera. Raises `CameraError` where the rig was opened without it."""
+        if self._camera is None:
+            raise CameraError(
+                "the rig is open without its camera", "open it with its camera to take pictures"
+            )
+        return self._camera
 
     @property
     def state(self) -> RigState:
@@ -112,13 +182,16 @@ class Rig:
                 axis.name: {**axis.describe(), "drive": asdict(self._identities[axis.name])}
                 for axis in self.axes
             },
-            "camera": {
-                "driver": self.description.camera.driver,
-                "device": self.description.camera.device,
-                "asked": dict(self.camera.settings.asked),
-                "readback": dict(self.camera.settings.readback),
-            },
+            "camera": None if self._camera is None else self._describe_camera(self._camera),
             "state": asdict(self.state),
+        }
+
+    def _describe_camera(self, camera: Camera) -> dict[str, object]:
+        return {
+            "driver": self.description.camera.driver,
+            "device": self.description.camera.device,
+            "asked": dict(camera.settings.asked),
+            "readback": dict(camera.settings.readback),
         }
 
     # Moving
@@ -257,7 +330,7 @@ class Rig:
             When a needle is in tissue or may be: its depth and roll would be lost.
         DriveError, BusError
         """
-        self._require_needle_out()
+        self._refuse_in_tissue("no axis is homed")
         for axis in self.axes:
             self.home(axis.name, Homing(HERE))
 
@@ -271,7 +344,7 @@ class Rig:
         InterruptedRunError, DriveError, BusError
             The axis is without a reference then.
         """
-        self._require_needle_out()
+        self._refuse_in_tissue("no axis is homed")
         axis = self._axes[axis_name]
         self._note_reference(axis_name, known=False)
         try:
@@ -288,14 +361,35 @@ class Rig:
     def _note_reference(self, axis_name: str, *, known: bool) -> None:
         others = {name for name in self.state.referenced if name != axis_name}
         kept = others | {axis_name} if known else others
-        self._store.update(referenced=tuple(name for name in self._axes if name in kept))
+        self._store.update(referenced=tuple(name for name in AXES if name in kept))
 
-    def _require_needle_out(self) -> None:
+    def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
+        """Refuse a homing that is not allowed as the rig stands. Raises `SafetyStopError`."""
+        self._refuse_in_tissue(f"axis {name} is not homed")
+        require_homing_allowed(
+            name,
+            method,
+            self.axis(name).homing_direction(method),
+            needle_mounted=needle_mounted,
+            referenced=self.state.referenced,
+        )
+
+    def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
+        """Give one axis its reference as the rig file has it, by this method; the operator has confirmed it.
+
+        Raises
+        ------
+        SafetyStopError
+            When a needle is in tissue or may be, or this homing is not allowed; nothing has moved.
+        DriveError, BusError, InterruptedRunError
+            The axis has been stopped and has no reference.
+        """
+        self.check_homing(name, method, needle_mounted=needle_mounted)
+        self.home(name, self.axis(name).homing_by(method))
+
+    def _refuse_in_tissue(self, what: str) -> None:
         if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(
-                f"the axes are not referenced: {self.state.doubt}",
-                "withdraw the needle; labrig asks to confirm that it is out when the next run starts",
-            )
+            raise SafetyStopError(f"{what}: {self.state.doubt}", _WITHDRAW_FIRST)
 
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
@@ -349,7 +443,7 @@ class Rig:
         BusError
         """
         failures: list[MachineError] = []
-        for step in (self._identify, Axis.configure):
+        for step in (self._identify, self._offer_fault_reset, Axis.configure):
             for axis in self.axes:
                 try:
                     step(axis)
@@ -364,6 +458,15 @@ class Rig:
 
     def _identify(self, axis: Axis) -> None:
         self._identities[axis.name] = axis.connect()
+
+    def _offer_fault_reset(self, axis: Axis) -> None:
+        """Ask whether the fault of a drive may be reset, where this rig was opened to do so."""
+        fault = axis.reported_fault() if self._opening.reset_faults else None
+        if fault is None:
+            return
+        if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
+            raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
+        axis.reset_fault()
 
     def _shared_cob_ids(self) -> list[MachineError]:
         """Return an error for each COB-ID of process data that two drives would both send or both obey."""
@@ -381,7 +484,8 @@ class Rig:
         """Believe an axis to be referenced when both the state file and its drive say so."""
         for axis in self.axes:
             axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
-        referenced = tuple(axis.name for axis in self.axes if axis.referenced)
+        lost = {axis.name for axis in self.axes if not axis.referenced}
+        referenced = tuple(name for name in self.state.referenced if name not in lost)
         if referenced != self.state.referenced:
             self._store.update(referenced=referenced)
 
@@ -429,6 +533,7 @@ def open_rig(
     person: Operator,
     interrupted: Interrupted,
     doing: str = "labrig",
+    opening: Opening = WHOLE,
 ) -> Iterator[Rig]:
     """Open a rig, and stop and release it however the block is left.
 
@@ -444,6 +549,8 @@ def open_rig(
         Returns the name of a signal that has arrived, or None.
     doing : str
         What the rig is used for, as another labrig that wants it is told.
+    opening : Opening
+        What of it is opened, and how.
 
     Raises
     ------
@@ -454,15 +561,16 @@ def open_rig(
     BusError, DriveError, CameraError
         When the rig cannot be opened; nothing has moved.
     """
-    require_complete(description)
+    require_complete(description, opening.axes)
     with ExitStack() as stack:
         stop_requests = stack.enter_context(possessed(description, doing))
         plant = make_plant(description, seed)
         stack.callback(plant.close)
         link = plant.open_link()
         stack.callback(link.close)
-        source = plant.open_source()
-        stack.callback(source.close)
+        source = plant.open_source() if opening.camera else None
+        if source is not None:
+            stack.callback(source.close)
         rig = Rig(
             description,
             plant=plant,
@@ -471,6 +579,7 @@ def open_rig(
             person=person,
             interrupted=interrupted,
             stop_requests=stop_requests,
+            opening=opening,
         )
         stack.push(_closing(rig))
         rig.connect()

@@ -5,7 +5,7 @@ open.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -95,6 +95,28 @@ class CanDescription(Model):
             )
 
 
+class HomingDescription(Model):
+    """How an axis gets its reference."""
+
+    method: Literal[35, -1, -2, -3, -4, 1, 2, 17, 18] = Field(
+        35,
+        description="maxon's homing method. 35: where it stands, on confirmation. -1, -3: into the stop in the motor's "
+        "positive direction, -2, -4: in its negative one, by current, -1 and -2 then to the index. 1, 2, 17, 18: limit "
+        "switches.",
+    )
+    position: float = Field(0.0, description="What the position is once home is found [mm or rad].")
+    offset: Annotated[float, Field(ge=0)] = Field(
+        0.0, description="How far to move off the stop or switch before [mm or rad]."
+    )
+    speed: Positive = Field(1.0, description="Speed of the search [mm/s or rad/s].")
+    current_threshold_ma: Annotated[int, Field(ge=1, le=65535)] = Field(
+        500, description="Current at which a stop is believed to be reached [mA]."
+    )
+    timeout_s: Annotated[float, Field(gt=0, le=600)] = Field(
+        60.0, description="When the search is given up [s]."
+    )
+
+
 class AxisDescription(Model):
     """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad."""
 
@@ -138,6 +160,7 @@ class AxisDescription(Model):
         description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
         "back, so that every move ends from the same side [mm or rad].",
     )
+    homing: HomingDescription = Field(default_factory=HomingDescription, description="How it is referenced.")
     configuration_fingerprint: (
         tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None
     ) = Field(
@@ -246,6 +269,10 @@ class CameraDescription(Model):
     )
     mains_hz: Literal[0, 50, 60] = Field(
         description="Mains frequency whose flicker is filtered, 0 for none [Hz]."
+    )
+    store: Literal["png", "raw"] = Field(
+        "png",
+        description="How pictures are recorded: a PNG each, or all in frames.raw, for a camera too fast for PNG.",
     )
 
     def settings(self) -> dict[str, str | float]:
@@ -433,14 +460,14 @@ def unknown_entries(rig: RigDescription) -> dict[str, str]:
     }
 
 
-def require_complete(rig: RigDescription) -> None:
-    """Refuse a rig file with unknown entries, naming each.
+def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
+    """Refuse a rig file with unknown entries of these axes, naming each.
 
     Raises
     ------
     InputError
     """
-    unknown = unknown_entries(rig)
+    unknown = [entry for entry in unknown_entries(rig) if entry.split(".")[1] in axes]
     if unknown:
         raise InputError(
             f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",

@@ -96,6 +96,11 @@ class StateStore:
             _save(self._path, self.state)
 
 
+def rig_state(path: Path | None) -> RigState:
+    """Return what a rig knows of itself by its state file; that of a new rig without one."""
+    return StateStore(path).state
+
+
 def _without_void_roll_zero(state: RigState) -> RigState:
     """Drop a roll zero that was told from another zero of the rotation axis than the present one, or from none."""
     return state if "rotation" in state.referenced else replace(state, roll_zero=None)

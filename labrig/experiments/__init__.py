@@ -13,7 +13,17 @@ by `conduct_without_rig`, and nothing is planned for it.
 """
 
 from labrig.experiments.camera_calibration import run_camera_calibration
-from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
+from labrig.experiments.commissioning import (
+    Finding,
+    check_backlash,
+    check_limits,
+    check_travel,
+    home_axes,
+    jog,
+    judge_backlash,
+    judge_travel,
+)
+from labrig.experiments.conduct import Outcome, conduct, conduct_withdrawal, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -27,6 +37,7 @@ from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
+    WITHDRAWS,
     ReverseMove,
     WithdrawalSpeeds,
     recorded_path,
@@ -36,7 +47,9 @@ from labrig.experiments.withdrawal import (
 
 __all__ = [
     "SLOWLY",
+    "WITHDRAWS",
     "Estimate",
+    "Finding",
     "Outcome",
     "PlannedMove",
     "Progress",
@@ -44,10 +57,18 @@ __all__ = [
     "Session",
     "Stance",
     "WithdrawalSpeeds",
+    "check_backlash",
+    "check_limits",
+    "check_travel",
     "conduct",
+    "conduct_withdrawal",
     "conduct_without_rig",
     "estimate",
     "find_problems",
+    "home_axes",
+    "jog",
+    "judge_backlash",
+    "judge_travel",
     "planned_moves",
     "recorded_path",
     "reverse_moves",

@@ -1,5 +1,6 @@
 """Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
@@ -16,6 +17,7 @@ from labrig.experiments.insertion import run_insertion
 from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
 from labrig.experiments.steerability import run_steerability
+from labrig.experiments.withdrawal import Stance, recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
@@ -42,9 +44,18 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
+    return _conduct(session, protocol.experiment, lambda: _procedure(protocol, session))
+
+
+def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
+    """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
+    return _conduct(session, "withdrawal", lambda: recover(session, run_name, path, standing))
+
+
+def _conduct(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(protocol, session)
+        outcome = _run_to_an_end(session, experiment, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -90,10 +101,10 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(protocol: AnyProtocol, session: Session) -> Outcome:
+def _run_to_an_end(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
     try:
-        session.note("run_start", experiment=protocol.experiment)
-        _procedure(protocol, session)
+        session.note("run_start", experiment=experiment)
+        procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
     except TargetMissedError as error:

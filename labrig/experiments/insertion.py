@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from labrig.devices import ConfirmPlan, ConfirmWithdrawal, PickTarget, PlacePhantom, RollZero
+from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
 from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of, steering_settings
 from labrig.experiments.roll_zero import RollZeroOrder, find_roll_zero
@@ -218,7 +218,7 @@ class _Insertion:
             _done_s(protocol, self.trial, state.insertion_mm), f"{command.stop}: {command.detail}"
         )
         if command.stop in _UNSURE:
-            session.ask(ConfirmWithdrawal(command.detail))
+            session.ask(ConfirmStopped(command.detail))
         rotation = session.rig.rotation
         speeds = WithdrawalSpeeds(
             protocol.insertion.withdraw_speed_mm_s, rotation.max_speed / 2, protocol.sheath.speed_mm_s

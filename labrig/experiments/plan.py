@@ -150,11 +150,13 @@ def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterato
 def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
     """Estimate rig time, pictures and disk of a run; a run without a rig (None) takes none of them.
 
-    A lossless picture of a noisy camera takes about seven tenths of its raw bytes; a state line about 270 bytes.
+    A PNG of a noisy camera takes about seven tenths of its raw bytes; a state line about 270 bytes.
     """
     if rig is None:
         return Estimate(0.0, 0, 0, 0)
-    frame_bytes = int(0.7 * rig.camera.width_px * rig.camera.height_px)
+    frame_bytes = int(
+        (1.0 if rig.camera.store == "raw" else 0.7) * rig.camera.width_px * rig.camera.height_px
+    )
     if isinstance(protocol, SteerabilityProtocol):
         trials = trials_planned(protocol)
         duration_s = trials * sum(move.duration_s for move in planned_moves(protocol))

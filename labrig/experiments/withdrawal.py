@@ -1,5 +1,8 @@
 """Withdrawing a needle as it came: back, its bevel turned back where it was turned, then the sheath.
 
+After a crash, an emergency stop or a power cut the same is done from the record (`recover`). Nothing is homed for it:
+where a drive has lost its position, the needle is believed to stand where the record ends, once a person has looked.
+
 A needle that has been turned on its way lies in a track with bends in several directions; pulled out without turning
 back, its stiff tip would cut another one. The path is what the axes read while it went in.
 """
@@ -7,10 +10,15 @@ back, its stiff tip would cut another one. The path is what the axes read while 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from labrig.devices import ConfirmNeedleOut
+import pandas as pd
+
+from labrig.devices import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Run
+from labrig.record import Run, open_run
+
+WITHDRAWS = "withdraws"
+"""Key in the manifest of a withdrawal: the run whose needle it withdraws."""
 
 _SAME_DEPTH_MM = 0.02
 """Readings that differ by less are of one depth: servos at rest dither."""
@@ -48,14 +56,28 @@ SLOWLY = WithdrawalSpeeds()
 def recorded_path(run: Run) -> tuple[Stance, ...]:
     """Return the states of the trial in which a run ended, first to last; none when its needle was out by then.
 
+    A withdrawal that did not come to its end has a record of its own; its states follow those of the run whose
+    needle it withdrew.
+
     Raises
     ------
     RecordError
-        When the record is damaged.
+        When a record is damaged or missing.
     """
-    if run.trials.empty or run.states.empty or run.trials.iloc[-1]["exit_status"] == "success":
+    withdrawn = run.manifest.get(WITHDRAWS)
+    if isinstance(withdrawn, str):
+        return (*recorded_path(open_run(run.path.parent / withdrawn)), *_stances(run.states))
+    if run.trials.empty:
+        # The roll zero is found before any trial. What the needle went back is not gone in again.
+        return _stances(run.states)
+    if run.states.empty or run.trials.iloc[-1]["exit_status"] == "success":
         return ()
-    states = run.states[run.states["t_s"] >= run.trials.iloc[-1]["start_t_s"]]
+    return _stances(run.states[run.states["t_s"] >= run.trials.iloc[-1]["start_t_s"]])
+
+
+def _stances(states: pd.DataFrame) -> tuple[Stance, ...]:
+    if states.empty:
+        return ()
     columns = (states["insertion_mm"], states["rotation_rad"], states["linear_mm"])
     return tuple(Stance(*map(float, row)) for row in zip(*columns, strict=True))
 
@@ -148,3 +170,47 @@ def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds 
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
     rig.mark_needle_out()
     session.note("withdrawal_stop")
+
+
+def recover(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> None:
+    """Withdraw a needle that a run has left in tissue, each step on confirmation; nothing is homed.
+
+    Parameters
+    ----------
+    session : Session
+        The opened rig, and the record of the withdrawal.
+    run_name : str
+        The run that left it.
+    path : sequence of Stance
+        Its path, as `recorded_path` gives it.
+    standing : Stance
+        Where axes that have lost their positions are believed to stand.
+
+    Raises
+    ------
+    SafetyStopError
+        When the operator says no to anything.
+    DriveError, BusError, InterruptedRunError
+        The needle still counts as in tissue.
+    """
+    rig = session.rig
+    believed = {
+        "insertion": standing.insertion_mm,
+        "rotation": standing.rotation_rad,
+        "linear": standing.linear_mm,
+    }
+    lost = tuple(axis.name for axis in rig.axes if not axis.referenced)
+    if lost:
+        session.ask(
+            ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
+        )
+        rig.believe_positions({name: believed[name] for name in lost})
+    moves = reverse_moves((*path, stance_of(rig.read_states())))
+    session.ask(ConfirmWithdrawal(tuple(_sentence(move) for move in moves)))
+    rig.mark_needle_in_tissue(session.recorder.run_name)
+    withdraw(session, path)
+
+
+def _sentence(move: ReverseMove) -> str:
+    unit = "rad" if move.axis == "rotation" else "mm"
+    return f"{move.axis} to {move.position:.1f} {unit}"

@@ -20,6 +20,7 @@ _LOWEST_SHARE, _HIGHEST_SHARE = 0.4, 1.6
 # Steps that bring a design to its rotation; the search is sure to a thousandth of a degree.
 _STEPS = 4
 _CLOSE_ENOUGH_DEG = 0.005
+_SMALLER = "ask for a smaller radius, or cut with a smaller clearance"
 
 Progress = Callable[[int, int], None]
 
@@ -129,15 +130,22 @@ def search_design(
         When the clearance alone lets the hinges turn further.
     """
     wanted_deg = rotation_for_radius_deg(radius_mm, tube.link_length_mm)
-    beta_cut_deg = plane.beta_cut_deg(wanted_deg, clearance_mm)
+    # The plane is not exact: whether the clearance alone is too much is seen by searching that hinge.
+    beta_cut_deg = max((wanted_deg - plane.beta_rot_deg(0.0, clearance_mm)) / plane.a, 0.0)
     for _ in range(_STEPS):
         hinge = Hinge(tube, clearance_mm, beta_cut_deg)
         found = allowed_rotation(hinge, seed)
         missing_deg = wanted_deg - found.beta_rot_deg
         if abs(missing_deg) < _CLOSE_ENOUGH_DEG:
             return SearchedDesign(hinge, found)
+        if beta_cut_deg == 0.0 and missing_deg < 0.0:
+            raise AnswerIsNoError(
+                f"no inclination gives {wanted_deg:.4g} degrees: a clearance of {clearance_mm:g} mm alone allows "
+                f"{found.beta_rot_deg:.4g}",
+                _SMALLER,
+            )
         beta_cut_deg = max(beta_cut_deg + missing_deg / plane.a, 0.0)
     raise AnswerIsNoError(
-        f"no inclination gives {wanted_deg:.4g} degrees at a clearance of {clearance_mm:g} mm",
-        "ask for a smaller radius, or cut with a smaller clearance",
+        f"no inclination was found that gives {wanted_deg:.4g} degrees at a clearance of {clearance_mm:g} mm",
+        _SMALLER,
     )

@@ -10,9 +10,9 @@ Decided here:
   the names and are never converted silently; a hint says what the value would be.
 - Rules between values are `Model.conflicts`, told at the key that has to change.
 - `dump_yaml` writes every default out: the protocol in a record means the same when defaults have changed.
-- A needle may name a design file (`needle: design_file:`) instead of diameter and radius. The numbers are put in when
-  the protocol is read, so that what is recorded is whole; the name is relative and stays beside the protocol's folder.
-  `load_design` reads one for whoever needs the radius with its tolerance.
+- A needle, of a protocol or of a scenario, may name a design file (`design_file:`) instead of diameter and radius. The
+  numbers are put in when the file is read, so that what is recorded is whole; the name is relative and stays beside the
+  folder of the file that names it. `load_design` reads one for whoever needs the radius with its tolerance.
 - The rig file and its `world:` section use the same `Model` and the same reader.
 
 An experiment is added by a `Protocol` subclass in `protocols.py` and its name in `load.py`; then
@@ -30,7 +30,7 @@ from labrig.protocol.insertion import (
     RollZeroSteps,
     Target,
 )
-from labrig.protocol.load import AnyProtocol, load_protocol, parse_protocol, protocol_schema
+from labrig.protocol.load import AnyProtocol, load_protocol, load_scenario, parse_protocol, protocol_schema
 from labrig.protocol.model import (
     Conflict,
     Direction,
@@ -119,6 +119,7 @@ __all__ = [
     "dump_yaml",
     "load_design",
     "load_protocol",
+    "load_scenario",
     "load_yaml_model",
     "model_of_values",
     "model_schema",

@@ -5,7 +5,8 @@ that what is validated, run and recorded holds the numbers themselves: a record 
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.errors import FileFormatError, InputError, Problem
@@ -13,20 +14,28 @@ from labrig.protocol.design_file import NeedleDesign, load_design
 from labrig.protocol.tree import Fault, Node, Tree, branch, file_format_error, moved, node_from_plain
 
 KEY = "design_file"
-# What the file says, and so may not stand beside it.
-_FROM_FILE = ("diameter_mm", "design_radius_mm", "design")
-_REACH = (
-    "name a file below the protocol's folder or beside it, relative to the protocol: ../designs/needle.json"
-)
+_REACH = "name a file below this folder or beside it, relative to this file: ../designs/needle.json"
 
 
-def with_design(tree: Tree, folder: Path | None) -> Tree:
+@dataclass(frozen=True)
+class Filling:
+    """What a design file fills in of a needle: its keys, which may not stand beside the file, and their values.
+
+    `values` takes the design, the file's name as it was given, and its SHA-256.
+    """
+
+    keys: tuple[str, ...]
+    values: Callable[[NeedleDesign, str, str], dict[str, object]]
+
+
+def with_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
     """Return `tree` with the numbers of the design file that its needle names; unchanged where it names none.
 
     Parameters
     ----------
     folder : Path or None
         Where the protocol stands; None for a text that stands in no file.
+    filling : Filling
 
     Raises
     ------
@@ -37,10 +46,10 @@ def with_design(tree: Tree, folder: Path | None) -> Tree:
     named = None if needle is None else needle.children.get(KEY)
     if needle is None or named is None or (named.kind == "scalar" and named.scalar is None):
         return tree
-    if faults := tuple(_beside(needle)):
+    if faults := tuple(_beside(needle, filling.keys)):
         raise file_format_error([*tree.faults, *faults])
     try:
-        values = _values(named, folder)
+        values = _values(named, folder, filling)
     except InputError as error:
         raise file_format_error([*tree.faults, *_faults(named, error)]) from error
     children = {key: child for key, child in needle.children.items() if key != KEY}
@@ -50,8 +59,8 @@ def with_design(tree: Tree, folder: Path | None) -> Tree:
     return Tree(root, tree.faults)
 
 
-def _beside(needle: Node) -> Iterator[Fault]:
-    for key in _FROM_FILE:
+def _beside(needle: Node, keys: tuple[str, ...]) -> Iterator[Fault]:
+    for key in keys:
         if (beside := needle.children.get(key)) is not None and beside.shown() != "null":
             message = f"{key} is {beside.shown()}, and {KEY} says it too; one of the two may stand"
             yield Fault(beside.key, ("needle", key), message, f"delete {key}, or {KEY}")
@@ -66,14 +75,30 @@ def _faults(named: Node, error: InputError) -> Iterator[Fault]:
         yield Fault(named.place, ("needle", KEY), message, problem.hint)
 
 
-def _values(named: Node, folder: Path | None) -> dict[str, object]:
+def _values(named: Node, folder: Path | None, filling: Filling) -> dict[str, object]:
     path = _in_reach(named, folder)
-    design = load_design(path)
+    return filling.values(load_design(path), str(named.scalar), _sha256(path))
+
+
+def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, object]:
     return {
         "diameter_mm": design.diameter_mm,
         "design_radius_mm": design.radius_mm,
-        "design": {"file": str(named.scalar), "sha256": _sha256(path), **_details(design)},
+        "design": {"file": name, "sha256": sha256, **_details(design)},
     }
+
+
+def _of_scenario(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, object]:
+    return {
+        "diameter_mm": design.diameter_mm,
+        "radius_mm": design.radius_mm,
+        "radius_low_mm": design.radius_low_mm,
+        "radius_high_mm": design.radius_high_mm,
+    }
+
+
+IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _of_protocol)
+IN_SCENARIO = Filling(("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm"), _of_scenario)
 
 
 def _details(design: NeedleDesign) -> dict[str, object]:
@@ -94,14 +119,16 @@ def _in_reach(named: Node, folder: Path | None) -> Path:
         raise InputError(f"{KEY} is {named.shown()}, expected the name of a design file", _REACH)
     if folder is None:
         raise InputError(
-            f"{KEY} is {named.scalar}, and this protocol stands in no file that it could be relative to"
+            f"{KEY} is {named.scalar}, and what names it stands in no file that it could be relative to"
         )
     name = Path(named.scalar)
     if name.is_absolute():
         raise InputError(f"{KEY} is {named.scalar}, expected a relative name", _REACH)
     path, reach = folder / name, folder.resolve().parent
     if not path.resolve().is_relative_to(reach):
-        raise InputError(f"{KEY} is {named.scalar}, which leaves the folder above the protocol's", _REACH)
+        raise InputError(
+            f"{KEY} is {named.scalar}, which leaves the folder above the one that it is named in", _REACH
+        )
     if not path.is_file():
         raise InputError(
             f"{KEY} is {named.scalar}, and {path} is no file", "write one with `labrig design --out FILE`"

@@ -6,7 +6,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from labrig.protocol.designed_needle import with_design
+from labrig.protocol.designed_needle import IN_PROTOCOL, IN_SCENARIO, with_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
 from labrig.protocol.overrides import overridden, put
@@ -17,6 +17,7 @@ from labrig.protocol.protocols import (
     Needle,
     SteerabilityProtocol,
 )
+from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.tree import Node, Place, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree, tree_of_file
@@ -67,6 +68,17 @@ def parse_protocol(text: str, source: str) -> AnyProtocol:
     return _protocol_of(read_tree(text, source), None)
 
 
+def load_scenario(path: Path | str) -> Scenario:
+    """Return the scenario in a file, YAML or JSON; the numbers of a design file that it names are put into it.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file.
+    """
+    return model_of_tree(with_design(tree_of_file(Path(path)), Path(path).parent, IN_SCENARIO), Scenario)
+
+
 def protocol_schema() -> JsonSchema:
     """Return the JSON Schema (draft 2020-12) of a protocol file, for editors."""
     return model_schema(Annotated[AnyProtocol, Field(discriminator="experiment")], "labrig protocol")
@@ -83,4 +95,4 @@ def _protocol_of(tree: Tree, folder: Path | None) -> AnyProtocol:
         raise file_format_error([*tree.faults, choice_fault(tree.root, ("experiment",), tuple(_MODELS))])
     model = _MODELS[str(chosen.scalar)]
     takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
-    return model_of_tree(with_design(tree, folder) if takes_design else tree, model)
+    return model_of_tree(with_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)

@@ -1,10 +1,11 @@
 """The scenario of `labrig plan`: a needle, a target and obstacles, without any rig."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
-from labrig.protocol.model import Model, NonNegativeMm, PositiveMm
+from labrig.protocol.model import Conflict, Model, NonNegativeMm, PositiveMm
 
 Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 PointMm: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
@@ -13,10 +14,37 @@ Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
 
 
 class ScenarioNeedle(Model):
-    """The needle that is planned for."""
+    """The needle that is planned for: its numbers, or `design_file` instead of them."""
 
     radius_mm: PositiveMm = Field(description="Radius of the arcs that the needle follows [mm].")
     diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    radius_low_mm: PositiveMm | None = Field(
+        None, description="Smallest radius that the needle may have, beside radius_high_mm [mm]."
+    )
+    radius_high_mm: PositiveMm | None = Field(
+        None, description="Largest radius that the needle may have, beside radius_low_mm [mm]."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield half a tolerance, or a radius outside of its tolerance."""
+        low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
+        if low_mm is None and high_mm is None:
+            return
+        if low_mm is None or high_mm is None:
+            missing = "radius_low_mm" if low_mm is None else "radius_high_mm"
+            yield Conflict(missing, f"{missing} is null, and the other end is a number", "give both or none")
+        elif not low_mm <= self.radius_mm <= high_mm:
+            message = (
+                f"radius_mm is {self.radius_mm:g}, must be within its tolerance, {low_mm:g} to {high_mm:g}"
+            )
+            yield Conflict("radius_mm", message)
+
+    @property
+    def radius_range_mm(self) -> tuple[float, float] | None:
+        """The tolerance of the radius, low to high; None where none is stated."""
+        if self.radius_low_mm is None or self.radius_high_mm is None:
+            return None
+        return self.radius_low_mm, self.radius_high_mm
 
 
 class ScenarioStart(Model):
@@ -56,7 +84,9 @@ class ScenarioWeights(Model):
         3.0, description="Clearance beyond which more is no better [mm]."
     )
     curvature_per_mm: Weight = Field(
-        4.0, description="Cost of each millimetre by which a radius one per cent larger moves the tip."
+        4.0,
+        description="Cost of each millimetre by which the worst radius of its tolerance moves the tip; without a "
+        "tolerance, a radius one per cent larger.",
     )
 
 

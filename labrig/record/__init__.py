@@ -9,6 +9,7 @@
       protocol.yaml      as resolved; rig.yaml likewise, absent where no rig took part
       calibration/       copies of the files that map pixels to mm
       frames/NNNNNN.png  pictures, lossless, numbered from 000000
+      frames.raw         in their place, where the camera is too fast for PNG: pictures one after another
       frames.jsonl       one line a picture: number, file, SHA-256, rig time, where the axes stood
       states.jsonl       one line a reading of the axes
       events.jsonl       one line an event: what was asked, sent and answered; it makes the trials
@@ -59,8 +60,9 @@ from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
+from labrig.record.pictures import RecordedPicture
 from labrig.record.provenance import collect_provenance
-from labrig.record.reader import Frames, Run, open_run, read_recorded_picture
+from labrig.record.reader import Frames, Run, open_run
 from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 
@@ -74,6 +76,7 @@ __all__ = [
     "Judgement",
     "LockOwner",
     "Note",
+    "RecordedPicture",
     "Recorder",
     "Run",
     "RunSummary",
@@ -90,7 +93,6 @@ __all__ = [
     "open_run",
     "picture_file",
     "read_annotations",
-    "read_recorded_picture",
     "repair_run",
     "require_free_bytes",
     "tag_run",

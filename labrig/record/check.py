@@ -15,6 +15,7 @@ from labrig.record.layout import (
     FRAME_LINES,
     FRAMES,
     LOCK,
+    RAW_PICTURES,
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
@@ -23,6 +24,7 @@ from labrig.record.layout import (
 )
 from labrig.record.lock import LockOwner, lock_owner
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
+from labrig.record.pictures import listed_raw_bytes, raw_pictures_bytes, recorded_picture
 from labrig.record.structure import (
     clock_problems,
     frame_problems,
@@ -81,7 +83,7 @@ def check_run(run: Path) -> Verdict:
     scans, unreadable = _scans(run)
     frames, events = scans[FRAME_LINES].lines, scans[EVENT_LINES].lines
     torn, orphans = _leftovers(run, len(frames))
-    torn = (*(problem for scan in scans.values() for problem in scan.torn), *torn)
+    torn = (*(problem for scan in scans.values() for problem in scan.torn), *torn, *_unlisted(run, frames))
     damage = [
         *_links(run),
         *manifest_problems(manifest),
@@ -171,9 +173,14 @@ def _changed(run: Path, name: str, sha256: str, by: str) -> Iterator[Problem]:
 def _pictures(run: Path, frames: Iterable[tuple[int, dict[str, object]]]) -> Iterator[Problem]:
     """Verify every picture that stands where it should; another place is a fault of its line."""
     for _, line in frames:
-        frame = line.get("frame")
-        if isinstance(frame, int) and line.get("file") == (name := picture_file(frame)):
-            yield from _changed(run, name, str(line.get("sha256")), FRAME_LINES)
+        picture = recorded_picture(run, line)
+        if picture is not None and picture.shape is None:
+            yield from _changed(run, picture.file, picture.sha256, FRAME_LINES)
+        elif picture is not None:
+            try:
+                picture.read()
+            except RecordError as error:
+                yield Problem(f"{RAW_PICTURES} (frame {line['frame']})", error.message, error.hint)
 
 
 def _leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
@@ -188,6 +195,13 @@ def _leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Probl
                 Problem(name, f"its line in {FRAME_LINES} is lost", f"take {FRAME_LINES} from a copy")
             )
     return tuple(torn), tuple(lost)
+
+
+def _unlisted(run: Path, frames: Iterable[tuple[int, dict[str, object]]]) -> Iterator[Problem]:
+    """Yield the end of frames.raw that no line lists."""
+    more = raw_pictures_bytes(run) - listed_raw_bytes(run, (line for _, line in frames))
+    if more > 0:
+        yield Problem(RAW_PICTURES, f"its last {more} bytes have no line in {FRAME_LINES}", _LEFT)
 
 
 def leftover_pictures(run: Path, frames: int) -> list[str]:

@@ -12,6 +12,7 @@ PROTOCOL = "protocol.yaml"
 RIG = "rig.yaml"
 CALIBRATION = "calibration"
 FRAMES = "frames"
+RAW_PICTURES = "frames.raw"
 SHA256SUMS = "SHA256SUMS"
 ANALYSIS = "analysis"
 

@@ -11,7 +11,7 @@ from labrig.record.json_lines import encode_line
 
 
 class LineFile:
-    """One of the `*.jsonl` files of a run, open for appending.
+    """One of the `*.jsonl` files of a run, or frames.raw, open for appending.
 
     Lines go to the kernel with `os.write`, unbuffered, so that SIGKILL loses none that `append` has returned
     from.
@@ -33,9 +33,9 @@ class LineFile:
     def reopen(cls, path: Path) -> Self:
         """Go on with a file of whole lines; an `OSError` where it is a link or not there."""
         file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW))
-        content = path.read_bytes()
-        file._length = len(content)
-        file._sha256.update(content)
+        with path.open("rb") as written:
+            file._sha256 = hashlib.file_digest(written, "sha256")
+            file._length = written.tell()
         return file
 
     @property

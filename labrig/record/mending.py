@@ -9,7 +9,8 @@ from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, leftover_pictures
 from labrig.record.durable import disk_errors, sync_directory, write_and_rename
 from labrig.record.json_lines import read_lines, scan_lines
-from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, TORN, inside
+from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
+from labrig.record.pictures import listed_raw_bytes, raw_pictures_bytes
 
 
 def set_aside(run: Path) -> tuple[str, ...]:
@@ -54,6 +55,9 @@ def _torn_ends(run: Path) -> Iterator[tuple[str, int]]:
         path = inside(run, name)
         if path.exists() and (scan := scan_lines(path)).torn:
             yield name, scan.whole_bytes
+    listed = listed_raw_bytes(run, read_lines(run / FRAME_LINES))
+    if raw_pictures_bytes(run) > listed:
+        yield RAW_PICTURES, listed
     log = read_can_log(run)
     if log.torn:
         yield CAN_LOG, len(log.content)
@@ -61,7 +65,9 @@ def _torn_ends(run: Path) -> Iterator[tuple[str, int]]:
 
 def _move_end(path: Path, keep_bytes: int, to: Path) -> None:
     with disk_errors(to):
-        write_and_rename(to, path.read_bytes()[keep_bytes:])
+        with path.open("rb") as file:
+            file.seek(keep_bytes)
+            write_and_rename(to, file.read())
         sync_directory(to.parent)
         descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW)
         try:

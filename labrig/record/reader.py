@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import overload
 
-import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from labrig.record.layout import (
     FRAME_LINES,
     FRAMES,
     PROTOCOL,
+    RAW_PICTURES,
     RIG,
     SHA256SUMS,
     STATE_LINES,
@@ -33,6 +33,7 @@ from labrig.record.layout import (
     picture_file,
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
+from labrig.record.pictures import RecordedPicture, raw_pictures_bytes, recorded_picture
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
 
@@ -177,13 +178,30 @@ class Run:
         """
         table = self._table(FRAME_LINES)
         for number, (frame, file) in enumerate(zip(table["frame"], table["file"], strict=True)):
-            if frame is pd.NA or frame != number or file != picture_file(number):
+            if frame is pd.NA or frame != number or file not in {picture_file(number), RAW_PICTURES}:
                 raise RecordError(
                     f"{self.path / FRAME_LINES}:{number + 1}: frame {frame} in {file!r}; "
                     f"expected {number} in {picture_file(number)!r}",
                     _COPY_HINT,
                 )
         return table
+
+    @cached_property
+    def pictures(self) -> tuple[RecordedPicture, ...]:
+        """Where each picture stands, by its number.
+
+        Raises
+        ------
+        RecordError
+            When a number is missing or there twice, or a line does not say where its picture stands.
+        """
+        assert len(self.frame_table) >= 0  # numbers and files have been looked at
+        lines = read_lines(self._lines[FRAME_LINES])
+        places = [recorded_picture(self.path, line) for line in lines]
+        if None in places:
+            where = f"{self.path / FRAME_LINES}:{places.index(None) + 1}"
+            raise RecordError(f"{where}: it does not say where its picture stands", _COPY_HINT)
+        return tuple(place for place in places if place is not None)
 
     @cached_property
     def trials(self) -> pd.DataFrame:
@@ -199,7 +217,7 @@ class Run:
     @cached_property
     def frames(self) -> "Frames":
         """The pictures in order, each read when it is asked for."""
-        return Frames(self.path, tuple(self.frame_table["sha256"]))
+        return Frames(self.pictures)
 
     def read_frame(self, frame: int) -> NDArray[np.uint8]:
         """Return the picture with this number, an array (H, W) or (H, W, 3) of uint8.
@@ -269,25 +287,13 @@ class Run:
 
 
 class Frames(Sequence[NDArray[np.uint8]]):
-    """The pictures of a run, each read and checked against its SHA-256 when asked for; so are slices.
+    """The pictures of a run, each read and checked against its SHA-256 when asked for; so are slices."""
 
-    Parameters
-    ----------
-    run : Path
-        The folder of the run.
-    sha256 : tuple of str
-        What frames.jsonl says of each picture.
-    numbers : range
-        The numbers of the pictures in this sequence; all by default.
-    """
-
-    def __init__(self, run: Path, sha256: tuple[str, ...], numbers: range | None = None) -> None:
-        self._run = run
-        self._sha256 = sha256
-        self._numbers = range(len(sha256)) if numbers is None else numbers
+    def __init__(self, pictures: tuple[RecordedPicture, ...]) -> None:
+        self._pictures = pictures
 
     def __len__(self) -> int:
-        return len(self._numbers)
+        return len(self._pictures)
 
     @overload
     def __getitem__(self, index: int) -> NDArray[np.uint8]: ...
@@ -297,31 +303,8 @@ class Frames(Sequence[NDArray[np.uint8]]):
 
     def __getitem__(self, index: int | slice) -> "NDArray[np.uint8] | Frames":
         if isinstance(index, slice):
-            return Frames(self._run, self._sha256, self._numbers[index])
-        number = self._numbers[index]
-        return read_recorded_picture(inside(self._run, picture_file(number)), self._sha256[number])
-
-
-def read_recorded_picture(path: Path, sha256: str) -> NDArray[np.uint8]:
-    """Return a picture of a run, an array (H, W) or (H, W, 3) of uint8, if it is the one that was recorded.
-
-    Parameters
-    ----------
-    sha256 : str
-        What frames.jsonl says of it; compared before anything is decoded.
-
-    Raises
-    ------
-    RecordError
-        When it is missing, or was changed.
-    """
-    content = _read_bytes(path)
-    if _sha256(content) != sha256:
-        raise RecordError(f"{path} is damaged: its SHA-256 does not fit {FRAME_LINES}", _COPY_HINT)
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        raise RecordError(f"{path} is no picture", _COPY_HINT)
-    return picture.astype(np.uint8, copy=False)
+            return Frames(self._pictures[index])
+        return self._pictures[index].read()
 
 
 def _line_files(run: Path) -> dict[str, Path]:
@@ -342,13 +325,19 @@ def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Proble
 def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
     """Name each picture that has a line and no file; a picture stands in its place before its line does."""
     folder = inside(run, FRAMES)
-    present = {file.name for file in folder.iterdir()} if folder.is_dir() else set()
-    listed = map(picture_file, range(len(read_lines(frame_lines))))
-    return tuple(
-        Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT)
-        for name in listed
-        if name.rpartition("/")[2] not in present
-    )
+    present = {f"{FRAMES}/{file.name}" for file in folder.iterdir()} if folder.is_dir() else set()
+    pictures = [recorded_picture(run, line) for line in read_lines(frame_lines)]
+    missing = [
+        one.file for one in pictures if one is not None and one.shape is None and one.file not in present
+    ]
+    problems = [
+        Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT) for name in missing
+    ]
+    lost = max((one.end for one in pictures if one is not None), default=0) - raw_pictures_bytes(run)
+    if lost > 0:
+        message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
+        problems.append(Problem(RAW_PICTURES, message, _COPY_HINT))
+    return tuple(problems)
 
 
 def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Problem, ...]:

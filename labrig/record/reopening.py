@@ -18,6 +18,7 @@ from labrig.record.layout import (
     FROM_THE_BEGINNING,
     LOCK,
     MANIFEST,
+    RAW_PICTURES,
     RESERVE,
     SHA256SUMS,
     STATE_LINES,
@@ -28,6 +29,7 @@ from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
 from labrig.record.manifest import read_manifest, recorded_sha256
 from labrig.record.mending import set_aside
+from labrig.record.pictures import PictureWriter, Store, picture_writer
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Standing:
     sums: dict[str, str]
     lines: dict[str, LineFile]
     lock: FileLock
+    pictures: PictureWriter
     before: Before
 
 
@@ -62,12 +65,19 @@ def reopen_files(path: Path, doing: str) -> Standing:
             write_atomically(path / MANIFEST, manifest_document(manifest))
             _retire_sums(path)
             lines = _reopened_lines(path)
+            before = _before(path)
+            pictures = picture_writer(path, _store(manifest), before.frames)
             (path / RESERVE).unlink(missing_ok=True)
             make_reserve(path)
     except LabrigError:
         lock.release()
         raise
-    return Standing(manifest, _sums(path, manifest), lines, lock, _before(path))
+    return Standing(manifest, _sums(path, manifest), lines, lock, pictures, before)
+
+
+def _store(manifest: Mapping[str, object]) -> Store:
+    recording = manifest.get("recording")
+    return "raw" if isinstance(recording, Mapping) and recording.get("picture_store") == "raw" else "png"
 
 
 def _require_continuable(verdict: Verdict) -> None:
@@ -114,7 +124,8 @@ def _reopened_lines(path: Path) -> dict[str, LineFile]:
 
 def _sums(path: Path, manifest: dict[str, object]) -> dict[str, str]:
     """Return the SHA-256 of every file that stands and will not change, by its name relative to the run."""
-    pictures = {str(line["file"]): str(line["sha256"]) for line in read_lines(path / FRAME_LINES)}
+    lines = [line for line in read_lines(path / FRAME_LINES) if line["file"] != RAW_PICTURES]
+    pictures = {str(line["file"]): str(line["sha256"]) for line in lines}
     return {name: str(sha256) for name, sha256 in recorded_sha256(manifest).items()} | pictures
 
 

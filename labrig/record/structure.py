@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from labrig.errors import Problem
-from labrig.record.layout import EVENT_LINES, FRAME_LINES, TRUTH_LINES, picture_file
+from labrig.record.layout import EVENT_LINES, FRAME_LINES, RAW_PICTURES, TRUTH_LINES, picture_file
+from labrig.record.pictures import recorded_picture
 
 Lines = Sequence[tuple[int, dict[str, object]]]
 """Lines of a file, each with its number in it."""
@@ -41,8 +43,9 @@ def frame_problems(frames: Lines) -> Iterator[Problem]:
                 yield Problem(
                     where, f"frame is {frame}, expected {expected}: {_between(expected, frame)}", _HINT
                 )
-            if line.get("file") != picture_file(frame):
-                yield Problem(where, f"file is {line.get('file')!r}, expected {picture_file(frame)!r}", _HINT)
+            if recorded_picture(Path(), line) is None:
+                expected_file = f"{picture_file(frame)!r}, or {RAW_PICTURES!r} with offset and shape"
+                yield Problem(where, f"file is {line.get('file')!r}, expected {expected_file}", _HINT)
             seen.add(frame)
             expected = frame + 1
 

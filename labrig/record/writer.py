@@ -11,7 +11,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +26,6 @@ from labrig.record.durable import (
     disk_errors,
     free_bytes,
     sync_directory,
-    write_and_rename,
     write_atomically,
 )
 from labrig.record.layout import (
@@ -35,7 +33,6 @@ from labrig.record.layout import (
     CAN_SUMS,
     EVENT_LINES,
     FRAME_LINES,
-    FRAMES,
     FROM_THE_BEGINNING,
     LOCK,
     MANIFEST,
@@ -44,18 +41,15 @@ from labrig.record.layout import (
     STATE_LINES,
     TRUTH_LINES,
     checked_name,
-    picture_file,
 )
 from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
-from labrig.record.reopening import Before, reopen_files
+from labrig.record.pictures import Store, picture_writer
+from labrig.record.reopening import Before, Standing, reopen_files
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
-# Lossless, and said in full: naming a compression level alone would change the strategy too, to one that
-# takes twice as long. On noisy pictures Huffman-only coding and other filters differ from this by less than a
-# tenth of the time and 5 % of the size; on clean ones run lengths are twice as fast and as small.
-_PNG_SETTINGS = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+_OF_A_PICTURE = frozenset({"frame", "file", "sha256", "offset", "shape", "t_s"})
 
 
 @dataclass(frozen=True)
@@ -83,27 +77,19 @@ class Recorder:
         Its name.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        manifest: Mapping[str, object],
-        sums: dict[str, str],
-        lines: dict[str, LineFile],
-        lock: FileLock,
-        *,
-        before: "Before",
-    ) -> None:
+    def __init__(self, path: Path, standing: Standing) -> None:
         self.path = path
         self.run_name = path.name
-        self._manifest = manifest
-        self._sums = sums
-        self._lines = lines
-        self._lock = lock
-        self._pace = _pace(manifest)
-        self._t0_s = before.t_s
-        self._period = int(before.t_s // self._pace.fsync_period_s)
-        self._frames = self._durable_frames = before.frames
-        self._trials_done = before.trials_done
+        self._manifest = standing.manifest
+        self._sums = standing.sums
+        self._lines = standing.lines
+        self._lock = standing.lock
+        self._pictures = standing.pictures
+        self._pace = _pace(standing.manifest)
+        self._t0_s = standing.before.t_s
+        self._period = int(standing.before.t_s // self._pace.fsync_period_s)
+        self._frames = standing.before.frames
+        self._trials_done = standing.before.trials_done
         self._can_crc32 = 0
         self._closed = False
 
@@ -119,6 +105,7 @@ class Recorder:
         *,
         fsync_period_s: float = 1.0,
         least_free_bytes: int = 0,
+        picture_store: Store = "png",
     ) -> Self:
         """Begin a run: make its folder and write all that is known before anything moves.
 
@@ -139,6 +126,8 @@ class Recorder:
             Rig time between two fsyncs [s].
         least_free_bytes : int
             Free space of the disk below which the run is ended, looked at with each fsync.
+        picture_store : {"png", "raw"}
+            How pictures are kept; see `labrig.record.pictures`.
 
         Raises
         ------
@@ -154,7 +143,11 @@ class Recorder:
             raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
         path = runs_dir / checked_name(run_name, "the run name")
         sums = {name: hashlib.sha256(content).hexdigest() for name, content in texts.items()}
-        recording = {"fsync_period_s": fsync_period_s, "least_free_bytes": least_free_bytes}
+        recording = {
+            "fsync_period_s": fsync_period_s,
+            "least_free_bytes": least_free_bytes,
+            "picture_store": picture_store,
+        }
         opening = opening_manifest(run_name, manifest, sums, recording)
         document = manifest_document(opening)
         make_run_directory(path)
@@ -163,13 +156,14 @@ class Recorder:
                 lock = FileLock(path / LOCK).acquire("labrig run")
                 write_beginning(path, texts)
                 lines = {name: LineFile.create(path / name) for name in FROM_THE_BEGINNING}
+                pictures = picture_writer(path, picture_store, 0)
                 # Last of all, so that a folder with a manifest has everything else.
                 write_atomically(path / MANIFEST, document)
                 sync_directory(runs_dir)
         except DiskError:
             shutil.rmtree(path, ignore_errors=True)
             raise
-        return cls(path, opening, sums, lines, lock, before=Before())
+        return cls(path, Standing(opening, sums, lines, lock, pictures, Before()))
 
     @classmethod
     def reopen(cls, path: Path, doing: str) -> Self:
@@ -193,10 +187,7 @@ class Recorder:
         DiskError
             When it cannot be written.
         """
-        standing = reopen_files(path, doing)
-        return cls(
-            path, standing.manifest, standing.sums, standing.lines, standing.lock, before=standing.before
-        )
+        return cls(path, reopen_files(path, doing))
 
     def begin_session(self, started: datetime, **fields: object) -> float:
         """Say in the manifest that a run goes on, with which code and devices; returns its rig time zero [s]."""
@@ -227,16 +218,14 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._require_open()
-        content = _png(image)
+        clash = sorted(_OF_A_PICTURE & fields.keys())
+        if clash:
+            raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
         number = self._frames
-        file = picture_file(number)
-        sha256 = hashlib.sha256(content).hexdigest()
-        own = {"frame": number, "file": file, "sha256": sha256, "t_s": self._t0_s + t_s}
-        line = _without_clash(own, fields)
-        with self._written(self.path / file):
-            write_and_rename(self.path / file, content)
+        with self._written(self.path):
+            place = self._pictures.write(number, image)
+        line = {"frame": number, **place, "t_s": self._t0_s + t_s, **fields}
         self._append(FRAME_LINES, t_s, line)
-        self._sums[file] = sha256
         self._frames += 1
         return number
 
@@ -345,13 +334,15 @@ class Recorder:
         finally:
             for lines in self._lines.values():
                 lines.close()
+            self._pictures.close()
             self._lock.release()
 
     def _finish(self, manifest: Mapping[str, object]) -> None:
         with self._written(self.path):
             self._sync()
         self._release_reserve()
-        sums = self._sums | {name: lines.sha256 for name, lines in self._lines.items()}
+        sums = self._sums | self._pictures.sums(self._frames)
+        sums |= {name: lines.sha256 for name, lines in self._lines.items()}
         text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
         write_atomically(self.path / SHA256SUMS, text.encode())
         write_atomically(self.path / MANIFEST, manifest_document(manifest))
@@ -398,9 +389,7 @@ class Recorder:
 
     def _sync(self) -> None:
         # Pictures first: a durable line then speaks of a durable picture.
-        if self._durable_frames < self._frames:
-            sync_directory(self.path / FRAMES)
-            self._durable_frames = self._frames
+        self._pictures.sync()
         for lines in self._lines.values():
             lines.sync()
 
@@ -414,21 +403,3 @@ def _pace(manifest: Mapping[str, object]) -> _Pace:
     recording = manifest["recording"]
     assert isinstance(recording, Mapping)
     return _Pace(float(recording["fsync_period_s"]), int(recording.get("least_free_bytes", 0)))
-
-
-def _without_clash(own: Mapping[str, object], fields: Mapping[str, object]) -> dict[str, object]:
-    clash = sorted(own.keys() & fields.keys())
-    if clash:
-        raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
-    return {**own, **fields}
-
-
-def _png(image: NDArray[np.uint8]) -> bytes:
-    grey_or_bgr = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
-    if image.dtype != np.uint8 or not grey_or_bgr or image.size == 0:
-        raise InputError(
-            f"a picture is a uint8 array (H, W) or (H, W, 3); got {image.dtype} {image.shape}",
-            "set the camera to 8-bit grey or BGR",
-        )
-    _, content = cv2.imencode(".png", np.ascontiguousarray(image), _PNG_SETTINGS)
-    return content.tobytes()

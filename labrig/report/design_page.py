@@ -9,6 +9,13 @@ from labrig.report.design_figure import hinge_figure
 from labrig.report.pictures import data_uri
 from labrig.report.words import count_of, interval, number
 
+# Where our contour has no answer.
+_NO_TOLERANCE: dict[str, Any] = {
+    "radius_mm": [None, None],
+    "radius_mm_per_clearance_mm": None,
+    "radius_mm_per_cut_deg": None,
+}
+
 
 def design_page(result: AnalysisResult, content: DesignResult) -> dict[str, Any]:
     """Return what the template needs, everything drawn."""
@@ -31,17 +38,21 @@ def design_page(result: AnalysisResult, content: DesignResult) -> dict[str, Any]
         "steepest_deg": STEEPEST_CUT_DEG,
         "shifts": {
             "b_percent": 100 * (content.search["fit"]["b"] / content.equation_3["b"] - 1),
-            "cut_deg": content.search["beta_cut_deg"] - content.beta_cut_deg,
+            "cut_deg": None
+            if content.search["beta_cut_deg"] is None
+            else content.search["beta_cut_deg"] - content.beta_cut_deg,
         },
     }
 
 
 def design_verdict(content: DesignResult) -> list[str]:
     """Return the page in a sentence or two."""
+    reason = content.search.get("reason")
+    ours = f"our own contour for {number(content.search['beta_cut_deg'])}" if reason is None else reason
     sentence = (
         f"For a radius of {number(content.radius_mm)} mm two hinges turn {number(content.beta_rot_deg)} degrees. "
         f"At a clearance of {content.clearance_mm:g} mm equation (3) asks for an inclination of "
-        f"{number(content.beta_cut_deg)} degrees, our own contour for {number(content.search['beta_cut_deg'])}."
+        f"{number(content.beta_cut_deg)} degrees, {ours}."
     )
     if content.table_1 is None:
         return [sentence]
@@ -56,7 +67,7 @@ def _answers(content: DesignResult) -> list[tuple[str, str, str]]:
     """Return the rows of the table of answers: what, by equation (3), by our contour."""
     search = content.search
     both: list[tuple[str, Mapping[str, Any]]] = [("paper", content.model_dump()), ("ours", search)]
-    tolerances = [answer["tolerance"] for _, answer in both]
+    tolerances = [answer["tolerance"] or _NO_TOLERANCE for _, answer in both]
     low_to_high = [_radius_interval(tolerance["radius_mm"]) for tolerance in tolerances]
     rows = [
         ("Inclination to cut [degrees]", *(number(answer["beta_cut_deg"]) for _, answer in both)),
@@ -66,11 +77,11 @@ def _answers(content: DesignResult) -> list[tuple[str, str, str]]:
         ("Radius within the tolerances [mm]", *low_to_high),
         (
             "Change of radius for 0.001 mm of clearance [mm]",
-            *(number(tolerance["radius_mm_per_clearance_mm"] / 1000, 3) for tolerance in tolerances),
+            *(_slope(tolerance["radius_mm_per_clearance_mm"], 0.001) for tolerance in tolerances),
         ),
         (
             "Change of radius for 0.1 degrees of inclination [mm]",
-            *(number(tolerance["radius_mm_per_cut_deg"] / 10, 3) for tolerance in tolerances),
+            *(_slope(tolerance["radius_mm_per_cut_deg"], 0.1) for tolerance in tolerances),
         ),
     ]
     return [(label, paper, ours) for label, paper, ours in rows] + _optional_answers(content)
@@ -91,14 +102,20 @@ def _optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
     return rows
 
 
+def _slope(slope_mm: float | None, change: float) -> str:
+    return number(None if slope_mm is None else slope_mm * change, 3)
+
+
 def _radius_interval(low_high: list[float | None]) -> str:
     low_mm, high_mm = low_high
-    if low_mm is None or high_mm is None:
+    if low_mm is None:
+        return number(None)
+    if high_mm is None:
         return f"{number(low_mm)} or more"
     return interval((low_mm, high_mm))
 
 
-def _pair(one: float, other: float) -> str:
+def _pair(one: float | None, other: float | None) -> str:
     return f"{number(one)}, {number(other)}"
 
 

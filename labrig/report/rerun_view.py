@@ -50,7 +50,8 @@ def write_view(run: Run, result: AnalysisResult | None) -> Path:
     path = run.path / VIEW_FILE
     unfinished = path.with_name(f".{VIEW_FILE}.tmp")
     # rerun says nothing of a full disk; JPEG needs less than the lossless pictures do.
-    require_free_bytes(run.path, sum(file.stat().st_size for file in (run.path / "frames").iterdir()))
+    files = {run.path / picture.file for picture in run.pictures}
+    require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     write_atomically(unfinished, b"")
     try:
         _fill(unfinished, run, result)

@@ -14,7 +14,7 @@ from labrig.steering.step import (
     start_steering,
     step_steering,
 )
-from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState
+from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
 __all__ = [
     "EstimatorMethod",
@@ -37,6 +37,7 @@ __all__ = [
     "estimate_tip_poses",
     "fit_roll_zero",
     "plan_path",
+    "radius_sd_within",
     "sample_path",
     "start_steering",
     "start_tip",

@@ -11,6 +11,7 @@ from labrig.steering.planar_search import search_plane
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
 from labrig.steering.refusal import refusal_after_search, refusal_at_once
 from labrig.steering.resolved_rate import resolved_motion_rate
+from labrig.steering.score import worst_miss_and_gap
 from labrig.steering.spatial_search import search_space
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +42,9 @@ class Plan:
     target_error_mm, length_mm : float or None
     clearance_mm : float or None
         Smallest distance from the needle's surface to an obstacle's; None without obstacles.
+    worst_target_error_mm, worst_clearance_mm : float or None
+        The same of a needle that has the worst radius of its tolerance and follows the path without looking; None
+        where no tolerance is stated. The clearance is below 0 where it would cut an obstacle.
     """
 
     found: bool
@@ -50,6 +54,8 @@ class Plan:
     target_error_mm: float | None = None
     clearance_mm: float | None = None
     length_mm: float | None = None
+    worst_target_error_mm: float | None = None
+    worst_clearance_mm: float | None = None
 
     @property
     def psi(self) -> FloatArray:
@@ -66,6 +72,8 @@ class Plan:
             "target_error_mm": self.target_error_mm,
             "clearance_mm": self.clearance_mm,
             "length_mm": self.length_mm,
+            "worst_target_error_mm": self.worst_target_error_mm,
+            "worst_clearance_mm": self.worst_clearance_mm,
         }
 
 
@@ -123,6 +131,7 @@ def plan_of(psi: FloatArray, around: Surroundings) -> Plan:
     )
     tip = path_frames(psi, problem.radius_mm).positions_mm[-1]
     x, y, z = (start[:3, :3] @ tip + start[:3, 3]).tolist()
+    worst = (None, None) if problem.radius_range_mm is None else worst_miss_and_gap(psi, around)
     return Plan(
         found=True,
         reason=None,
@@ -131,6 +140,8 @@ def plan_of(psi: FloatArray, around: Surroundings) -> Plan:
         target_error_mm=float(np.linalg.norm(tip - around.target_mm)),
         clearance_mm=_clearance(psi, around, problem.obstacles),
         length_mm=float(problem.radius_mm * psi[:, 0].sum()),
+        worst_target_error_mm=worst[0],
+        worst_clearance_mm=worst[1],
     )
 
 

@@ -38,7 +38,8 @@ class PlanWeights:
     clearance_per_mm, comfortable_clearance_mm : float
         Cost of each millimetre that is missing to a comfortable clearance.
     curvature_per_mm : float
-        Cost of each millimetre by which the tip moves when the radius is one per cent larger.
+        Cost of each millimetre by which the tip moves when the radius is the worst of its tolerance; where the
+        problem states none, when it is one per cent larger.
     """
 
     length_per_mm: float = 1.0
@@ -62,6 +63,8 @@ class PlanProblem:
         Pose of {1b}: of the needle's tip, its z axis along the needle.
     radius_mm, diameter_mm : float
         Of the needle's arcs, and of the needle.
+    radius_range_mm : (float, float) or None
+        Smallest and largest radius that the needle may have, as of a design file; None: not stated.
     tolerance_mm : float
         How far from the target the path may end.
     clearance_mm : float
@@ -88,6 +91,7 @@ class PlanProblem:
     obstacles: tuple[Obstacle, ...] = ()
     start: FloatArray = field(default_factory=lambda: np.eye(4))
     radius_mm: float = 27.6
+    radius_range_mm: tuple[float, float] | None = None
     diameter_mm: float = 1.2
     tolerance_mm: float = 2.0
     clearance_mm: float = 0.6
@@ -117,6 +121,10 @@ class PlanProblem:
             self.diameter_mm,
             "below twice the arc radius",
         )
+        if self.radius_range_mm is not None:
+            low_mm, high_mm = self.radius_range_mm
+            about = math.isfinite(high_mm) and self.diameter_mm / 2 < low_mm <= self.radius_mm <= high_mm
+            _require(about, "radius_range_mm", self.radius_range_mm, f"about radius_mm, {self.radius_mm:g}")
         self._check_start()
         for number, obstacle in enumerate(self.obstacles, start=1):
             _require(

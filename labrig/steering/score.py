@@ -50,12 +50,36 @@ def _within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArr
 def _costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
     weights, radius_mm = around.problem.weights, around.problem.radius_mm
     tips = frames.positions_mm[:, -1]
-    # The lengths inserted and the rolls stay as planned while the radius is another one.
-    wider = psi * np.array([1 / (1 + _RADIUS_ERROR), 1.0])
-    moved = path_frames(wider, radius_mm * (1 + _RADIUS_ERROR)).positions_mm[:, -1] - tips
+    others_mm = around.problem.radius_range_mm or (radius_mm * (1 + _RADIUS_ERROR),)
+    moved = [
+        path_frames(*_of_radius(psi, radius_mm, other_mm)).positions_mm[:, -1] - tips
+        for other_mm in others_mm
+    ]
     cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
     cost += weights.turn * (psi[..., 0] > _NO_ARC_RAD).sum(axis=-1)
     cost += weights.target_error_per_mm * np.linalg.norm(tips - around.target_mm, axis=-1)
-    cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1)
+    cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1).max(axis=0)
     cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
     return np.asarray(cost)
+
+
+def _of_radius(psi: FloatArray, radius_mm: float, other_mm: float) -> tuple[FloatArray, float]:
+    """Return paths as a needle of another radius makes them: lengths inserted and rolls stay as planned."""
+    return psi * np.array([radius_mm / other_mm, 1.0]), other_mm
+
+
+def worst_miss_and_gap(psi: FloatArray, around: Surroundings) -> tuple[float, float | None]:
+    """Return the largest miss and the smallest gap [mm] of a path (n, 2) that is followed without looking.
+
+    The radius is one of the two ends of its tolerance. The gap is None without obstacles.
+    """
+    problem = around.problem
+    ends_mm = problem.radius_range_mm or (problem.radius_mm,)
+    ways = [_of_radius(psi, problem.radius_mm, end_mm) for end_mm in ends_mm]
+    misses = [np.linalg.norm(path_frames(*way).positions_mm[-1] - around.target_mm) for way in ways]
+    if not len(around.centres_mm) or not len(psi):
+        return float(max(misses)), None
+    gaps = [
+        arc_distances(*way, around.centres_mm).min(axis=-2) - around.needle_and_obstacle_mm for way in ways
+    ]
+    return float(max(misses)), float(np.min(gaps))

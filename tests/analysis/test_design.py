@@ -3,7 +3,7 @@
 import pytest
 
 from labrig.analysis import design_file, hinge_table
-from labrig.errors import InputError
+from labrig.errors import AnswerIsNoError, InputError
 from labrig.needle import EQUATION_3, Cell
 
 CELLS = tuple(
@@ -26,6 +26,13 @@ def test_the_table_holds_what_the_plane_leaves() -> None:
 
 def test_hinges_that_might_not_turn_make_no_design_file() -> None:
     """A radius without an upper limit cannot be handed on."""
-    document = {"equation_3": {"same_tube": True}, "tolerance": {"radius_mm": [20.0, None]}}
+    document = {"accepted": True, "equation_3": {"same_tube": True}, "tolerance": {"radius_mm": [20.0, None]}}
     with pytest.raises(InputError, match="no upper limit"):
+        design_file(document, {})
+
+
+def test_a_study_that_found_nothing_makes_no_design_file() -> None:
+    """Where neither equation (3) nor our contour says what to cut, the contour's reason is the refusal."""
+    document = {"accepted": False, "search": {"reason": "on our contour no inclination gives 7 degrees"}}
+    with pytest.raises(AnswerIsNoError, match="no inclination gives 7"):
         design_file(document, {})

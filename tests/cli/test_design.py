@@ -37,9 +37,9 @@ def designed(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Designed
         "design",
         "--json",
         "--from-run",
-        str(sweep.run),
-        "--beta-cut-deg",
-        "4.13",
+        sweep.run.name,
+        "--runs-dir",
+        str(sweep.run.parent),
         "--grid-points",
         "3",
         "--tip-length-mm",
@@ -78,6 +78,8 @@ def test_a_sweep_tells_the_effective_clearance(designed: Designed, sweep: Sweep)
     """The run's mean radius becomes a rotation and a clearance, by equation (3) and by our contour."""
     measured = designed.document["measured"]
     assert measured["radius_mm"] == sweep.document["result"]["mean_radius_mm"]
+    assert measured["beta_cut_deg"] == 4.13
+    assert Path(measured["run"]) == sweep.run
     assert measured["beta_rot_deg"] == pytest.approx(343.77 / measured["radius_mm"], abs=0.01)
     assert measured["clearance_mm"] == pytest.approx(0.0283, abs=0.002)
     assert measured["search_clearance_mm"] > 0

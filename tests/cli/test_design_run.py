@@ -112,13 +112,33 @@ def test_a_design_can_be_studied_again(ran: Ran, labrig: Labrig, tmp_path: Path)
     assert labrig("reanalyze", run, "--set", "radius_mm=40").exit_code == 2
 
 
-def test_a_radius_that_our_contour_cannot_give_keeps_its_record(labrig: Labrig, tmp_path: Path) -> None:
-    """Equation (3) can give 45 mm at 0.025 mm and our contour cannot: exit code 1, the reason, and the run by name."""
+def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer(labrig: Labrig, tmp_path: Path) -> None:
+    """Equation (3) can give 45 mm at 0.025 mm and our contour cannot: answer and page stand, with the reason."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--json", *COARSE, "--set", "radius_mm=45")
     document = done.json()
-    assert (done.exit_code, document["exit_status"], document["result"]) == (1, "success", None)
-    assert "no inclination gives" in document["reason"]
-    assert open_run(document["run"]).problems == ()
+    assert (done.exit_code, document["exit_status"]) == (0, "success")
+    result = document["result"]
+    assert result["beta_cut_deg"] == pytest.approx(0.62, abs=0.01)
+    assert (result["search"]["beta_cut_deg"], result["search"]["tolerance"]) == (None, None)
+    assert "on our contour no inclination gives 7.639 degrees" in result["search"]["reason"]
+    assert result["search"]["fit"]["b"] > 0
+    page = Path(document["report"]).read_text(encoding="utf-8")
+    assert page.count("on our contour no inclination gives") >= 2
+    assert load_design(tmp_path / document["run"] / "analysis" / "001" / "design.json").radius_mm == 45.0
+    assert labrig("reanalyze", document["run"]).exit_code == 0
+
+
+def test_a_tube_that_nothing_can_be_cut_from_is_a_no(labrig: Labrig, tmp_path: Path) -> None:
+    """Of a tube that equation (3) does not speak of our contour decides: exit code 1, the page, and no design file."""
+    tube = "tube={outer_diameter_mm: 1.1, inner_diameter_mm: 0.6, link_length_mm: 3}"
+    done = labrig(
+        "run", DESIGN, "--runs-dir", tmp_path, "--json", *COARSE,
+        "--set", tube, "--set", "radius_mm=45", "--set", "measured=null",
+    )  # fmt: skip
+    document = done.json()
+    assert (done.exit_code, document["exit_status"], document["result"]["accepted"]) == (1, "success", False)
+    assert "nothing to cut" in Path(document["report"]).read_text(encoding="utf-8")
+    assert not (Path(document["run"]) / "analysis" / "001" / "design.json").exists()
 
 
 def test_report_and_runs_know_a_design(ran: Ran, labrig: Labrig) -> None:

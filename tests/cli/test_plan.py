@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import Labrig
+from tests.protocol.designs import write_design
 
 SCENARIO = {
     "needle": {"radius_mm": 27.6, "diameter_mm": 1.2},
@@ -67,6 +68,20 @@ def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:
     assert "no path: the target" in labrig("plan", scenario).out
 
 
+def test_a_needle_takes_radius_and_tolerance_from_a_design(labrig: Labrig, tmp_path: Path) -> None:
+    """A design file gives diameter and radius; its tolerance is planned with, and what it may cost is told."""
+    write_design(tmp_path / "needle.json", radius_mm=30.0, radius_low_mm=28.0, radius_high_mm=32.5)
+    scenario = _file(tmp_path, needle={"design_file": "needle.json"})
+    plan = labrig("plan", scenario, "--json").json()
+    for arc in plan["arcs"]:
+        assert arc["length_mm"] == pytest.approx(30.0 * arc["angle_rad"])
+    assert plan["target_error_mm"] < plan["worst_target_error_mm"]
+    assert plan["worst_clearance_mm"] < plan["clearance_mm"]
+    known = {"radius_mm": 30.0, "diameter_mm": 1.4}
+    assert labrig("plan", _file(tmp_path, needle=known), "--json").json()["worst_target_error_mm"] is None
+    assert "worst radius" in labrig("plan", _file(tmp_path, needle={"design_file": "needle.json"})).out
+
+
 BAD = {
     "NaN": {"clearance_mm": float("nan")},
     "a zero radius": {"needle": {"radius_mm": 0, "diameter_mm": 1.2}},
@@ -76,6 +91,12 @@ BAD = {
     "an unknown method": {"method": "magic"},
     "an unknown key": {"clearence_mm": 1},
     "a point of two numbers": {"target": {"position_mm": [0, 100]}},
+    "half a tolerance": {"needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_low_mm": 28}},
+    "a radius outside of its tolerance": {
+        "needle": {"radius_mm": 30, "diameter_mm": 1.2, "radius_low_mm": 31, "radius_high_mm": 33}
+    },
+    "numbers beside a design file": {"needle": {"radius_mm": 30, "design_file": "needle.json"}},
+    "a design file that is not there": {"needle": {"design_file": "needle.json"}},
     "a start that is no rotation": {"start": {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}},
 }
 

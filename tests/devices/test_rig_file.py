@@ -54,7 +54,7 @@ def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
     assert "axes.rotation.lead_mm" not in unknown
     assert "data sheet" in unknown["axes.linear.lead_mm"]
     with pytest.raises(InputError, match=r"axes\.linear\.lead_mm"):
-        require_complete(load_rig(BENCH))
+        require_complete(load_rig(BENCH), ("linear",))
 
 
 @pytest.mark.parametrize(

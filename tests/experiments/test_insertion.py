@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labrig.devices import ConfirmPlan, ConfirmWithdrawal, PickTarget, RollZero
+from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, RollZero
 from labrig.errors import CameraError, FileFormatError, SafetyStopError, TargetMissedError
 from labrig.experiments import Outcome
 from labrig.protocol import AnyProtocol, load_protocol
@@ -209,7 +209,7 @@ def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> 
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.reason == "needle_lost"
-    assert any(isinstance(one, ConfirmWithdrawal) for one in watched.asked)
+    assert any(isinstance(one, ConfirmStopped) for one in watched.asked)
     assert run.states["insertion_mm"].max() < 5.0
     assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
 

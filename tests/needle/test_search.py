@@ -13,7 +13,7 @@ from labrig.needle import (
     largest_rotation,
     widest_clearance_mm,
 )
-from tests.needle.no_fit import NoFit
+from tests.needle.no_fit import LargestFree, NoFit
 
 PAPER = Hinge(Tube(), 0.025, 4.13)
 STEP_DEG = 0.01
@@ -46,6 +46,24 @@ def test_the_search_finds_the_true_maximum(number: int) -> None:
         assert abs(brute_deg - found.rotation_deg) <= 0.02
         beyond = np.linspace(found.rotation_deg + 0.02, view.reach.rotation_deg, 5)
         assert not any(no_fit.is_free(angle) for angle in beyond)
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_no_angle_of_the_whole_box_is_free_beyond_the_answer(number: int) -> None:
+    """Hinge b: of all angles every 0.01 degrees, tried or ruled out by a bound, the largest free one is the answer."""
+    view = random_hinge(number).hinge_b()
+    brute_deg = LargestFree(view, STEP_DEG).angle_deg()
+    assert abs(brute_deg - largest_rotation(view).rotation_deg) <= 0.02
+
+
+@pytest.mark.parametrize("number", [0, 4, 5])
+def test_the_bound_rules_out_nothing_that_is_free(number: int) -> None:
+    """The largest free angle of the grid is the one that trying every angle gives."""
+    view = random_hinge(number).hinge_b()
+    no_fit, brute = NoFit(view), LargestFree(view, STEP_DEG)
+    free = [k for k in range(brute.angles) if no_fit.is_free(STEP_DEG * k)]
+    assert brute.angle_deg() == STEP_DEG * max(free)
+    assert brute.tried < brute.angles / 4
 
 
 def test_brute_force_agrees_with_the_shared_area() -> None:

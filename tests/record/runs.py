@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.record import Recorder
+from labrig.record.pictures import Store
 
 STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 ENDED = datetime(2026, 3, 2, 9, 45, tzinfo=UTC)
@@ -20,7 +21,7 @@ analysis: {window_start_mm: 4.0, window_end_mm: 2.0, min_window_mm: 15.0, max_ra
 """
 
 
-def begin(runs_dir: Path, name: str = "run", **manifest: object) -> Recorder:
+def begin(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Recorder:
     """Begin a run with two calibration files."""
     return Recorder.create(
         runs_dir,
@@ -30,6 +31,7 @@ def begin(runs_dir: Path, name: str = "run", **manifest: object) -> Recorder:
         PROTOCOL_YAML,
         "world: {}\n",
         {"intrinsics.json": b'{"fx": 1.0}', "plane.json": b"{}"},
+        picture_store=store,
     )
 
 
@@ -55,16 +57,16 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
     recorder.event("run_stop", 10.0 * trials)
 
 
-def closed_run(runs_dir: Path, name: str = "run", **manifest: object) -> Path:
+def closed_run(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Path:
     """Return a run that came to its end."""
-    recorder = begin(runs_dir, name, **manifest)
+    recorder = begin(runs_dir, name, store, **manifest)
     fill(recorder)
     recorder.close("success", "", ENDED)
     return recorder.path
 
 
-def interrupted_run(runs_dir: Path, name: str = "run") -> Path:
+def interrupted_run(runs_dir: Path, name: str = "run", store: Store = "png") -> Path:
     """Return a run that was left where it stood."""
-    recorder = begin(runs_dir, name)
+    recorder = begin(runs_dir, name, store)
     fill(recorder)
     return recorder.path

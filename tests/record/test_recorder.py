@@ -31,7 +31,11 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     assert (manifest["title"], manifest["operator"], manifest["trials_planned"]) == ("Größe", "ß", 3)
     assert manifest["hashes"]["protocol_sha256"] == hashlib.sha256(PROTOCOL_YAML.encode()).hexdigest()
     assert set(manifest["hashes"]["calibration"]) == {"intrinsics.json", "plane.json"}
-    assert manifest["recording"] == {"fsync_period_s": 1.0, "least_free_bytes": 0}
+    assert manifest["recording"] == {
+        "fsync_period_s": 1.0,
+        "least_free_bytes": 0,
+        "picture_store": "png",
+    }
     assert manifest["devices"] == {"camera": {"gain": 1.0}}
 
 

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.needle import path_points
-from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, sample_path
+from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, radius_sd_within, sample_path
 from labrig.steering.clearance import arc_distances, path_distances
+from tests.benchmarks.oracle import integrated_path
 from tests.benchmarks.planner import oracle
 from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems
 
@@ -166,6 +167,8 @@ BAD = {
     "a needle thicker than its arc": {"radius_mm": 0.5},
     "a start that mirrors": {"start": np.diag([1.0, 1.0, -1.0, 1.0])},
     "a heading backwards": {"max_heading_rad": 2.0},
+    "a radius beyond its range": {"radius_range_mm": (28.0, 30.0)},
+    "a range without an end": {"radius_range_mm": (20.0, math.inf)},
     "a covariance without orientation": {"covariance": np.eye(3)},
 }
 
@@ -219,3 +222,26 @@ def test_a_heavier_weight_buys_clearance() -> None:
     careful = replace(problem, weights=replace(problem.weights, clearance_per_mm=100.0))
     assert plan_path(careful).clearance_mm >= plan_path(careless).clearance_mm
     assert plan_path(careless).length_mm <= plan_path(careful).length_mm
+
+
+@pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
+def test_a_tolerance_of_the_radius_buys_robustness(planar: bool) -> None:
+    """Planned for with its tolerance, the worst radius misses by less; and what is told of it is what it does."""
+    known = PlanProblem(TARGET, OBSTACLES, radius_mm=30.0, planar=planar)
+    wide = replace(known, radius_range_mm=(27.6, 32.9))
+    robust = plan_path(wide)
+
+    def miss_mm(psi: np.ndarray, radius_mm: float) -> float:
+        path = integrated_path([(roll, angle * 30.0 / radius_mm) for angle, roll in psi], radius_mm)
+        return float(np.linalg.norm(path[-1] - TARGET))
+
+    worst_mm = max(miss_mm(robust.psi, end_mm) for end_mm in (27.6, 32.9))
+    assert robust.worst_target_error_mm == pytest.approx(worst_mm, abs=1e-3)
+    assert worst_mm <= max(miss_mm(plan_path(known).psi, end_mm) for end_mm in (27.6, 32.9))
+
+
+def test_a_range_of_radii_has_a_standard_deviation() -> None:
+    """Between two worst cases each radius is as likely."""
+    assert radius_sd_within(27.0, 33.0) == pytest.approx(
+        np.random.default_rng(1).uniform(27, 33, 10**6).std(), rel=0.01
+    )

@@ -1,6 +1,7 @@
 """The simulated operator: does to the world what a person would do to the bench, and always says yes."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 
 from labrig.devices.operator import (
     Answer,
@@ -13,6 +14,7 @@ from labrig.devices.operator import (
     PickTarget,
     PlacePhantom,
     PlaceSpecimen,
+    ReadScale,
     ShiftToHole,
 )
 from labrig.simulation import Ball, World
@@ -25,10 +27,13 @@ class SimulatedOperator:
     ----------
     world : World
         What it moves.
+    where : callable
+        Returns where each axis truly stands [mm or rad], as a scale beside it would show.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, where: Callable[[], Mapping[str, float]]) -> None:
         self._world = world
+        self._where = where
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
         """Do what is asked.
@@ -57,6 +62,10 @@ class SimulatedOperator:
                 self._world.lay_graph_paper(pitch_mm)
             case ClearBench():
                 self._world.clear_bench()
+            case ReadScale(axis, unit):
+                truly = self._where()[axis]
+                reading = math.degrees(truly) if unit == "deg" else truly
+                return Answer(confirmed=True, note="simulated operator", reading=reading)
             case _:
                 pass  # what a person only confirms is so here: the world is new, and the axes stand at zero
         return Answer(confirmed=True, note="simulated operator")

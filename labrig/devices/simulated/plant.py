@@ -36,11 +36,11 @@ class SimulatedPlant:
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
-        require_complete(rig)
+        require_complete(rig, dict(rig.axes.items()))
         self.clock = SimulatedClock()
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.world = World(world, seed)
-        self.operator = SimulatedOperator(self.world)
+        self.operator = SimulatedOperator(self.world, self._where)
         self.wire = InProcessWire()
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self.drives = {
@@ -53,7 +53,7 @@ class SimulatedPlant:
             )
             for name, axis in rig.axes.items()
         }
-        self._positions = (0.0, 0.0, 0.0)
+        self._positions = dict.fromkeys(self.drives, 0.0)
         for drive in self.drives.values():
             self.clock.on_advance(drive.tick)
         self.faults = FaultScript(self.wire, self.drives, self.clock, rig.faults)
@@ -79,12 +79,17 @@ class SimulatedPlant:
 
     def _move_world(self) -> None:
         """Take the world to where the shafts stand; all of them stand at zero when the rig is new."""
-        insertion, rotation, linear = (
-            self._scales[name].to_position(drive.shaft_quadcounts) for name, drive in self.drives.items()
-        )
-        if (insertion, rotation, linear) != self._positions:
-            self._positions = (insertion, rotation, linear)
-            self.world.advance(insertion, rotation, linear)
+        where = self._where()
+        if where != self._positions:
+            self._positions = where
+            self.world.advance(where["insertion"], where["rotation"], where["linear"])
+
+    def _where(self) -> dict[str, float]:
+        """Return where each axis truly stands [mm or rad]."""
+        return {
+            name: self._scales[name].to_position(drive.shaft_quadcounts)
+            for name, drive in self.drives.items()
+        }
 
 
 def _mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:

@@ -1,0 +1,108 @@
+"""Homing and jogging from the command line: the rig opened gently, and what was found told."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import typer
+
+from labrig.cli.options import rig_file
+from labrig.cli.output import print_json, say
+from labrig.cli.person import TerminalOperator
+from labrig.cli.signals import note_signals
+from labrig.devices import (
+    AXES,
+    HOME_ORDER,
+    HOMING_DIRECTIONS,
+    Opening,
+    Rig,
+    RigDescription,
+    load_rig,
+    open_rig,
+)
+from labrig.errors import InputError
+from labrig.experiments import Finding, check_backlash, check_limits, check_travel, home_axes, jog
+
+
+@dataclass(frozen=True)
+class Careful:
+    """How a rig is opened for commissioning: its file, the current limit, and what is said and how."""
+
+    rig: Path | None
+    current_ma: int
+    yes: bool
+    as_json: bool
+
+
+def home_and_tell(
+    careful: Careful, names: Sequence[str] | None, method: int | None, *, needle_mounted: bool
+) -> int:
+    """Home axes and print where they stand."""
+    if method is not None and method not in HOMING_DIRECTIONS:
+        known = ", ".join(map(str, HOMING_DIRECTIONS))
+        raise InputError(f"--method {method} is none that labrig uses", f"use one of {known}")
+    chosen = _checked(names or HOME_ORDER)
+    with _opened(careful, chosen, "labrig devices home") as rig:
+        findings = home_axes(rig, method, needle_mounted=needle_mounted)
+    return _tell(findings, as_json=careful.as_json)
+
+
+def jog_and_tell(careful: Careful, name: str, distance: float, speed: float | None, check: str | None) -> int:
+    """Jog one axis and print what was found."""
+    with _opened(careful, _checked([name]), "labrig devices jog") as rig:
+        match check:
+            case "limits":
+                findings = check_limits(rig, name, speed)
+            case "backlash":
+                findings = [check_backlash(rig, name, distance, speed)]
+            case "travel":
+                findings = [check_travel(rig, name, distance, speed)]
+            case _:
+                findings = [jog(rig, name, distance, speed)]
+    return _tell(findings, as_json=careful.as_json)
+
+
+def _checked(names: Sequence[str]) -> tuple[str, ...]:
+    """Return axis names that exist. Raises `InputError`."""
+    for name in names:
+        if name not in AXES:
+            raise InputError(f"--axis {name} is no axis of the rig", f"the axes are {', '.join(AXES)}")
+    return tuple(names)
+
+
+@contextmanager
+def _opened(careful: Careful, axes: tuple[str, ...], doing: str) -> Iterator[Rig]:
+    """Open axes of a rig without its camera, gently; faults are reset where the person confirms it."""
+    description = load_rig(rig_file(careful.rig))
+    remark_on_yes(description, yes=careful.yes)
+    with (
+        note_signals() as interrupted,
+        open_rig(
+            description,
+            seed=0,
+            person=TerminalOperator(interrupted, sys.stdin),
+            interrupted=interrupted,
+            doing=doing,
+            opening=Opening(axes, camera=False, max_current_ma=careful.current_ma, reset_faults=True),
+        ) as rig,
+    ):
+        yield rig
+
+
+def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
+    """Say that `--yes` does not answer where a person must."""
+    if yes and description.kind != "simulated":
+        say("note: --yes does not answer on a real rig; every question is asked")
+
+
+def _tell(findings: Sequence[Finding], *, as_json: bool) -> int:
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
+    else:
+        for finding in findings:
+            typer.echo(f"{finding.status:4}  {finding.axis} {finding.check}: {finding.value}")
+            if finding.solution:
+                typer.echo(f"      {finding.solution}")
+    return 1 if any(finding.status == "FAIL" for finding in findings) else 0

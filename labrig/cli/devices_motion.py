@@ -1,0 +1,120 @@
+"""`labrig devices home|jog|withdraw`: commission a bare rig axis by axis, and take a needle out of tissue."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption
+from labrig.cli.output import AsJson
+
+_AXES = "insertion, rotation or linear"
+_GENTLE_MA = 1000
+
+YesOption = Annotated[
+    bool, typer.Option("--yes", help="Ask nothing on a simulated rig; never answers on a real one.")
+]
+CurrentOption = Annotated[
+    int,
+    typer.Option("--current-ma", min=50, max=20_000, help="Output current that no drive exceeds [mA]."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to `labrig devices`."""
+    app.command("home", help="Give axes their reference, on confirmation; none with a needle in tissue.")(
+        home
+    )
+    app.command(
+        "jog", help="Move one axis slowly, on confirmation; verify direction, lead, backlash and limits."
+    )(jog)
+    app.command("withdraw", help="Take a needle that a run has left in tissue out along its path.")(withdraw)
+
+
+def home(
+    axis: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--axis", metavar="NAME", help=f"{_AXES}; repeatable. Default: all.", show_default=False
+        ),
+    ] = None,
+    needle: Annotated[
+        Literal["mounted", "none"],
+        typer.Option(help="Whether a needle is in the clamp; with one, no search that could bend it."),
+    ] = "mounted",
+    method: Annotated[
+        int | None,
+        typer.Option(help="maxon's homing method. Default: that of the rig file.", show_default=False),
+    ] = None,
+    rig: RigOption = None,
+    current_ma: CurrentOption = _GENTLE_MA,
+    yes: YesOption = False,
+    as_json: AsJson = False,
+) -> int:
+    """Home the linear module first."""
+    from labrig.cli.commissioning import Careful, home_and_tell
+
+    return home_and_tell(
+        Careful(rig, current_ma, yes, as_json), axis, method, needle_mounted=needle == "mounted"
+    )
+
+
+def jog(
+    axis: Annotated[str, typer.Option("--axis", metavar="NAME", help=f"{_AXES}.")],
+    distance: Annotated[float, typer.Option("--distance", help="How far, with its sign [mm or rad].")] = 10.0,
+    check: Annotated[
+        Literal["travel", "backlash", "limits"] | None,
+        typer.Option(
+            help="travel: compare with what you read on graph paper. backlash: the play on the way back. "
+            "limits: go to both limits of a referenced axis.",
+            show_default=False,
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option("--speed", help="[mm/s or rad/s]. Default: 1 mm/s or 0.2 rad/s.", show_default=False),
+    ] = None,
+    rig: RigOption = None,
+    current_ma: CurrentOption = _GENTLE_MA,
+    yes: YesOption = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 1 when a check found the rig file wrong; the file is never changed from here."""
+    from labrig.cli.commissioning import Careful, jog_and_tell
+
+    return jog_and_tell(Careful(rig, current_ma, yes, as_json), axis, distance, speed, check)
+
+
+def withdraw(
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            "--run",
+            metavar="RUN",
+            help="Run that left the needle. Default: the one that the rig remembers.",
+            show_default=False,
+        ),
+    ] = None,
+    insertion_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="How far it is out of the sheath [mm], if not as the record ends.", show_default=False
+        ),
+    ] = None,
+    rotation_rad: Annotated[
+        float | None, typer.Option(help="How far it is turned [rad], likewise.", show_default=False)
+    ] = None,
+    linear_mm: Annotated[
+        float | None, typer.Option(help="Where the sheath stands [mm], likewise.", show_default=False)
+    ] = None,
+    rig: RigOption = None,
+    runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
+    yes: YesOption = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when the needle is out; what was done is recorded as a run of its own."""
+    from labrig.cli.withdrawing import withdraw_and_tell
+
+    given = {"insertion_mm": insertion_mm, "rotation_rad": rotation_rad, "linear_mm": linear_mm}
+    standing = {key: value for key, value in given.items() if value is not None}
+    return withdraw_and_tell(rig, run, runs_dir, standing, yes=yes, as_json=as_json)

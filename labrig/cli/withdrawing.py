@@ -1,0 +1,140 @@
+"""Taking out, from the command line, a needle that a run has left in tissue."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import typer
+
+from labrig.cli.commissioning import remark_on_yes
+from labrig.cli.options import rig_file
+from labrig.cli.output import failure_document, failure_lines, print_json, say
+from labrig.cli.person import TerminalOperator
+from labrig.cli.pipeline import free_name
+from labrig.cli.progress import progress
+from labrig.cli.signals import note_signals
+from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig, rig_state
+from labrig.errors import InputError
+from labrig.experiments import WITHDRAWS, Outcome, Session, Stance, conduct_withdrawal, recorded_path
+from labrig.protocol import dump_yaml
+from labrig.record import Recorder, Run, collect_provenance, open_run
+
+
+def withdraw_and_tell(
+    rig: Path | None,
+    run: Path | None,
+    runs_dir: Path,
+    standing: Mapping[str, float],
+    *,
+    yes: bool,
+    as_json: bool,
+) -> int:
+    """Withdraw and print how it ended.
+
+    Parameters
+    ----------
+    run : Path or None
+        The run that left the needle; None for the one that the rig remembers, in `runs_dir`.
+    standing : mapping
+        Field of `Stance` to where that axis stands, where the record's end is not right.
+
+    Raises
+    ------
+    InputError
+        When no needle is in tissue, another run left it, or the record holds no path.
+    """
+    description = load_rig(rig_file(rig))
+    remark_on_yes(description, yes=yes)
+    left = _run_with_needle(description, run, runs_dir)
+    path = recorded_path(left)
+    if not path:
+        raise InputError(
+            f"{left.path} holds no path: its needle was out, or nothing had moved",
+            "take the needle out by hand; the next labrig run asks to confirm that it is out",
+        )
+    recorded, outcome = _withdraw(description, left, path, replace(path[-1], **standing))
+    document: dict[str, object] = {
+        "run": str(recorded),
+        "exit_status": outcome.exit_status,
+        "reason": outcome.reason or None,
+    }
+    if outcome.error is not None:
+        document["error"] = failure_document(outcome.error)
+        for line in failure_lines(outcome.error):
+            say(line)
+        say(f"note: the needle still counts as in tissue\nagain: {_again(description, runs_dir, recorded)}")
+    if as_json:
+        print_json(document)
+    elif outcome.error is None:
+        typer.echo(f"the needle is out\nrecord  {recorded}")
+    return 0 if outcome.error is None else outcome.error.exit_code
+
+
+def _again(description: RigDescription, runs_dir: Path, recorded: Path) -> str:
+    """Return the command that goes on with a withdrawal, from the run in which the rig remembers the needle."""
+    since = rig_state(description.state_path).since_run
+    folder = recorded.parent if recorded.parent != Path() else runs_dir
+    return f"labrig devices withdraw --run {folder / str(since)}"
+
+
+def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
+    """Return the run that left the needle in tissue."""
+    state = rig_state(description.state_path)
+    if state.needle_in_tissue is False:
+        raise InputError(
+            f"no needle is in tissue, as rig {description.name} remembers",
+            "there is nothing to withdraw; labrig devices jog --axis NAME moves an axis",
+        )
+    if given is None and state.since_run is None:
+        raise InputError(f"which run left the needle is not known: {state.doubt}", "name it with --run RUN")
+    found = open_run(given if given is not None else runs_dir / str(state.since_run))
+    folder = found.path.resolve()
+    if state.since_run not in {None, folder.name}:
+        raise InputError(
+            f"the needle was left by run {state.since_run}, not by {folder.name}",
+            f"labrig devices withdraw --run {found.path.parent / str(state.since_run)}",
+        )
+    return found
+
+
+def _withdraw(
+    description: RigDescription, left: Run, path: tuple[Stance, ...], standing: Stance
+) -> tuple[Path, Outcome]:
+    with (
+        note_signals() as interrupted,
+        open_rig(
+            description,
+            seed=0,
+            person=TerminalOperator(interrupted, sys.stdin),
+            interrupted=interrupted,
+            doing="labrig devices withdraw",
+            opening=Opening(camera=False, reset_faults=True),
+        ) as rig,
+        progress("withdrawal", 1.0) as reporter,
+    ):
+        recorder = _record(rig, left)
+        outcome = conduct_withdrawal(Session(rig, recorder, reporter), left.path.name, path, standing)
+    return recorder.path, outcome
+
+
+def _record(rig: Rig, left: Run) -> Recorder:
+    """Begin the record of a withdrawal, beside the run whose needle is withdrawn."""
+    started = rig.clock.utc()
+    folder = left.path.resolve()
+    manifest = {
+        "experiment": "withdrawal",
+        "title": f"withdrawal of the needle of run {folder.name}",
+        "started": started.isoformat(timespec="seconds"),
+        "provenance": collect_provenance(tuple(sys.argv)),
+        "devices": rig.describe(),
+        WITHDRAWS: folder.name,
+    }
+    return Recorder.create(
+        folder.parent,
+        free_name(folder.parent, started, "withdrawal"),
+        manifest,
+        dump_yaml(left.protocol),
+        dump_yaml(rig.description),
+        {},
+    )

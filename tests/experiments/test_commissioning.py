@@ -1,0 +1,243 @@
+"""Commissioning a bare rig: what is judged from readings, what is refused, what is asked before anything moves."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from labrig.devices import (
+    ConfirmFaultReset,
+    ConfirmFree,
+    ConfirmHere,
+    Opening,
+    RigDescription,
+    open_rig,
+)
+from labrig.devices import epos2_objects as od
+from labrig.devices.rig import Rig
+from labrig.errors import DriveError, DriveFaultError, InputError, LimitError, SafetyStopError
+from labrig.experiments import (
+    check_backlash,
+    check_limits,
+    check_travel,
+    home_axes,
+    jog,
+    judge_backlash,
+    judge_travel,
+)
+from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
+from tests.experiments.sessions import Watched
+
+INSERTION = simulated_rig().axes.insertion
+ROTATION = simulated_rig().axes.rotation
+
+
+@contextmanager
+def _bare(description: RigDescription | None = None) -> Iterator[tuple[OpenedRig, Watched]]:
+    with opened_rig(description) as opened:
+        opened.rig.connect()
+        watched = opened.rig.operator = Watched(opened.rig.operator)
+        yield opened, watched
+
+
+@pytest.mark.parametrize(
+    ("measured", "check", "status", "words"),
+    [
+        (10.2, "travel", "PASS", ""),
+        (-10.0, "direction", "FAIL", "axes.insertion.reversed: true"),
+        (5.0, "travel", "FAIL", "axes.insertion.lead_mm: 1 (it says 2)"),
+        (20.1, "travel", "FAIL", "axes.insertion.lead_mm: 4.02"),
+        (0.3, "travel", "FAIL", "coupling"),
+    ],
+)
+def test_a_reading_is_judged(measured: float, check: str, status: str, words: str) -> None:
+    """10 mm asked: right within half a line, the wrong way, the wrong lead, or standing still, with what to write."""
+    finding = judge_travel("insertion", INSERTION, 10.0, measured)
+    assert (finding.check, finding.status) == (check, status)
+    assert words in finding.solution
+
+
+def test_a_wrong_gear_of_an_axis_that_turns_is_named() -> None:
+    """It has no lead: half the turn means twice the gear ratio."""
+    finding = judge_travel("rotation", ROTATION, math.pi / 2, math.pi / 4)
+    assert "axes.rotation.gear_ratio: 32 (it says 16)" in finding.solution
+
+
+def test_play_is_told_and_where_to_write_it() -> None:
+    """What comes back short is play; a rig file that says so already is right."""
+    assert "axes.insertion.backlash: 0.5" in judge_backlash("insertion", INSERTION, 5, -4.5).solution
+    told = INSERTION.model_copy(update={"backlash": 0.5})
+    assert judge_backlash("insertion", told, 5, -4.5).status == "PASS"
+
+
+def test_axes_are_homed_in_their_order_on_confirmation() -> None:
+    """The linear module first; without a search nothing moves, and each zero is confirmed."""
+    with _bare() as (opened, watched):
+        home_axes(opened.rig, None, needle_mounted=True)
+        asked = [request for request in watched.asked if isinstance(request, ConfirmHere)]
+        assert [request.axis for request in asked] == ["linear", "insertion", "rotation"]
+        assert opened.rig.state.referenced == ("insertion", "rotation", "linear")
+        assert all(drive.shaft_quadcounts == 0 for drive in opened.plant.drives.values())
+
+
+@pytest.mark.parametrize("method", [-1, -2, -3, -4, 17, 18])
+def test_a_bare_axis_searches_its_reference(method: int) -> None:
+    """Into the stop or the switch, the way that maxon's sign says; the axis is referenced where it stands then."""
+    switches = "axes.linear.limit_switches=[]"
+    description = simulated_rig(f"axes.linear.homing={{method: {method}, speed: 5, position: 2}}", switches)
+    with _bare(description) as (opened, _):
+        _home_linear(opened.rig)
+        shaft = opened.plant.drives["linear"].shaft_quadcounts
+        assert shaft > 0 if method in {-1, -3, 18} else shaft < 0
+        position = opened.rig.read_states()["linear"].position
+        assert abs(position - 2) < 0.02 or method in {-1, -2}
+        assert "linear" in opened.rig.state.referenced
+
+
+def _home_linear(rig: Rig) -> None:
+    """Home the linear module by its own method."""
+    rig.home_axis("linear", rig.linear.homing.method, needle_mounted=False)
+
+
+@pytest.mark.parametrize(
+    ("axis", "method", "mounted", "words"),
+    [
+        ("insertion", -4, True, "could bend"),
+        ("rotation", 17, True, "could bend"),
+        ("linear", -3, True, "towards the gel"),
+        ("insertion", -4, False, "before the linear module"),
+    ],
+)
+def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted: bool, words: str) -> None:
+    """With a needle mounted, or out of order, nothing moves; the hint says what to type instead."""
+    with _bare() as (opened, _):
+        with pytest.raises(SafetyStopError, match=words) as refusal:
+            opened.rig.home_axis(axis, method, needle_mounted=mounted)
+        assert refusal.value.hint
+        assert all(not drive.is_moving for drive in opened.plant.drives.values())
+
+
+def test_nothing_is_homed_or_jogged_with_a_needle_in_tissue() -> None:
+    """Both are refused, with the command that takes it out."""
+    with _bare() as (opened, _):
+        opened.rig.mark_needle_in_tissue("run-7")
+        for action in (lambda: home_axes(opened.rig, 35, needle_mounted=True), lambda: _jog(opened.rig)):
+            with pytest.raises(SafetyStopError, match="run-7") as refusal:
+                action()
+            assert "labrig devices withdraw" in refusal.value.hint
+
+
+def _jog(rig: Rig) -> None:
+    jog(rig, "insertion", 1.0)
+
+
+def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
+    """The time of the rig file bounds it; the axis stands still without a reference."""
+    description = simulated_rig("axes.linear.homing={method: -4, speed: 0.1, timeout_s: 2}")
+    with _bare(description) as (opened, _):
+        with pytest.raises(DriveError, match="did not find home in time"):
+            opened.rig.home_axis("linear", -4, needle_mounted=False)
+        assert not opened.plant.drives["linear"].is_moving
+        assert opened.rig.state.referenced == ()
+
+
+def test_travel_is_compared_with_a_scale() -> None:
+    """The axis moves by what was asked, and the reading of a person decides."""
+    with _bare() as (opened, _):
+        assert check_travel(opened.rig, "insertion", 10.0).status == "PASS"
+        assert check_backlash(opened.rig, "rotation", 1.0).status == "PASS"
+        shaft = opened.plant.drives["insertion"].shaft_quadcounts
+        assert abs(shaft - INSERTION.scale().to_quadcounts(10.0)) <= 2
+
+
+def test_limits_are_visited_once_the_axis_is_referenced() -> None:
+    """Both limits, seen to be free, and back to zero."""
+    with _bare(simulated_rig("axes.linear.limits=[-1, 3]")) as (opened, watched):
+        with pytest.raises(SafetyStopError, match="not referenced"):
+            check_limits(opened.rig, "linear")
+        opened.rig.home_axis("linear", 35, needle_mounted=True)
+        assert len(check_limits(opened.rig, "linear")) == 2
+        assert [r.position for r in watched.asked if isinstance(r, ConfirmFree)] == [-1, 3]
+        assert abs(opened.rig.read_states()["linear"].position) < 0.02
+
+
+def test_a_jog_is_slow_short_and_within_limits() -> None:
+    """Too far without a reference, too fast, or beyond a limit with one: refused before anything moves."""
+    with _bare() as (opened, _):
+        with pytest.raises(InputError, match="too far for an axis without a reference"):
+            jog(opened.rig, "insertion", 25.0)
+        with pytest.raises(InputError, match="not within 0 to 5 mm/s"):
+            jog(opened.rig, "insertion", 1.0, 8.0)
+        opened.rig.home_axis("insertion", 35, needle_mounted=True)
+        with pytest.raises(LimitError):
+            jog(opened.rig, "insertion", -5.0)
+        assert opened.plant.drives["insertion"].shaft_quadcounts == 0
+
+
+def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
+    """A bench whose other gears are not known yet opens with the axis that is; the drive is held to a low current."""
+    with opened_rig() as opened:
+        opening = Opening(("linear",), camera=False, max_current_ma=300)
+        rig = Rig(
+            opened.rig.description,
+            plant=opened.plant,
+            link=opened.plant.open_link(),
+            source=None,
+            person=Person(),
+            interrupted=Signal(),
+            opening=opening,
+        )
+        rig.connect()
+        drive = opened.plant.drives["linear"]
+        assert drive.node.objects.values[od.MAX_CURRENT] == 300
+        jog(rig, "linear", 1.0)
+        with pytest.raises(InputError, match="axis insertion is not open"):
+            rig.axis("insertion")
+        rig.close()
+        assert drive.node.objects.values[od.MAX_CURRENT] == od.MAX_CURRENT.default
+
+
+def test_a_fault_is_reset_only_on_confirmation() -> None:
+    """Asked with the fault and its remedy; no leaves it, yes resets it, and a lasting cause is named."""
+    for yes in (False, True):
+        with opened_rig() as opened:
+            drive = opened.plant.drives["insertion"]
+            drive.cut_power_stage()
+            drive.restore_power_stage()
+            opened.rig._opening = Opening(reset_faults=True)
+            watched = opened.rig.operator = Watched(
+                opened.rig.operator, declines=None if yes else ConfirmFaultReset
+            )
+            if yes:
+                opened.rig.connect()
+            else:
+                with pytest.raises(DriveFaultError, match="did not confirm"):
+                    opened.rig.connect()
+            asked = watched.asked[0]
+            assert isinstance(asked, ConfirmFaultReset)
+            assert "0x3220" in asked.fault
+
+
+def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
+    """The supply is still cut: connecting fails and says so."""
+    with opened_rig() as opened:
+        opened.plant.drives["insertion"].cut_power_stage()
+        opened.rig._opening = Opening(reset_faults=True)
+        with pytest.raises(DriveFaultError, match="its cause is still there"):
+            opened.rig.connect()
+
+
+def test_a_run_resets_no_fault() -> None:
+    """Without a person who confirms, a drive in fault is refused as before."""
+    with opened_rig() as opened:
+        opened.plant.drives["insertion"].fail(0x8130)
+        with pytest.raises(DriveFaultError, match="0x8130"):
+            opened.rig.connect()
+
+
+def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
+    """The opening of a run has all axes and the camera."""
+    with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
+        assert [axis.name for axis in rig.axes] == ["insertion", "rotation", "linear"]
+        assert rig.camera.capture().sequence == 0

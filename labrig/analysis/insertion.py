@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import PictureFile, Progress, Unreadable, measure_pictures
+from labrig.analysis.pictures import Progress, Unreadable, measure_pictures
 from labrig.analysis.result import InsertionResult, InsertionTrial, Stamp
 from labrig.protocol import InsertionProtocol
 from labrig.record import Run
@@ -27,7 +27,7 @@ def analyze_insertion(
     trials = run.trials.to_dict("records")
     finals = run.frame_table[run.frame_table["role"] == "final"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    files = [PictureFile(run.path / one["file"], one["sha256"]) for one in finals]
+    files = [run.pictures[int(one["frame"])] for one in finals]
     measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
     ends = {int(one["trial"]): each for one, each in zip(finals, measured, strict=True)}
     truths = {int(one["trial"]): one for one in run.truth.to_dict("records")}

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import PictureFile, Progress, measure_pictures
+from labrig.analysis.pictures import Progress, measure_pictures
 from labrig.analysis.result import RollZeroResult, Stamp
 from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
@@ -27,7 +27,7 @@ def analyze_roll_zero(
     """
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    files = [PictureFile(run.path / one["file"], one["sha256"]) for one in pictures]
+    files = [run.pictures[int(one["frame"])] for one in pictures]
     measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])

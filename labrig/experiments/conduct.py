@@ -16,8 +16,9 @@ from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.insertion import run_insertion
 from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import run_steerability
-from labrig.experiments.withdrawal import Stance, recover
+from labrig.experiments.withdrawal import recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,

@@ -88,6 +88,7 @@ def _trials(run: Run) -> list[Trial]:
             line["needle_id"],
         )
         for line in _lines(run.trials)
+        if line["exit_status"] != "interrupted"  # another one was made in its stead
     ]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, run, runs
+from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, resume, run, runs
 from labrig.cli.output import print_failure
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
@@ -22,6 +22,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 run.register(app)
+resume.register(app)
 protocols.register(app)
 plan.register(app)
 record.register(app)

@@ -1,16 +1,18 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from labrig.analysis import AnalysisResult, analyze_run
+from labrig.cli.finished import Finished
 from labrig.cli.output import say
 from labrig.cli.person import TerminalOperator
-from labrig.cli.progress import progress
-from labrig.cli.signals import Interruption, SignalNote, note_signals
+from labrig.cli.progress import Reporter, progress
+from labrig.cli.signals import Interruption, note_signals
+from labrig.cli.sources import Sources
 from labrig.clock import Clock
 from labrig.devices import Rig, RigDescription, SystemClock, open_rig
 from labrig.errors import (
@@ -18,7 +20,6 @@ from labrig.errors import (
     FileFormatError,
     InputError,
     InterruptedRunError,
-    LabrigError,
     MachineError,
     TargetMissedError,
 )
@@ -32,34 +33,29 @@ from labrig.experiments import (
     trials_planned,
 )
 from labrig.protocol import AnyProtocol, DesignProtocol, dump_yaml
-from labrig.record import Recorder, collect_provenance, open_run, require_free_bytes
+from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be run: the protocol, on which rig if any, where the record goes, and the command that said so."""
+    """What is to be run: the protocol, on which rig if any, where the record goes, and what the command line named."""
 
     protocol: AnyProtocol
     rig: RigDescription | None
     runs_dir: Path
     run_name: str | None
     command_line: tuple[str, ...]
+    sources: Sources
 
 
 @dataclass(frozen=True)
-class Finished:
-    """How it ended; `result` and `report` are None where it was not measured, or the answer is no.
+class Recorded:
+    """A run that has been recorded: how it ended, where the needle was left, and a signal that came too late."""
 
-    `needle` says where the needle was left, and is empty where it is out.
-    """
-
-    run: Path
-    exit_status: str
-    reason: str
-    report: Path | None
-    result: Mapping[str, object] | None
-    error: LabrigError | None
+    path: Path
+    outcome: Outcome
     needle: str
+    signal_name: str | None
 
 
 def perform(order: Order) -> Finished:
@@ -80,14 +76,18 @@ def perform(order: Order) -> Finished:
     needs = estimate(order.protocol, order.rig)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
     require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
-    recorded = _record(order, needs.work)
+    return conclude(_record(order, needs.work), order.command_line)
+
+
+def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
+    """Measure what was recorded and write the report, where the run came to its end."""
     path, outcome = recorded.path, recorded.outcome
     if outcome.error is not None and not _has_an_answer(outcome.error):
         return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, recorded.needle)
     if recorded.signal_name is not None:
         return _unmeasured(path, recorded.signal_name)
     try:
-        result = analyze(path, order.command_line)
+        result = analyze(path, command_line)
         # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
         from labrig.report import write_report
 
@@ -111,48 +111,45 @@ def _unmeasured(path: Path, signal_name: str) -> Finished:
     return Finished(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
-@dataclass(frozen=True)
-class _Recorded:
-    """A run that has been recorded: how it ended, where the needle was left, and a signal that came too late."""
-
-    path: Path
-    outcome: Outcome
-    needle: str
-    signal_name: str | None
-
-
-def _record(order: Order, work: float) -> _Recorded:
+def _record(order: Order, work: float) -> Recorded:
     """Open the record, with a rig where the protocol needs one, conduct the experiment, and close both."""
+    protocol = order.protocol
     if order.rig is not None:
-        with note_signals() as interrupted:
-            path, outcome, needle = _record_on_rig(order, order.rig, interrupted, work)
-        return _Recorded(path, outcome, needle, interrupted())
-    if not isinstance(order.protocol, DesignProtocol):
-        raise InputError(
-            f"the experiment {order.protocol.experiment} needs a rig", "name one with --rig FILE"
-        )
+
+        def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
+            recorder = _open_record(order, rig.clock, rig.describe())
+            return recorder.path, conduct(protocol, Session(rig, recorder, reporter))
+
+        return record_on_rig(protocol, order.rig, work, order.command_line, act)
+    if not isinstance(protocol, DesignProtocol):
+        raise InputError(f"the experiment {protocol.experiment} needs a rig", "name one with --rig FILE")
     clock = SystemClock()
     recorder = _open_record(order, clock, {})
-    return _Recorded(recorder.path, conduct_without_rig(order.protocol, recorder, clock), "", None)
+    return Recorded(recorder.path, conduct_without_rig(protocol, recorder, clock), "", None)
 
 
-def _record_on_rig(
-    order: Order, description: RigDescription, interrupted: SignalNote, work: float
-) -> tuple[Path, Outcome, str]:
+def record_on_rig(
+    protocol: AnyProtocol,
+    description: RigDescription,
+    work: float,
+    command_line: tuple[str, ...],
+    act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
+) -> Recorded:
+    """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
     with (
+        note_signals() as interrupted,
         open_rig(
             description,
-            seed=order.protocol.seed,
+            seed=protocol.seed,
             person=TerminalOperator(interrupted, sys.stdin),
             interrupted=interrupted,
-            doing=" ".join(("labrig", *order.command_line[1:])),
+            doing=" ".join(("labrig", *command_line[1:])),
         ) as rig,
-        progress(order.protocol.experiment, work) as reporter,
+        progress(protocol.experiment, work) as reporter,
     ):
-        recorder = _open_record(order, rig.clock, rig.describe())
-        outcome = conduct(order.protocol, Session(rig, recorder, reporter))
+        path, outcome = act(rig, reporter)
         needle = _needle_left(rig)
-    return recorder.path, outcome, needle
+    return Recorded(path, outcome, needle, interrupted())
 
 
 def _needle_left(rig: Rig) -> str:
@@ -180,6 +177,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         "seed": order.protocol.seed,
         "started": started.isoformat(timespec="seconds"),
         "trials_planned": trials_planned(order.protocol),
+        "sources": order.sources.document(),
         "provenance": collect_provenance(order.command_line),
         "devices": devices,
     }
@@ -188,7 +186,9 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         name = free_name(order.runs_dir, started, order.protocol.experiment)
     protocol_yaml, rig = dump_yaml(order.protocol), order.rig
     if rig is None:
-        return Recorder.create(order.runs_dir, name, manifest, protocol_yaml, None, {})
+        return Recorder.create(
+            order.runs_dir, name, manifest, protocol_yaml, None, {}, code_diff=collect_code_diff()
+        )
     return Recorder.create(
         order.runs_dir,
         name,
@@ -199,6 +199,7 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         fsync_period_s=rig.recording.fsync_period_s,
         least_free_bytes=int(1e6 * rig.recording.least_free_mb),
         picture_store=rig.camera.store,
+        code_diff=collect_code_diff(),
     )
 
 

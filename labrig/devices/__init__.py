@@ -51,7 +51,9 @@ from labrig.devices.operator import (
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
+    WithdrawNeedle,
 )
+from labrig.devices.past import PastInsertion
 from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
@@ -98,6 +100,7 @@ __all__ = [
     "Opening",
     "Operator",
     "OperatorRequest",
+    "PastInsertion",
     "PickTarget",
     "PictureSource",
     "PlacePhantom",
@@ -113,6 +116,7 @@ __all__ = [
     "SimulatedClock",
     "StopReport",
     "SystemClock",
+    "WithdrawNeedle",
     "check_axis_move",
     "check_calibration",
     "check_rig",

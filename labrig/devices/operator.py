@@ -177,6 +177,23 @@ class ConfirmNeedleOut:
 
 
 @dataclass(frozen=True)
+class WithdrawNeedle:
+    """Let the drives withdraw a needle that an interrupted run left in tissue; may be declined."""
+
+    run: str
+    depth_mm: float
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Run {self.run} left its needle in tissue, up to {self.depth_mm:.1f} mm out of the sheath. "
+            "Withdraw it with the drives, slowly, along the path that it took? "
+            "No: take needle and sheath out by hand."
+        )
+
+
+@dataclass(frozen=True)
 class ConfirmHere:
     """Confirm that an axis stands where its position is to be set (homing method 35); nothing moves."""
 
@@ -305,6 +322,7 @@ OperatorRequest = (
     | LayGraphPaper
     | ClearBench
     | ConfirmNeedleOut
+    | WithdrawNeedle
     | ConfirmHere
     | ConfirmMotion
     | ConfirmFree

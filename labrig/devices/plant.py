@@ -1,5 +1,6 @@
 """What a rig is made of, real or simulated, as one `Plant`; here, and only here, the rig file chooses."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from labrig.clock import Clock
@@ -7,6 +8,7 @@ from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import PictureSource
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
+from labrig.devices.past import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.devices.uvc import UvcSource
@@ -35,6 +37,10 @@ class Plant(Protocol):
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion, as far as anybody knows."""
+        ...
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Take note of what was done before in the specimens that stand by; a world that is new knows nothing of it."""
         ...
 
     def close(self) -> None:
@@ -68,6 +74,9 @@ class BenchPlant:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: nobody knows."""
         return ()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Do nothing: real gels remember by themselves."""
 
     def close(self) -> None:
         """Nothing is held beside link and source."""

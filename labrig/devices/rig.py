@@ -1,9 +1,10 @@
 """The opened rig: axes, camera, clock, operator and state; and the rules that hold across them."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
@@ -14,6 +15,7 @@ from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity
 from labrig.devices.homing import HERE, Homing, require_homing_allowed
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
+from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.state import RigState, RollZero, StateStore
@@ -172,6 +174,10 @@ class Rig:
         """Return what is true of the present insertion, one dict; nothing on a bench, where nobody knows."""
         return self._plant.truth()
 
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Take note of what earlier sessions of this run did to the specimens, once its needle is mounted."""
+        self._plant.recall(insertions)
+
     def describe(self) -> dict[str, object]:
         """Return what the rig is and how it was found, ready for JSON."""
         return {
@@ -183,6 +189,16 @@ class Rig:
                 for axis in self.axes
             },
             "camera": None if self._camera is None else self._describe_camera(self._camera),
+            "snapshot": self.snapshot(),
+            "state": asdict(self.state),
+        }
+
+    def snapshot(self) -> dict[str, object]:
+        """Return how the devices stand now, ready for JSON; of one that does not answer, why."""
+        camera = self._camera
+        return {
+            "axes": {axis.name: _answer_of(partial(_readback, axis)) for axis in self.axes},
+            "camera": None if camera is None else _answer_of(camera.read_settings),
             "state": asdict(self.state),
         }
 
@@ -523,6 +539,20 @@ def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
         except MachineError as error:
             failures.append(error.message)
     return failures
+
+
+def _readback(axis: Axis) -> dict[str, object]:
+    read = axis.read()
+    position = {f"position_{axis.unit}": read.position}
+    return {**position, "statusword": read.statusword, "drive_state": read.state.name}
+
+
+def _answer_of(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
+    """Return what a device answers; why, where it does not."""
+    try:
+        return ask()
+    except MachineError as error:
+        return {"error": error.message}
 
 
 @contextmanager

@@ -8,7 +8,9 @@ picture (a later closed loop will, through `steering`). What it is going to do i
 A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer did), with the axes stopped in every case. A design moves nothing: its record is made
+failed (a device or the computer did), with the axes stopped in every case. `conduct_rest` goes on with a sweep that was
+interrupted: `past_of` reads what its record holds, the rest is scheduled, and draws of a simulated world come from seed
+and purpose, so that the rest is what it would have been. A design moves nothing: its record is made
 by `conduct_without_rig`, and nothing is planned for it.
 """
 
@@ -23,7 +25,7 @@ from labrig.experiments.commissioning import (
     judge_backlash,
     judge_travel,
 )
-from labrig.experiments.conduct import Outcome, conduct, conduct_withdrawal, conduct_without_rig
+from labrig.experiments.conduct import Outcome, conduct, conduct_rest, conduct_withdrawal, conduct_without_rig
 from labrig.experiments.plan import (
     Estimate,
     PlannedMove,
@@ -32,6 +34,7 @@ from labrig.experiments.plan import (
     planned_moves,
     trials_planned,
 )
+from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
@@ -51,6 +54,7 @@ __all__ = [
     "Estimate",
     "Finding",
     "Outcome",
+    "Past",
     "PlannedMove",
     "Progress",
     "ReverseMove",
@@ -61,6 +65,7 @@ __all__ = [
     "check_limits",
     "check_travel",
     "conduct",
+    "conduct_rest",
     "conduct_withdrawal",
     "conduct_without_rig",
     "estimate",
@@ -69,12 +74,14 @@ __all__ = [
     "jog",
     "judge_backlash",
     "judge_travel",
+    "past_of",
     "planned_moves",
     "recorded_path",
     "reverse_moves",
     "run_camera_calibration",
     "run_steerability",
     "stance_of",
+    "trials_left",
     "trials_planned",
     "withdraw",
 ]

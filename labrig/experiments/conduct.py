@@ -14,6 +14,7 @@ from labrig.errors import (
 )
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.insertion import run_insertion
+from labrig.experiments.resumption import Past, resume_steerability
 from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance
@@ -45,18 +46,25 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
-    return _conduct(session, protocol.experiment, lambda: _procedure(protocol, session))
+    return _conduct(session, "run_start", protocol.experiment, lambda: _procedure(protocol, session))
+
+
+def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
+    """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+    return _conduct(
+        session, "run_resume", protocol.experiment, lambda: resume_steerability(protocol, session, past)
+    )
 
 
 def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
     """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
-    return _conduct(session, "withdrawal", lambda: recover(session, run_name, path, standing))
+    return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
 
 
-def _conduct(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
+def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(session, experiment, procedure)
+        outcome = _run_to_an_end(session, beginning, experiment, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -68,11 +76,14 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         session.rig.stop()
     except MachineError as error:
         outcome = _not_known_to_stand_still(outcome, error)
+    after = session.rig.snapshot()
     try:
         session.recorder.can_frames(session.rig.take_can_frames())
     except DiskError as error:
         outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
-    return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+    return _close(
+        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
+    )
 
 
 def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
@@ -84,10 +95,12 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
     return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
-def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
+def _close(
+    recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
-        recorder.close(outcome.exit_status, outcome.reason, clock.utc())
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome
@@ -102,9 +115,11 @@ def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(session: Session, experiment: str, procedure: Callable[[], None]) -> Outcome:
+def _run_to_an_end(
+    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
+) -> Outcome:
     try:
-        session.note("run_start", experiment=experiment)
+        session.note(beginning, experiment=experiment)
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)

@@ -53,6 +53,18 @@ class Session:
         SafetyStopError
             When the operator says no.
         """
+        answer = self._asked(request)
+        if not answer.confirmed:
+            raise SafetyStopError(
+                f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
+            )
+        return answer
+
+    def offer(self, request: OperatorRequest) -> bool:
+        """Ask the operator something that may be declined, and return whether it was confirmed."""
+        return self._asked(request).confirmed
+
+    def _asked(self, request: OperatorRequest) -> Answer:
         answer = self.rig.ask(request)
         self.note(
             "operator",
@@ -61,10 +73,6 @@ class Session:
             confirmed=answer.confirmed,
             answer=answer.note,
         )
-        if not answer.confirmed:
-            raise SafetyStopError(
-                f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
-            )
         return answer
 
     def look(self, role: str, trial: int | None = None) -> int:

@@ -1,6 +1,6 @@
 """The steerability test of the paper, section V-B: insertions of one length without turning the bevel."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from labrig.devices import (
     AxisReadback,
@@ -11,6 +11,7 @@ from labrig.devices import (
     ShiftToHole,
 )
 from labrig.experiments.plan import planned_moves
+from labrig.experiments.schedule import PlannedTrial, whole_sweep
 from labrig.experiments.session import Session
 from labrig.protocol import Specimen, SteerabilityProtocol
 
@@ -24,38 +25,48 @@ def run_steerability(protocol: SteerabilityProtocol, session: Session) -> int:
     if rig.state.needle_in_tissue is not False:
         session.ask(ConfirmNeedleOut(rig.state.doubt))
         rig.mark_needle_out()
+    mount_and_reference(protocol, session)
+    return make_insertions(protocol, whole_sweep(protocol), session)
+
+
+def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> None:
+    """Have the needle mounted and the axes stand at zero, which they become, and turn the bevel."""
     session.ask(MountNeedle(protocol.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
-    rig.reference_axes()
-    session.move("rotation", protocol.insertion.bevel_roll_rad, rig.rotation.max_speed / 2)
-    trial = 0
-    for specimen in protocol.specimens:
-        session.ask(PlaceSpecimen(specimen.name, specimen.gelatin_percent))
-        for hole in range(protocol.insertions_per_specimen):
-            _insert_once(protocol, specimen, hole, trial, session)
-            trial += 1
-    return trial
+    session.rig.reference_axes()
+    session.move("rotation", protocol.insertion.bevel_roll_rad, session.rig.rotation.max_speed / 2)
 
 
-def _insert_once(
-    protocol: SteerabilityProtocol, specimen: Specimen, hole: int, trial: int, session: Session
-) -> None:
+def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> int:
+    """Make insertions in their order, each specimen placed when its first one is due; return how many were made."""
+    placed: Specimen | None = None
+    behind = len(whole_sweep(protocol)) - len(trials)
+    for done, trial in enumerate(trials, start=max(behind, 0)):
+        if trial.specimen != placed:
+            session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
+            placed = trial.specimen
+        _insert_once(protocol, trial, done, session)
+    return len(trials)
+
+
+def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
     """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
     total_s = sum(move.duration_s for move in planned_moves(protocol))
     insertion, sheath = protocol.insertion, protocol.sheath
-    hole_position_mm = hole * protocol.hole_spacing_mm
+    specimen, trial = planned.specimen, planned.trial
     session.progress(
-        trial * total_s, f"{specimen.name}, insertion {hole + 1} of {protocol.insertions_per_specimen}"
+        done * total_s, f"{specimen.name}, insertion {planned.hole + 1} of {protocol.insertions_per_specimen}"
     )
-    session.ask(ShiftToHole(specimen.name, hole, hole_position_mm))
+    session.ask(ShiftToHole(specimen.name, planned.hole, planned.hole_position_mm))
     session.note(
         "trial_start",
         trial=trial,
         specimen=specimen.name,
         gelatin_percent=specimen.gelatin_percent,
-        hole=hole,
-        hole_position_mm=hole_position_mm,
+        hole=planned.hole,
+        hole_position_mm=planned.hole_position_mm,
         needle_id=protocol.needle.needle_id,
+        **({} if planned.repeats is None else {"repeats": planned.repeats}),
     )
     session.look("hole", trial)
     session.rig.mark_needle_in_tissue(session.recorder.run_name)
@@ -67,13 +78,13 @@ def _insert_once(
     for line in session.rig.truth():
         session.recorder.truth(trial=trial, **line)
     session.progress(
-        trial * total_s + insertion.length_mm / insertion.speed_mm_s, f"{specimen.name}, withdrawing"
+        done * total_s + insertion.length_mm / insertion.speed_mm_s, f"{specimen.name}, withdrawing"
     )
     session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
     session.move("linear", 0.0, sheath.speed_mm_s)
     session.rig.mark_needle_out()
     session.note("trial_stop", trial=trial, exit_status="success", final_frame=final_frame)
-    session.progress((trial + 1) * total_s, f"{specimen.name}, insertion {hole + 1} done")
+    session.progress((done + 1) * total_s, f"{specimen.name}, insertion {planned.hole + 1} done")
 
 
 class _PicturesOnTheWay:

@@ -6,7 +6,13 @@ touch the disk. The same functions serve the live run and later reanalysis.
 
 from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board, find_board_corners
 from labrig.vision.bundle import LensModel
-from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
+from labrig.vision.calibration_file import (
+    calibration_created,
+    load_intrinsics,
+    load_plane,
+    save_intrinsics,
+    save_plane,
+)
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
@@ -39,6 +45,7 @@ __all__ = [
     "calibrate_from_pictures",
     "calibrate_intrinsics",
     "calibrate_plane",
+    "calibration_created",
     "draw_measurement",
     "draw_plan",
     "find_board",

@@ -6,6 +6,8 @@ by an amount that nothing later could notice.
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -137,6 +139,14 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         raise FileFormatError((Problem(f"{path} homography", "has no inverse", _again(_PLANE)),))
     values = found.model_dump(exclude={"intrinsics_sha256"})
     return PlaneMap(**{**values, "homography": homography, "intrinsics": intrinsics})
+
+
+def calibration_created(path: Path) -> datetime | None:
+    """Return when the calibration in a file was made, as its provenance says; None where that is not known."""
+    with suppress(ValueError, KeyError, TypeError):
+        created = datetime.fromisoformat(json.loads(_read_text(path))["provenance"]["created"])
+        return created if created.tzinfo else None
+    return None
 
 
 def _lens(fingerprint: str | None) -> str:

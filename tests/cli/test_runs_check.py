@@ -1,28 +1,10 @@
 """`labrig runs check`."""
 
-import json
 import shutil
 from pathlib import Path
 
-from labrig.record import encode_document
-from labrig.record.json_lines import checksum
 from tests.cli.conftest import Labrig, Sweep
-
-
-def left(sweep: Sweep, tmp_path: Path) -> Path:
-    """Return the sweep as a power cut would have left it: not closed, its last event torn."""
-    run = Path(shutil.copytree(sweep.run, tmp_path / "cut, é"))
-    (run / "SHA256SUMS").unlink()
-    shutil.rmtree(run / "analysis")
-    manifest = (run / "manifest.json").read_text(encoding="utf-8")
-    assert '"exit_status": "success"' in manifest
-    # The manifest of a run that is still open is that of before: this one is taken back to it.
-    document = json.loads(manifest) | {"exit_status": "incomplete", "reason": None, "ended": None}
-    del document["crc32"]
-    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
-    with (run / "events.jsonl").open("r+b") as events:
-        events.truncate((run / "events.jsonl").stat().st_size - 9)
-    return run
+from tests.cli.cut_runs import cut_short
 
 
 def test_a_finished_run_is_sound(sweep: Sweep, labrig: Labrig) -> None:
@@ -36,7 +18,7 @@ def test_a_finished_run_is_sound(sweep: Sweep, labrig: Labrig) -> None:
 
 def test_an_interrupted_run_is_told_and_repaired(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
     """Checking changes nothing and tells what is torn; --repair closes the run, which is then sound and listed so."""
-    run = left(sweep, tmp_path)
+    run = cut_short(sweep.run, tmp_path / "cut, é", 30.0)
     before = labrig("runs", "check", run)
     assert before.exit_code == 0
     assert "interrupted; --repair closes it" in before.out

@@ -39,7 +39,7 @@ class Watched:
 
     operator: Operator
     then: Callable[[OperatorRequest], None] = lambda _request: None
-    declines: type[object] | None = None
+    declines: type[object] | tuple[type[object], ...] | None = None
     asked: list[OperatorRequest] = field(default_factory=list)
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:

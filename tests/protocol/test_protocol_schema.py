@@ -14,7 +14,13 @@ from labrig.protocol import Model, model_schema, protocol_schema, schema_text
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
 SUFFIX_UNITS = {
-    "_deg_per_root_mm": "[deg / mm^0.5]","_mm_s": "[mm/s]", "px_per_mm": "[px/mm]", "_mm": "[mm]", "_rad": "[rad]", "_px": "[px]"}
+    "_deg_per_root_mm": "[deg / mm^0.5]",
+    "_mm_s": "[mm/s]",
+    "px_per_mm": "[px/mm]",
+    "_mm": "[mm]",
+    "_rad": "[rad]",
+    "_px": "[px]",
+}
 
 
 def every_property(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

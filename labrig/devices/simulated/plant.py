@@ -1,8 +1,11 @@
 """The simulated rig: drives on a bus, their shafts coupled to the world, all in one simulated time."""
 
+from collections.abc import Sequence
+
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.past import PastInsertion
 from labrig.devices.rig_file import AxisDescription, RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.camera import SimulatedSource
@@ -71,6 +74,15 @@ class SimulatedPlant:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""
         return (self.world.truth(),)
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Let the world, which is new, have the tracks that the record tells of, and bring the instrument out again."""
+        for one in insertions:
+            self.world.place_specimen(one.specimen, one.gelatin_percent)
+            self.world.shift_to_hole(one.specimen, one.hole, one.hole_position_mm)
+            here = tuple(self._positions[name] for name in ("insertion", "rotation", "linear"))
+            for insertion_mm, rotation_rad, linear_mm in (*one.path, here):
+                self.world.advance(insertion_mm, rotation_rad, linear_mm)
 
     def close(self) -> None:
         """Take the drives off the bus."""

@@ -1,0 +1,184 @@
+"""A sweep goes on after a crash, a power cut or a stop, on the rig and by the protocol that it had."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from labrig.cli.finished import Finished
+from labrig.cli.output import say
+from labrig.cli.pipeline import Recorded, conclude, record_on_rig
+from labrig.cli.progress import Reporter
+from labrig.cli.sources import Sources, recorded_sources
+from labrig.devices import Rig, RigDescription, SystemClock, load_rig
+from labrig.errors import FileFormatError, InputError, Problem, RecordError
+from labrig.experiments import (
+    Outcome,
+    Past,
+    Session,
+    conduct_rest,
+    estimate,
+    past_of,
+    trials_left,
+    trials_planned,
+)
+from labrig.protocol import Model, SteerabilityProtocol
+from labrig.record import (
+    Recorder,
+    Run,
+    check_run,
+    collect_provenance,
+    differing_values,
+    open_run,
+    require_free_bytes,
+)
+
+_NOT_THE_RIG = ("faults",)
+"""What a rig file holds beside how the rig stands: faults are scripted for one session of a simulated rig."""
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """A run that can be continued: its protocol and past, on which rig, and the command that said so."""
+
+    run: Run
+    protocol: SteerabilityProtocol
+    past: Past
+    rig: RigDescription
+    command_line: tuple[str, ...]
+
+
+def resume_run(
+    path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...]
+) -> Finished:
+    """Make the insertions that are left of a run, measure it and write its report.
+
+    Raises
+    ------
+    RecordError
+        When it is no run, or is damaged.
+    FileFormatError
+        When protocol, rig or calibration are not those of the run; each difference is a problem.
+    InputError
+        When nothing of such a run can be kept, or a block has no room for another entry point.
+    LockedError, DiskError, BusError, DriveError, CameraError
+        When it cannot go on; the record is as it was.
+    """
+    run = _undamaged(path)
+    if run.manifest.get("exit_status") == "success":
+        say(f"{path} has come to its end; it is measured again")
+        return conclude(Recorded(path, Outcome("success", "", None), "", None), command_line)
+    past = past_of(run)
+    assert isinstance(run.protocol, SteerabilityProtocol)
+    description = _unchanged(run, _sources(run, protocol, rig))
+    left = trials_left(run.protocol, past)
+    if not left:
+        return conclude(_closed_without_rig(path, command_line), command_line)
+    say(f"{path}: {sum(one.finished for one in past.begun)} insertions are kept, {len(left)} are left")
+    continuation = Continuation(run, run.protocol, past, description, command_line)
+    needs = estimate(run.protocol, description)
+    share = len(left) / trials_planned(run.protocol)
+    least_free_mb = description.recording.least_free_mb
+    require_free_bytes(path, int(share * needs.disk_bytes + 1e6 * least_free_mb))
+    return conclude(_record_rest(continuation, needs.work), command_line)
+
+
+def _undamaged(path: Path) -> Run:
+    verdict = check_run(path)
+    if verdict.damage:
+        first, count = verdict.damage[0], len(verdict.damage)
+        raise RecordError(
+            f"{path} is damaged in {count} places: {first.where}: {first.message}", "see: labrig runs check"
+        )
+    return open_run(path)
+
+
+def _sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
+    """Return where protocol and rig are read again: as named now, else as named when the run was started."""
+    kept = recorded_sources(run.manifest)
+    if kept is None:
+        if rig is None:
+            raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")
+        kept = Sources(run.path / "protocol.yaml", rig, (), None)
+    settings = tuple(one for one in kept.settings if not one.startswith("rig.faults"))
+    sources = replace(kept, protocol=protocol or kept.protocol, rig=rig or kept.rig, settings=settings)
+    if not sources.protocol.exists() and protocol is None:
+        say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
+        seed_and_values = tuple(one for one in settings if one.startswith("rig."))
+        return replace(sources, protocol=run.path / "protocol.yaml", settings=seed_and_values, seed=None)
+    return sources
+
+
+def _unchanged(run: Run, sources: Sources) -> RigDescription:
+    """Return the rig if it, the protocol and the calibration are what the run began with."""
+    protocol, description = sources.load()
+    if description is None or run.rig_path is None:
+        raise InputError(f"{run.path} moves no rig", "run its protocol again")
+    problems = [
+        *_differences(str(sources.protocol), _values(run.protocol), _values(protocol)),
+        *_differences(str(sources.rig), _values(load_rig(run.rig_path)), _values(description)),
+        *_calibration_differences(run, description),
+    ]
+    if problems:
+        raise FileFormatError(tuple(problems))
+    return description
+
+
+def _values(model: Model) -> dict[str, Any]:
+    return {key: value for key, value in model.model_dump(mode="json").items() if key not in _NOT_THE_RIG}
+
+
+def _differences(where: str, recorded: object, now: object) -> Iterator[Problem]:
+    for key, before, after in differing_values(recorded, now):
+        yield Problem(
+            f"{where} {key}",
+            f"the run began with {before}, now it is {after}",
+            "a run goes on with what it began with: restore that, or start a new run",
+        )
+
+
+def _calibration_differences(run: Run, description: RigDescription) -> Iterator[Problem]:
+    files = description.calibration_files()
+    hashes = run.manifest.get("hashes")
+    recorded = hashes.get("calibration", {}) if isinstance(hashes, Mapping) else {}
+    for name in sorted({*recorded, *files}):
+        now = files[name].read_bytes() if name in files else b""
+        digest = sha256(now).hexdigest() if name in files else None
+        if digest != recorded.get(name):
+            yield Problem(
+                f"calibration {name}",
+                f"the run began with SHA-256 {_short(recorded.get(name))}, now it is {_short(digest)}",
+                "a run goes on with what it began with: restore that file, or start a new run",
+            )
+            if name in files and name in recorded and name.endswith(".json"):
+                before = run.calibration_path(name).read_bytes()
+                yield from _differences(f"calibration {name}", json.loads(before), json.loads(now))
+
+
+def _short(digest: object) -> str:
+    return "none" if digest is None else f"{str(digest)[:12]}..."
+
+
+def _closed_without_rig(path: Path, command_line: tuple[str, ...]) -> Recorded:
+    """Close a run that was interrupted when every insertion had been made."""
+    clock = SystemClock()
+    recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
+    recorder.event("run_stop", 0.0, exit_status="success", reason="")
+    recorder.close("success", "", clock.utc())
+    return Recorded(path, Outcome("success", "", None), "", None)
+
+
+def _record_rest(continuation: Continuation, work: float) -> Recorded:
+    command_line = continuation.command_line
+
+    def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
+        recorder = Recorder.reopen(continuation.run.path, " ".join(("labrig", *command_line[1:])))
+        recorder.begin_session(
+            rig.clock.utc(), provenance=collect_provenance(command_line), devices=rig.describe()
+        )
+        session = Session(rig, recorder, reporter)
+        return recorder.path, conduct_rest(continuation.protocol, session, continuation.past)
+
+    return record_on_rig(continuation.protocol, continuation.rig, work, command_line, act)

@@ -1,0 +1,56 @@
+"""The files that a run is made from, as they were named: kept in its manifest, read again when it is continued."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.cli.options import rig_file, split_overrides
+from labrig.cli.rigs import rig_for
+from labrig.devices import RigDescription
+from labrig.protocol import AnyProtocol, DesignProtocol, load_protocol
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Protocol file, rig file where one was named, overrides and seed."""
+
+    protocol: Path
+    rig: Path | None
+    settings: tuple[str, ...]
+    seed: int | None
+
+    def load(self) -> tuple[AnyProtocol, RigDescription | None]:
+        """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
+        protocol_settings, rig_settings = split_overrides(list(self.settings))
+        protocol = load_protocol(self.protocol, protocol_settings, self.seed)
+        return protocol, rig_for(protocol, self.protocol, self.rig, rig_settings)
+
+    def named(self, protocol: AnyProtocol) -> "Sources":
+        """Return these with the rig file that stands for one that was not named."""
+        if isinstance(protocol, DesignProtocol):
+            return self
+        return Sources(self.protocol, rig_file(self.rig, self.protocol), self.settings, self.seed)
+
+    def document(self) -> dict[str, object]:
+        """Return the form that the manifest keeps: names as typed, no folder of this computer."""
+        rig = None if self.rig is None else str(self.rig)
+        return {
+            "protocol": str(self.protocol),
+            "rig": rig,
+            "settings": list(self.settings),
+            "seed": self.seed,
+        }
+
+
+def recorded_sources(manifest: Mapping[str, object]) -> Sources | None:
+    """Return what the manifest of a run keeps; None for a run of a labrig that kept none."""
+    kept = manifest.get("sources")
+    if not isinstance(kept, Mapping):
+        return None
+    rig, seed, settings = kept.get("rig"), kept.get("seed"), kept.get("settings")
+    return Sources(
+        Path(str(kept.get("protocol"))),
+        None if rig is None else Path(str(rig)),
+        tuple(map(str, settings)) if isinstance(settings, list) else (),
+        seed if isinstance(seed, int) else None,
+    )

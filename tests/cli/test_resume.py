@@ -1,0 +1,136 @@
+"""`labrig resume`."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.record import FileLock, check_run, open_run
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, Sweep
+from tests.cli.cut_runs import cut_short
+from tests.record.faults import killed_run
+
+
+def radii(document: dict[str, Any]) -> dict[int, float]:
+    """Return the radius of each trial's final picture."""
+    return {
+        one["trial"]: one["radius_mm"]
+        for one in document["result"]["measurements"]
+        if one["role"] == "final" and one["trial"] is not None
+    }
+
+
+@pytest.fixture(scope="module")
+def cut(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four insertions, cut short in the second when its needle was deep in the gel."""
+    start_s = float(open_run(sweep.run).trials["start_t_s"][1])
+    return cut_short(sweep.run, tmp_path_factory.mktemp("runs") / "cut, é", start_s + 30.0)
+
+
+def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
+    cut: Path, sweep: Sweep, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Finished insertions are kept, the interrupted one is marked and repeated elsewhere, the others are the same."""
+    run = cut_short(sweep.run, tmp_path / "run", float(open_run(cut).states["t_s"].iloc[-1]))
+    kept = {path.name: path.read_bytes() for path in (run / "frames").iterdir()}
+    done = labrig("resume", run, "--json")
+    assert done.exit_code == 0
+    assert done.json()["exit_status"] == "success"
+    trials = open_run(run).trials.set_index("trial")
+    assert list(trials["exit_status"]) == ["success", "interrupted", "success", "success", "success"]
+    assert list(trials.index) == [0, 1, 4, 2, 3]
+    assert (trials.loc[4, "repeats"], trials.loc[4, "hole"], trials.loc[4, "hole_position_mm"]) == (
+        1,
+        2,
+        20.0,
+    )
+    before, after = radii(sweep.document), radii(done.json())
+    assert {trial: after[trial] for trial in (0, 2, 3)} == {trial: before[trial] for trial in (0, 2, 3)}
+    assert [one["n"] for one in done.json()["result"]["specimens"]] == [2, 2]
+    assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
+    assert check_run(run).damage == ()
+    (row,) = labrig("runs", "--runs-dir", tmp_path, "--json").json()
+    assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
+
+
+def test_the_pictures_of_untouched_blocks_are_the_same(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
+    """Interrupted between two insertions, a sweep goes on to the very pictures of the uninterrupted one."""
+    trials = open_run(sweep.run).trials
+    cut_s = float(trials["stop_t_s"][0])
+    run = cut_short(sweep.run, tmp_path / "run", cut_s - 1e-6)
+    # The end of the first insertion is lost with the cut: it is repeated; the second block has never been touched.
+    labrig("resume", run, "--json")
+    ours, theirs = open_run(run).frame_table, open_run(sweep.run).frame_table
+    for trial in (2, 3):
+        assert list(ours[ours["trial"] == trial]["sha256"]) == list(
+            theirs[theirs["trial"] == trial]["sha256"]
+        )
+
+
+def test_a_run_that_had_only_to_be_closed_is_closed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
+    """Killed after its last insertion, a run needs no rig: it is closed, measured and reported."""
+    run = cut_short(sweep.run, tmp_path / "run", 1e9)
+    done = labrig("resume", run, "--json")
+    assert done.exit_code == 0
+    assert radii(done.json()) == radii(sweep.document)
+    assert check_run(run).exit_status == "success"
+
+
+def test_a_finished_run_is_only_measured(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
+    """A run that has come to its end moves nothing."""
+    run = Path(shutil.copytree(sweep.run, tmp_path / "run"))
+    done = labrig("resume", run, "--json")
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    assert (run / "events.jsonl").read_bytes() == (sweep.run / "events.jsonl").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("protocol", "insertion.length_mm: the run began with 40.0, now it is 39"),
+        ("rig", "world.noise_sd: the run began with 3.0, now it is 5"),
+        ("calibration", "calibration plane.json: the run began with SHA-256"),
+    ],
+)
+def test_what_has_changed_is_refused_with_the_difference(
+    cut: Path, labrig: Labrig, tmp_path: Path, what: str, said: str
+) -> None:
+    """Another protocol, rig or calibration exits with 2, names each value, and leaves the record as it is."""
+    before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
+    settings = json.loads((cut / "manifest.json").read_text())["sources"]["settings"]
+    assert settings
+    changed = tmp_path / "changed"
+    changed.mkdir()
+    for source in (ROOT / "calibration").glob("simulated-*.json"):
+        text = source.read_text(encoding="utf-8")
+        (changed / source.name).write_text(f"{text}\n" if what == "calibration" else text, encoding="utf-8")
+    rig = RIG.read_text(encoding="utf-8")
+    (changed / "rig.yaml").write_text(rig.replace("noise_sd: 3", "noise_sd: 5") if what == "rig" else rig)
+    sweep = SWEEP.read_text(encoding="utf-8")
+    (changed / "p.yaml").write_text(
+        sweep.replace("length_mm: 40", "length_mm: 39") if what == "protocol" else sweep
+    )
+    for template in (ROOT / "calibration").glob("simulated-*.png"):
+        (changed / template.name).write_bytes(template.read_bytes())
+    done = labrig("resume", cut, "--protocol", changed / "p.yaml", "--rig", changed / "rig.yaml")
+    assert done.exit_code == 2
+    assert said in done.err
+    assert {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()} == before
+
+
+def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig) -> None:
+    """While another process writes the run, resuming exits with 3 and names it."""
+    with FileLock(cut / ".lock").acquire("labrig run"):
+        done = labrig("resume", cut, "--json")
+    assert done.exit_code == 3
+    assert done.json()["error"]["type"] == "LockedError"
+
+
+def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> None:
+    """A folder that is no run exits with 4; a run of another experiment, of which nothing can be kept, with 2."""
+    assert labrig("resume", tmp_path).exit_code == 4
+    done = labrig("resume", killed_run(tmp_path))
+    assert done.exit_code == 2
+    assert "nothing of it can be kept" in done.err

@@ -1,0 +1,86 @@
+"""A needle that an interrupted run left in tissue, when the run goes on."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, WithdrawNeedle
+from labrig.experiments import Outcome, Session, conduct, conduct_rest, past_of
+from labrig.protocol import SteerabilityProtocol
+from labrig.record import Recorder, Run, open_run
+from tests.experiments.sessions import Bench, Told, Watched, bench, sweep
+
+
+def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:
+    """Let a signal arrive when the needle is on its way, and leave it there."""
+
+    def then(doing: str) -> None:
+        if "withdrawing" in doing:
+            at.opened.signal.name = "TERM"
+
+    outcome = conduct(protocol, Session(at.opened.rig, at.recorder, Told(then)))
+    assert outcome.exit_status == "aborted"
+    at.opened.signal.name = None
+    return open_run(at.recorder.path)
+
+
+def _go_on(at: Bench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
+    recorder = Recorder.reopen(run.path, "test")
+    outcome = conduct_rest(protocol, Session(at.opened.rig, recorder, Told()), past_of(run))
+    return outcome, open_run(run.path)
+
+
+@pytest.fixture
+def protocol() -> SteerabilityProtocol:
+    """One insertion into one gel."""
+    loaded = sweep()
+    assert isinstance(loaded, SteerabilityProtocol)
+    return loaded
+
+
+def test_the_needle_is_withdrawn_along_its_path_before_anything_is_referenced(
+    tmp_path: Path, protocol: SteerabilityProtocol
+) -> None:
+    """With drives that kept their reference, the operator is offered a withdrawal; only then are axes referenced."""
+    with bench(tmp_path, protocol) as at:
+        run = _stop_while_inserting(at, protocol)
+        assert at.opened.rig.state.needle_in_tissue
+        outcome, run = _go_on(at, protocol, run)
+    assert outcome.exit_status == "success"
+    after = run.events[run.events["t_s"] > run.trials["start_t_s"][0]].to_dict("records")
+    kinds = [event["request"] if event["kind"] == "operator" else event["kind"] for event in after]
+    start = kinds.index("run_resume")
+    assert kinds[start + 1 : start + 4] == ["trial_stop", "WithdrawNeedle", "withdrawal_start"]
+    assert kinds.index("withdrawal_stop") < kinds.index("ConfirmAxesAtZero")
+    assert list(run.trials["exit_status"]) == ["interrupted", "success"]
+
+
+def test_a_withdrawal_may_be_declined_and_then_the_needle_is_asked_about(
+    tmp_path: Path, protocol: SteerabilityProtocol
+) -> None:
+    """The operator who says no takes it out by hand; until that is confirmed nothing moves and nothing is homed."""
+    with bench(tmp_path, protocol) as at:
+        run = _stop_while_inserting(at, protocol)
+        depth_mm = at.opened.rig.read_states()["insertion"].position
+        at.opened.rig.operator = watched = Watched(
+            at.opened.rig.operator, declines=(WithdrawNeedle, ConfirmNeedleOut)
+        )
+        outcome, run = _go_on(at, protocol, run)
+        assert [type(request) for request in watched.asked] == [WithdrawNeedle, ConfirmNeedleOut]
+        assert at.opened.rig.read_states()["insertion"].position == depth_mm
+        assert at.opened.rig.state.needle_in_tissue
+    assert outcome.exit_status == "aborted"
+    assert not any(event == ConfirmAxesAtZero.__name__ for event in run.events["request"].iloc[-3:])
+
+
+def test_without_a_reference_the_needle_is_only_asked_about(
+    tmp_path: Path, protocol: SteerabilityProtocol
+) -> None:
+    """Where a drive has lost its reference nobody knows where the needle stands: no withdrawal is offered."""
+    with bench(tmp_path, protocol) as at:
+        run = _stop_while_inserting(at, protocol)
+        at.opened.rig.linear.referenced = False
+        at.opened.rig.operator = watched = Watched(at.opened.rig.operator, declines=ConfirmNeedleOut)
+        outcome, _ = _go_on(at, protocol, run)
+    assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]
+    assert outcome.exit_status == "aborted"

@@ -20,6 +20,7 @@ from labrig.errors import (
     FileFormatError,
     InputError,
     InterruptedRunError,
+    LabrigError,
     MachineError,
     TargetMissedError,
 )

@@ -36,6 +36,7 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -69,6 +70,7 @@ __all__ = [
     "InsertionResult",
     "InsertionTrial",
     "MeasuredRadius",
+    "NeedleInPicture",
     "PaperGel",
     "PictureResult",
     "RollZeroResult",
@@ -84,5 +86,6 @@ __all__ = [
     "load_lens",
     "load_mapping",
     "load_result",
+    "needle_in",
     "study_design",
 ]

@@ -20,9 +20,11 @@ from labrig.vision.picture import Picture, as_grey, read_picture, require_size, 
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.refraction import Gel, PaperPlace
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template, save_template, template_files
 from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
-from labrig.vision.tip_template import TipTemplate
+from labrig.vision.tip_template import TipTemplate, cut_template
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
@@ -31,11 +33,14 @@ __all__ = [
     "CurvatureMeasurement",
     "CurvatureSettings",
     "DrawnPlan",
+    "Gel",
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "PaperPlace",
     "Picture",
     "PlaneMap",
+    "ShaftTip",
     "TipFix",
     "TipSettings",
     "TipTemplate",
@@ -46,6 +51,7 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "calibration_created",
+    "cut_template",
     "draw_measurement",
     "draw_plan",
     "find_board",
@@ -55,6 +61,7 @@ __all__ = [
     "load_template",
     "locate_tip",
     "measure_curvature",
+    "measure_shaft_tip",
     "next_region_px",
     "projection_sigma_px",
     "read_picture",

@@ -1,7 +1,6 @@
 """The person at the bench, asked at the terminal."""
 
 import math
-import select
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TextIO
@@ -10,6 +9,7 @@ from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
 from labrig.devices import Answer, OperatorRequest, PickTarget, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
+from labrig.posix import wait_for_input
 
 
 class TerminalOperator:
@@ -72,7 +72,7 @@ class TerminalOperator:
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line, looking for signals and after the rig twenty times a second."""
-        while not select.select([self._terminal], [], [], 0.05)[0]:
+        while not wait_for_input(self._terminal, 0.05):
             meanwhile()
             if self._interrupted() is not None:
                 raise InterruptedRunError(f"interrupted by {self._interrupted()}")

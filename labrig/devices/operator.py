@@ -173,7 +173,7 @@ class ConfirmNeedleOut:
     @property
     def text(self) -> str:
         """Return the request as a sentence."""
-        return f"Confirm that no needle is in tissue: {self.reason}."
+        return f"Confirm that no needle is in tissue: {self.reason}. If one is: no, then labrig devices withdraw."
 
 
 @dataclass(frozen=True)

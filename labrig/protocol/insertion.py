@@ -61,7 +61,7 @@ class Place(Model):
     """A point of the steering plane: in mm, or as a pixel of the camera's picture."""
 
     position_mm: PointMm | None = Field(
-        None, description="x, y, z from the origin of the steering plane [mm]; z along the insertion."
+        None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
     )
     pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
 

@@ -96,18 +96,23 @@ class LayGraphPaper:
 
 @dataclass(frozen=True)
 class PlacePhantom:
-    """Put a block of gel with obstacles cast in into the frame; obstacles are ((x, y, z), radius) [mm]."""
+    """Put a block of gel with obstacles cast in into the frame, so that they are seen where the protocol says.
+
+    obstacles : the pixel (u, v) of each one's centre, and its radius [mm]. What the camera is calibrated for is where
+    things are seen; a frame that nobody sees would be off by how the graph paper was laid.
+    """
 
     name: str
     gelatin_percent: float
-    obstacles: tuple[tuple[tuple[float, float, float], float], ...]
+    obstacles: tuple[tuple[tuple[float, float], float], ...]
 
     @property
     def text(self) -> str:
         """Return the request as a sentence."""
+        seen = ", ".join(f"{radius:g} mm at ({u:.0f}, {v:.0f}) px" for (u, v), radius in self.obstacles)
         return (
-            f"Place block {self.name} ({self.gelatin_percent:g} % gelatin, obstacles: {len(self.obstacles)}) in the "
-            "frame, where nothing has been inserted yet."
+            f"Place block {self.name} ({self.gelatin_percent:g} % gelatin) in the frame, where nothing has been "
+            f"inserted yet; obstacles, by radius: {seen or 'none'}."
         )
 
 
@@ -128,7 +133,7 @@ class ConfirmPlan:
     """Look at the plan drawn into a picture, and let the needle go."""
 
     picture: str
-    target_mm: tuple[float, float, float]
+    target_px: tuple[float, float]
     plan: str
 
     @property

@@ -122,7 +122,9 @@ def _steer(
 def _aim(protocol: InsertionProtocol, session: Session, eye: Eye, trial: int) -> Aim:
     """Have the block placed, and return target and obstacles, the target asked for where the protocol says so."""
     specimen = protocol.specimen
-    obstacles = tuple((one.position_mm, one.radius_mm) for one in obstacles_of(protocol, eye.plane))
+    obstacles = tuple(
+        (eye.pixel_of(one.position_mm), one.radius_mm) for one in obstacles_of(protocol, eye.plane)
+    )
     name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
     picked_px = None
@@ -204,7 +206,7 @@ class _Insertion:
         file = self.session.draw(draw_plan(image, self.eye.plane, drawn), "plan", self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
-        self.session.ask(ConfirmPlan(str(file), aim.target_mm, plan))
+        self.session.ask(ConfirmPlan(str(file), self.eye.pixel_of(aim.target_mm), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> None:
         """Hold, take the last picture, write down what is true, and withdraw along the path."""

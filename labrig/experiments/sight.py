@@ -36,6 +36,11 @@ class Eye:
     plane: PlaneMap
     template: TipTemplate
 
+    def pixel_of(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
+        u, v = self.plane.to_px(np.array([place_mm[1:]]))[0].tolist()
+        return u, v
+
 
 @dataclass(frozen=True, eq=False)
 class TipSeen:

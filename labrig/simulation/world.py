@@ -20,7 +20,7 @@ from labrig.simulation.gel import (
     make_hole,
     no_gel,
 )
-from labrig.simulation.lens import Field32, Floats, plane_to_pixels
+from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blurred
 from labrig.simulation.track import Bending, Node, Track
@@ -117,6 +117,12 @@ class World:
     def aim_at(self, target_mm: tuple[float, float, float]) -> None:
         """Take note of where the insertion into the present phantom is meant to end, (x, y, z)."""
         self._target_mm = target_mm
+
+    def seen_at_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
+        """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""
+        lens = self.description.lens
+        y, z = steering_plane_pose(lens).meet(unproject(np.array([pixel]), lens))
+        return 0.0, float(y[0]), float(z[0])
 
     def target_mark_px(self) -> tuple[float, float]:
         """Return the pixel (u, v) at which somebody who is asked for the target sees it."""

@@ -15,6 +15,7 @@ COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
 SUFFIX_UNITS = {
     "_deg_per_root_mm": "[deg / mm^0.5]",
+    "_per_mm": "millimetre",
     "_mm_s": "[mm/s]",
     "px_per_mm": "[px/mm]",
     "_mm": "[mm]",

@@ -2,6 +2,8 @@
 
 import json
 import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -230,3 +232,41 @@ def test_nobody_at_the_terminal_is_nobody_who_confirms(labrig: Labrig, at_bench:
         sys.stdin = stdin
     assert done.exit_code == 3
     assert "nobody is there to answer" in done.err
+
+
+def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, tmp_path: Path) -> None:
+    """It stops its axes, says so, ends as aborted with exit 3, and remembers where its needle is."""
+    for name in ("rig-simulated.yaml", "simulated-intrinsics.json", "simulated-plane.json"):
+        shutil.copy(ROOT / "calibration" / name, tmp_path)
+    rig = tmp_path / "rig-simulated.yaml"
+    text = rig.read_text(encoding="utf-8").replace("state_file: null ", "state_file: sim.state.json ")
+    rig.write_text(text, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "labrig",
+        "run",
+        str(SWEEP),
+        "--rig",
+        str(rig),
+        "--runs-dir",
+        str(tmp_path),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+        while not _in_tissue(tmp_path / "sim.state.json"):
+            assert running.poll() is None
+        refused = labrig("devices", "home", "--rig", rig)
+        document = labrig("devices", "stop", "--rig", rig, "--json").json()
+        _, talk = running.communicate(timeout=60)
+    assert (refused.exit_code, f"process {running.pid}" in refused.err) == (3, True)
+    assert (document["by"], document["done"][1]) == ("run", "it has seen every axis stand still")
+    assert "labrig run" in document["done"][0]
+    assert running.returncode == 3
+    assert "stopped by labrig devices stop" in talk
+    assert "labrig devices withdraw" in talk
+    (run,) = (path.parent for path in tmp_path.glob("*/manifest.json"))
+    assert open_run(run).manifest["exit_status"] == "aborted"
+
+
+def _in_tissue(state_file: Path) -> bool:
+    return state_file.exists() and json.loads(state_file.read_text())["needle_in_tissue"] is True

@@ -38,7 +38,7 @@ _WIDTH_TOLERANCE = 0.25
 # bevel has begun to narrow the needle without being told from it by its width.
 _STEP_BLUR = 0.6
 _BEVEL_ONSET = 0.6
-# A row does not count where a mask comes as near to its middle, in widest diameters.
+# A row does not count where a mask comes as near to its middle, in needle diameters.
 _MASK_REACH = 0.6
 # Both edges must be seen over so much of the needle, and over this length at all.
 _LEAST_MEASURED = 0.5
@@ -106,7 +106,7 @@ class _Scene:
         edges = find_edges(strip, widths)
         if self.masked is None:
             return strip, edges
-        middle, reach = strip.shape[1] // 2, int(np.ceil(_MASK_REACH * widths.widest_px))
+        middle, reach = strip.shape[1] // 2, int(np.ceil(_MASK_REACH * widths.needle_px))
         touched = (
             straighten(self.masked, guide, widths)[:, middle - reach : middle + reach + 1].max(axis=1) > 0.0
         )

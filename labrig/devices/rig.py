@@ -456,10 +456,14 @@ class Rig:
         self._identities[axis.name] = axis.connect()
 
     def _offer_fault_reset(self, axis: Axis) -> None:
-        """Ask whether the fault of a drive may be reset, where this rig was opened to do so."""
-        fault = axis.reported_fault() if self._opening.reset_faults else None
+        """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
+        fault = axis.reported_fault()
         if fault is None:
             return
+        if not self._opening.reset_faults:
+            command = "withdraw" if self.state.needle_in_tissue else f"home --axis {axis.name}"
+            way_out = f"labrig devices {command} --rig FILE resets it once you confirm"
+            raise fault.reworded(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
             raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
         axis.reset_fault()

@@ -34,6 +34,8 @@ AXES = ("insertion", "rotation", "linear")
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
+_SYNC = 0x080
+
 _WITHDRAW_FIRST = (
     "take it out along its path: labrig devices withdraw --rig FILE; "
     "after one by hand, the next labrig run asks to confirm that it is out"
@@ -213,7 +215,7 @@ class Rig:
     # Moving
 
     def read_states(self) -> dict[str, AxisReadback]:
-        """Read every axis.
+        """Read every axis, all at one instant: that of a SYNC.
 
         Raises
         ------
@@ -221,6 +223,9 @@ class Rig:
             When one of them cannot go on; all of them have been stopped then, as far as they answer.
         """
         try:
+            for axis in self.axes:
+                axis.expect_report()
+            self._link.send(_SYNC, b"")
             return {name: axis.read() for name, axis in self._axes.items()}
         except MachineError as error:
             self._stop_because_of(error)

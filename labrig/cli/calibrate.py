@@ -94,17 +94,30 @@ def plane(
         Path | None,
         typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
     ] = None,
+    gel_index: Annotated[
+        float | None,
+        typer.Option(help="Refractive index of the gel above the needle; about 1.35.", show_default=False),
+    ] = None,
+    gel_depth_mm: Annotated[
+        float | None, typer.Option(help="Depth of the needle below the gel's surface.", show_default=False)
+    ] = None,
+    paper_at: Annotated[
+        Literal["needle", "surface"],
+        typer.Option(help="Where the paper lay, in air: where the needle is to be, or on the gel's surface."),
+    ] = "needle",
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
+    from labrig.cli.lens import gel_above
     from labrig.vision import calibrate_plane, load_intrinsics, read_picture, save_plane
 
+    gel = gel_above(gel_index, gel_depth_mm, paper_at, intrinsics)
     require_writable(out, force)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
     try:
-        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion)
+        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion, gel=gel)
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_PLANE, as_json)
     if out is not None and (found.accepted or force):
@@ -118,8 +131,10 @@ def plane(
             typer.echo(f"  {reason}")
         typer.echo(
             f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
-            f"held out {document['holdout_rms_mm']:.4f} mm rms"
+            f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
         )
+        for sentence in document["assumptions"]:
+            typer.echo(f"assumed: {sentence}")
     _say_whether_written(out, found.accepted, force)
     return 0 if found.accepted else 1
 

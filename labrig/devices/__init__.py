@@ -37,13 +37,17 @@ from labrig.devices.operator import (
     ConfirmHere,
     ConfirmMotion,
     ConfirmNeedleOut,
+    ConfirmPlan,
     ConfirmStance,
+    ConfirmStopped,
     ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
@@ -60,7 +64,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, rig_state
+from labrig.devices.state import RigState, RollZero, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -84,7 +88,9 @@ __all__ = [
     "ConfirmHere",
     "ConfirmMotion",
     "ConfirmNeedleOut",
+    "ConfirmPlan",
     "ConfirmStance",
+    "ConfirmStopped",
     "ConfirmWithdrawal",
     "DriveState",
     "Frame",
@@ -95,12 +101,15 @@ __all__ = [
     "Operator",
     "OperatorRequest",
     "PastInsertion",
+    "PickTarget",
     "PictureSource",
+    "PlacePhantom",
     "PlaceSpecimen",
     "ReadScale",
     "Rig",
     "RigDescription",
     "RigState",
+    "RollZero",
     "ServedBus",
     "Setpoint",
     "ShiftToHole",

@@ -39,13 +39,17 @@ from labrig.devices.operator import (
     ConfirmHere,
     ConfirmMotion,
     ConfirmNeedleOut,
+    ConfirmPlan,
     ConfirmStance,
+    ConfirmStopped,
     ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
@@ -62,7 +66,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, rig_state
+from labrig.devices.state import RigState, RollZero, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -86,7 +90,9 @@ __all__ = [
     "ConfirmHere",
     "ConfirmMotion",
     "ConfirmNeedleOut",
+    "ConfirmPlan",
     "ConfirmStance",
+    "ConfirmStopped",
     "ConfirmWithdrawal",
     "DriveState",
     "Frame",
@@ -97,12 +103,15 @@ __all__ = [
     "Operator",
     "OperatorRequest",
     "PastInsertion",
+    "PickTarget",
     "PictureSource",
+    "PlacePhantom",
     "PlaceSpecimen",
     "ReadScale",
     "Rig",
     "RigDescription",
     "RigState",
+    "RollZero",
     "ServedBus",
     "Setpoint",
     "ShiftToHole",

@@ -18,7 +18,7 @@ from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, Operato
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
-from labrig.devices.state import RigState, StateStore
+from labrig.devices.state import RigState, RollZero, StateStore
 from labrig.errors import (
     CameraError,
     DriveError,
@@ -33,6 +33,8 @@ AXES = ("insertion", "rotation", "linear")
 
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
+
+_SYNC = 0x080
 
 _WITHDRAW_FIRST = (
     "take it out along its path: labrig devices withdraw --rig FILE; "
@@ -213,7 +215,7 @@ class Rig:
     # Moving
 
     def read_states(self) -> dict[str, AxisReadback]:
-        """Read every axis.
+        """Read every axis, all at one instant: that of a SYNC.
 
         Raises
         ------
@@ -221,6 +223,9 @@ class Rig:
             When one of them cannot go on; all of them have been stopped then, as far as they answer.
         """
         try:
+            for axis in self.axes:
+                axis.expect_report()
+            self._link.send(_SYNC, b"")
             return {name: axis.read() for name, axis in self._axes.items()}
         except MachineError as error:
             self._stop_because_of(error)
@@ -418,6 +423,26 @@ class Rig:
         """
         for name, position in positions.items():
             self._axes[name].believe_position(position)
+
+    def roll_zero_of(self, needle_id: str) -> RollZero | None:
+        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
+        known = self.state.roll_zero
+        return known if known is not None and known.needle_id == needle_id else None
+
+    def certify_roll_zero(self, roll_zero: RollZero) -> None:
+        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
+
+        Raises
+        ------
+        SafetyStopError
+            When the rotation axis has no reference: the roll would mean nothing.
+        DiskError
+        """
+        if not self.rotation.referenced:
+            raise SafetyStopError(
+                "axis rotation is not referenced: it has no roll", "reference the axes first"
+            )
+        self._store.update(roll_zero=roll_zero)
 
     def mark_needle_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""

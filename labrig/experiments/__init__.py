@@ -37,16 +37,15 @@ from labrig.experiments.plan import (
 )
 from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
+from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
     WITHDRAWS,
     ReverseMove,
-    Stance,
     WithdrawalSpeeds,
     recorded_path,
     reverse_moves,
-    stance_of,
     withdraw,
 )
 

@@ -4,17 +4,29 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
-from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
+from labrig.errors import (
+    DiskError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+    SafetyStopError,
+    TargetMissedError,
+)
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.insertion import run_insertion
 from labrig.experiments.resumption import Past, resume_steerability
+from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import run_steerability
-from labrig.experiments.withdrawal import Stance, recover
+from labrig.experiments.withdrawal import recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
     SteerabilityProtocol,
 )
 from labrig.record import Recorder
@@ -111,6 +123,8 @@ def _run_to_an_end(
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
+    except TargetMissedError as error:
+        return Outcome("failed", error.reason, error)
     except LabrigError as error:
         return Outcome("failed", error.message, error)
     return Outcome("success", "", None)
@@ -120,6 +134,10 @@ def _procedure(protocol: AnyProtocol, session: Session) -> None:
     match protocol:
         case SteerabilityProtocol():
             run_steerability(protocol, session)
+        case InsertionProtocol():
+            run_insertion(protocol, session)
+        case RollZeroProtocol():
+            run_roll_zero(protocol, session)
         case CameraCalibrationProtocol():
             run_camera_calibration(protocol, session)
         case DesignProtocol():

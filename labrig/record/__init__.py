@@ -59,6 +59,7 @@ from labrig.record.check import Verdict, check_run
 from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
+from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
 from labrig.record.provenance import collect_code_diff, collect_provenance
@@ -93,6 +94,7 @@ __all__ = [
     "lock_owner",
     "note_on_run",
     "open_run",
+    "picture_file",
     "read_annotations",
     "repair_run",
     "require_free_bytes",

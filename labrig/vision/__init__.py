@@ -15,7 +15,7 @@ from labrig.vision.calibration_file import (
 )
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.overlay import draw_measurement
+from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
@@ -32,6 +32,7 @@ __all__ = [
     "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
+    "DrawnPlan",
     "Gel",
     "Insertion",
     "Intrinsics",
@@ -52,6 +53,7 @@ __all__ = [
     "calibration_created",
     "cut_template",
     "draw_measurement",
+    "draw_plan",
     "find_board",
     "find_board_corners",
     "load_intrinsics",

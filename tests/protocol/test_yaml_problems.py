@@ -136,7 +136,7 @@ def line_of(text: str, part: str) -> int:
             ": 7\n",
             "experiment",
             "is 7, expected one of",
-            "known here: steerability, camera-",
+            "known here: steerability, insertion",
         ),
     ],
 )
@@ -224,7 +224,8 @@ def test_a_missing_experiment_is_told_with_the_choices():
     (problem,) = problems_of(changed("experiment: steerability\n", ""))
     assert (
         problem.message
-        == "experiment is missing, expected one of steerability, camera-calibration, import, design"
+        == "experiment is missing, expected one of steerability, insertion, roll-zero, camera-calibration, "
+        "import, design"
     )
     assert problem.hint == "add a line `experiment: steerability`"
 

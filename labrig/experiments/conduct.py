@@ -17,7 +17,7 @@ from labrig.protocol import (
     ImportProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Recorder
+from labrig.record import Journal
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
     return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
-def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
+def _close(recorder: Journal, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc())
@@ -89,7 +89,7 @@ def _close(recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome) -> Ou
     return outcome
 
 
-def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clock) -> Outcome:
+def conduct_without_rig(protocol: DesignProtocol, recorder: Journal, clock: Clock) -> Outcome:
     """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
     try:
         recorder.event("run_start", 0.0, experiment=protocol.experiment)

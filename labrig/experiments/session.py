@@ -6,7 +6,7 @@ from typing import Protocol
 
 from labrig.devices import Axis, AxisReadback, OperatorRequest, Rig
 from labrig.errors import SafetyStopError
-from labrig.record import Recorder
+from labrig.record import Journal
 
 
 class Progress(Protocol):
@@ -25,7 +25,7 @@ class Session:
     """The opened rig, the record of this run, and where progress is told."""
 
     rig: Rig
-    recorder: Recorder
+    recorder: Journal
     progress: Progress
 
     def note(self, kind: str, **fields: object) -> None:
@@ -61,6 +61,7 @@ class Session:
     def look(self, role: str, trial: int | None = None) -> int:
         """Take a picture, record it with the positions that the encoders read, and return its number."""
         frame, positions = self.rig.look()
+        self.recorder.can_frames(self.rig.take_can_frames())
         return self.recorder.frame(
             frame.image,
             frame.t_s,

@@ -6,7 +6,8 @@
     ├── AnswerIsNoError       (1)  it ran, and the answer is no
     │   ├── CalibrationRefusedError
     │   ├── MeasurementRefusedError
-    │   └── ReplayDiffersError     a replay is not its record
+    │   ├── ReplayDiffersError     a replay is not its record
+    │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
     ├── InputError            (2)  what was given cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
     │   ├── PictureError           a file that should be a picture and is not, or of another size
@@ -80,6 +81,26 @@ class MeasurementRefusedError(AnswerIsNoError):
 
 class ReplayDiffersError(AnswerIsNoError):
     """A replay does what its record has not."""
+
+
+class TargetMissedError(AnswerIsNoError):
+    """An insertion that did not reach its target, or could not begin.
+
+    Parameters
+    ----------
+    reason : str
+        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; no_path or
+        no_roll_zero of one that never was.
+    """
+
+    def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:
+        super().__init__(message, hint)
+        self.reason = reason
+
+    @property
+    def inserted(self) -> bool:
+        """Whether a needle was inserted, so that there is something to measure."""
+        return not self.reason.startswith("no_")
 
 
 class InputError(LabrigError, ValueError):

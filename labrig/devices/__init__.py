@@ -39,17 +39,22 @@ from labrig.devices.operator import (
     ConfirmHere,
     ConfirmMotion,
     ConfirmNeedleOut,
+    ConfirmPlan,
     ConfirmStance,
+    ConfirmStopped,
     ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
     WithdrawNeedle,
+    request_details,
 )
 from labrig.devices.past import PastInsertion
 from labrig.devices.replayed.comparison import Comparison, ReplayDifference
@@ -66,7 +71,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, rig_state
+from labrig.devices.state import RigState, RollZero, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -91,7 +96,9 @@ __all__ = [
     "ConfirmHere",
     "ConfirmMotion",
     "ConfirmNeedleOut",
+    "ConfirmPlan",
     "ConfirmStance",
+    "ConfirmStopped",
     "ConfirmWithdrawal",
     "DriveState",
     "Frame",
@@ -102,7 +109,9 @@ __all__ = [
     "Operator",
     "OperatorRequest",
     "PastInsertion",
+    "PickTarget",
     "PictureSource",
+    "PlacePhantom",
     "PlaceSpecimen",
     "ReadScale",
     "Recording",
@@ -111,6 +120,7 @@ __all__ = [
     "Rig",
     "RigDescription",
     "RigState",
+    "RollZero",
     "ServedBus",
     "Setpoint",
     "ShiftToHole",
@@ -127,6 +137,7 @@ __all__ = [
     "recorded_rig",
     "recording_without_rig",
     "recordings",
+    "request_details",
     "rig_schema",
     "rig_state",
     "serve_drives",

@@ -24,7 +24,15 @@ _MOVED_MM = 0.5
 
 
 class PictureSource(Protocol):
-    """What draws pictures: a camera's driver, or the simulated one."""
+    """What draws pictures: a camera's driver, or the simulated one.
+
+    Attributes
+    ----------
+    exposures_a_picture : int
+        Exposures that pass while one picture is read: those that were waiting are thrown away.
+    """
+
+    exposures_a_picture: int
 
     def set(self, name: str, value: Setting) -> None:
         """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
@@ -86,6 +94,15 @@ class Camera:
         self._shown: tuple[bytes, tuple[float, float]] | None = None
         self.settings = _negotiate(source, description.settings())
 
+    def read_settings(self) -> dict[str, Setting | None]:
+        """Return what the camera uses now for each setting that was made; None where it cannot tell.
+
+        Raises
+        ------
+        CameraError
+        """
+        return {name: self._source.get(name) for name in self.settings.asked}
+
     def capture(self) -> Frame:
         """Take a picture.
 
@@ -110,6 +127,20 @@ class Camera:
         frame = Frame(image, t_s, self._sequence)
         self._sequence += 1
         return frame
+
+    def measure_rate_hz(self, pictures: int) -> float | None:
+        """Return the rate of exposures [Hz] over so many pictures; None where pictures take no rig time.
+
+        Raises
+        ------
+        CameraError
+        """
+        self.capture()
+        before_s = self._clock.now_s()
+        for _ in range(pictures):
+            self.capture()
+        took_s = self._clock.now_s() - before_s
+        return pictures * self._source.exposures_a_picture / took_s if took_s > 0 else None
 
     def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
         """Refuse a camera that goes on showing one picture: two exposures are never alike to the last bit.

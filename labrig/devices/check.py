@@ -4,22 +4,34 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
 
 from labrig.devices import epos2_objects as od
-from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera
 from labrig.devices.cia402 import REFERENCED, decode_state
+from labrig.devices.clocks import SystemClock
+from labrig.devices.control import owner_of
+from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2
 from labrig.devices.plant import Plant, make_plant
-from labrig.devices.rig_file import AxisDescription, RigDescription, unknown_entries
+from labrig.devices.rig_file import (
+    ONLY_SIMULATED,
+    AxisDescription,
+    HeartbeatDescription,
+    RigDescription,
+    unknown_entries,
+)
 from labrig.devices.state import StateStore
 from labrig.errors import InputError, LabrigError
-from labrig.vision import Intrinsics, PlaneMap, load_intrinsics, load_plane
+from labrig.vision import Intrinsics, PlaneMap, calibration_created, load_intrinsics, load_plane
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8
+_OLD_DAYS = 30
+_RATE_PICTURES = 6
+_LEAST_RATE_FRACTION = 0.9
 
 
 class CheckStatus(StrEnum):
@@ -49,16 +61,25 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         CheckResult(key, CheckStatus.FAIL, "unknown", f"enter it: {w}")
         for key, w in unknown_entries(rig).items()
     ]
+    owner = owner_of(rig)
+    if owner:
+        value = f"in use by {owner}: bus, drives and camera are not looked at"
+        solution = "wait until it has ended, or: labrig devices stop --rig FILE"
+        results.append(CheckResult("rig", CheckStatus.WARN, value, solution))
+    else:
+        results += _device_results(rig)
+    now = SystemClock().utc()
+    return [*results, *check_calibration(rig, now), _disk_result(), _state_result(rig)]
+
+
+def _device_results(rig: RigDescription) -> list[CheckResult]:
     try:
         plant = make_plant(rig, seed=0)
     except LabrigError as error:
-        results.append(_failed("rig", error))
-    else:
-        with ExitStack() as stack:
-            stack.callback(plant.close)
-            results += _bus_results(rig, plant, stack)
-            results += _camera_results(rig, plant, stack)
-    return [*results, *check_calibration(rig), _disk_result(), _state_result(rig)]
+        return [_failed("rig", error)]
+    with ExitStack() as stack:
+        stack.callback(plant.close)
+        return [*_bus_results(rig, plant, stack), *_camera_results(rig, plant, stack)]
 
 
 def _failed(check: str, error: LabrigError) -> CheckResult:
@@ -79,12 +100,13 @@ def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterato
     stack.callback(link.close)
     yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from check_axis(name, axis, plant, link)
+        yield from check_axis(name, axis, Epos2(link, axis.node_id, name, plant.clock), rig.can.heartbeat)
 
 
-def check_axis(name: str, axis: AxisDescription, plant: Plant, link: CanLink) -> Iterator[CheckResult]:
+def check_axis(
+    name: str, axis: AxisDescription, drive: Epos2, heartbeat: HeartbeatDescription
+) -> Iterator[CheckResult]:
     """Check what an axis and its drive say of each other."""
-    drive = Epos2(link, axis.node_id, name, plant.clock)
     try:
         identity = drive.identify()
         yield CheckResult(
@@ -95,14 +117,56 @@ def check_axis(name: str, axis: AxisDescription, plant: Plant, link: CanLink) ->
         )
         drive.raise_if_faulted()
         yield _encoder_result(name, axis, drive)
+        if not axis.unknown:
+            yield _configuration_result(name, axis, drive, heartbeat)
         yield _reference_result(name, drive)
+        yield _limits_result(name, axis, drive)
     except LabrigError as error:
         yield _failed(f"drive {name}", error)
+
+
+def _configuration_result(
+    name: str, axis: AxisDescription, drive: Epos2, heartbeat: HeartbeatDescription
+) -> CheckResult:
+    """Compare the fingerprint in the drive (0x1020) with that of the settings of the rig file."""
+    found, said = drive.fingerprint(), axis.configuration_fingerprint
+    check, value = f"configuration {name}", f"fingerprint 0x{found[0]:08X}:{found[1]} (0x1020)"
+    if found == (said or fingerprint(drive_settings(axis, heartbeat))):
+        return CheckResult(check, CheckStatus.PASS, f"{value}, as the rig file has it")
+    if said is not None:
+        solution = "power the drive off and on; else compare it in EPOS Studio and enter the new fingerprint"
+        return CheckResult(
+            check, CheckStatus.FAIL, f"{value}, the rig file says 0x{said[0]:08X}:{said[1]}", solution
+        )
+    if found == (0, 0):
+        return CheckResult(check, CheckStatus.PASS, "not set up since power on; a run does so when it begins")
+    return CheckResult(
+        check,
+        CheckStatus.WARN,
+        f"{value}: set up for other settings than those of the rig file",
+        "if somebody else uses this drive, ask; the next run writes what differs",
+    )
+
+
+def _limits_result(name: str, axis: AxisDescription, drive: Epos2) -> CheckResult:
+    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
     low, high = axis.limits
-    yield CheckResult(
+    value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
+    if axis.unknown or not drive.is_referenced():
+        return CheckResult(
+            f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
+        )
+    scale = axis.scale()
+    margin = scale.to_distance_quadcounts(axis.position_window)
+    lower, upper = sorted(map(scale.to_quadcounts, axis.limits))
+    found = (drive.read(od.LOWER_LIMIT), drive.read(od.UPPER_LIMIT))
+    if found == (lower - margin, upper + margin):
+        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}, also in the drive")
+    return CheckResult(
         f"limits {name}",
-        CheckStatus.PASS,
-        f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s",
+        CheckStatus.WARN,
+        f"{value}; the drive holds {found[0]} to {found[1]} quadcounts",
+        f"reference the axis again: labrig devices home --axis {name}",
     )
 
 
@@ -130,7 +194,7 @@ def _reference_result(name: str, drive: Epos2) -> CheckResult:
         f"reference {name}",
         CheckStatus.WARN,
         f"not referenced, {state}",
-        "a run asks for zero before it moves",
+        f"a run asks for zero before it moves; or: labrig devices home --axis {name}",
     )
 
 
@@ -146,11 +210,25 @@ def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iter
         )
         height, width = camera.capture().image.shape[:2]
         yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
+        yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), rig.camera.rate_hz)
     except LabrigError as error:
         yield _failed("camera", error)
 
 
-def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
+def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:
+    """Compare the rate of the camera as measured with the one that was asked for."""
+    check = "camera rate"
+    if measured_hz is None:
+        return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")
+    value = f"{measured_hz:.1f} Hz measured, {asked_hz:g} Hz asked"
+    if measured_hz >= _LEAST_RATE_FRACTION * asked_hz:
+        return CheckResult(check, CheckStatus.PASS, value)
+    return CheckResult(
+        check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
+    )
+
+
+def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:
     """Check that the rig's calibration is there, was accepted, and is of this camera's picture size."""
     paths = rig.calibration_paths()
     intrinsics: list[Intrinsics] = []
@@ -167,7 +245,27 @@ def check_calibration(rig: RigDescription) -> Iterator[CheckResult]:
         return f"{path.name}: {found.mm_per_px:.4f} mm/px"
 
     for name, describe in (("intrinsics.json", lens), ("plane.json", plane)):
-        yield _calibration_result(name.removesuffix(".json"), paths.get(name), describe)
+        which, path = name.removesuffix(".json"), paths.get(name)
+        result = _calibration_result(which, path, describe)
+        yield result
+        if now is not None and path is not None and result.status is CheckStatus.PASS:
+            yield _age_result(which, path, now, moves=rig.kind != ONLY_SIMULATED)
+
+
+def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
+    """Tell how old a calibration is; a bench's camera is touched sooner or later."""
+    check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
+    made = calibration_created(path)
+    if made is None:
+        return CheckResult(check, CheckStatus.WARN, "when it was made is not known", again)
+    days = (now - made).days
+    old = moves and days > _OLD_DAYS
+    return CheckResult(
+        check,
+        CheckStatus.WARN if old else CheckStatus.PASS,
+        f"{days} days, made {made:%Y-%m-%d}",
+        again if old else "",
+    )
 
 
 def _calibration_result(which: str, path: Path | None, describe: Callable[[Path], str]) -> CheckResult:
@@ -217,6 +315,10 @@ def _state_result(rig: RigDescription) -> CheckResult:
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
+    run = f" --run {state.since_run}" if state.since_run else ""
     return CheckResult(
-        "rig state", status, state.doubt, "withdraw the needle; the next run asks to confirm that it is out"
+        "rig state",
+        status,
+        state.doubt,
+        f"labrig devices withdraw{run} takes it out; after one by hand, the next run asks to confirm that it is out",
     )

@@ -213,7 +213,7 @@ class Epos2:
         ------
         DriveError
         """
-        found = self._fingerprint()
+        found = self.fingerprint()
         if found != expected:
             raise DriveError(
                 f"{self.name} has the configuration fingerprint {list(found)} (0x1020), the rig file says "
@@ -276,7 +276,8 @@ class Epos2:
         if written:
             self._renew_fingerprint()
 
-    def _fingerprint(self) -> tuple[int, int]:
+    def fingerprint(self) -> tuple[int, int]:
+        """Return date and time of 0x1020, which the drive clears when a setting is changed."""
         return self.read(od.CONFIGURATION_DATE), self.read(od.CONFIGURATION_TIME)
 
     def _renew_fingerprint(self) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from labrig.devices.axis import Axis, AxisReadback, raise_together
 from labrig.devices.bus import CanLink
@@ -17,7 +18,7 @@ from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, Operato
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
-from labrig.devices.state import RigState, StateStore
+from labrig.devices.state import RigState, RollZero, StateStore
 from labrig.errors import (
     CameraError,
     DriveError,
@@ -191,6 +192,16 @@ class Rig:
                 for axis in self.axes
             },
             "camera": None if self._camera is None else self._describe_camera(self._camera),
+            "snapshot": self.snapshot(),
+            "state": asdict(self.state),
+        }
+
+    def snapshot(self) -> dict[str, object]:
+        """Return how the devices stand now, ready for JSON; of one that does not answer, why."""
+        camera = self._camera
+        return {
+            "axes": {axis.name: _answer_of(partial(_readback, axis)) for axis in self.axes},
+            "camera": None if camera is None else _answer_of(camera.read_settings),
             "state": asdict(self.state),
         }
 
@@ -411,6 +422,26 @@ class Rig:
         for name, position in positions.items():
             self._axes[name].believe_position(position)
 
+    def roll_zero_of(self, needle_id: str) -> RollZero | None:
+        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
+        known = self.state.roll_zero
+        return known if known is not None and known.needle_id == needle_id else None
+
+    def certify_roll_zero(self, roll_zero: RollZero) -> None:
+        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
+
+        Raises
+        ------
+        SafetyStopError
+            When the rotation axis has no reference: the roll would mean nothing.
+        DiskError
+        """
+        if not self.rotation.referenced:
+            raise SafetyStopError(
+                "axis rotation is not referenced: it has no roll", "reference the axes first"
+            )
+        self._store.update(roll_zero=roll_zero)
+
     def mark_needle_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""
         self._store.update(needle_in_tissue=True, since_run=run, note="")
@@ -511,6 +542,20 @@ def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
         except MachineError as error:
             failures.append(error.message)
     return failures
+
+
+def _readback(axis: Axis) -> dict[str, object]:
+    read = axis.read()
+    position = {f"position_{axis.unit}": read.position}
+    return {**position, "statusword": read.statusword, "drive_state": read.state.name}
+
+
+def _answer_of(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
+    """Return what a device answers; why, where it does not."""
+    try:
+        return ask()
+    except MachineError as error:
+        return {"error": error.message}
 
 
 @contextmanager

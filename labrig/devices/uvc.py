@@ -31,6 +31,8 @@ class UvcSource:
         When there is no such device, or it is no camera.
     """
 
+    exposures_a_picture = _QUEUED_PICTURES + 1
+
     def __init__(self, device: str) -> None:
         self._device = device
         # Opened first: it fails with a reason, where OpenCV prints to stderr and says no.

@@ -40,16 +40,15 @@ from labrig.experiments.plan import (
 from labrig.experiments.replay import Replay, replay_run, replay_work
 from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
+from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
     WITHDRAWS,
     ReverseMove,
-    Stance,
     WithdrawalSpeeds,
     recorded_path,
     reverse_moves,
-    stance_of,
     withdraw,
 )
 

@@ -4,17 +4,29 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
-from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
+from labrig.errors import (
+    DiskError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+    SafetyStopError,
+    TargetMissedError,
+)
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.insertion import run_insertion
 from labrig.experiments.resumption import Past, resume_steerability
+from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import run_steerability
-from labrig.experiments.withdrawal import Stance, recover
+from labrig.experiments.withdrawal import recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
     SteerabilityProtocol,
 )
 from labrig.record import Journal
@@ -64,11 +76,14 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
         session.rig.stop()
     except MachineError as error:
         outcome = _not_known_to_stand_still(outcome, error)
+    after = session.rig.snapshot()
     try:
         session.recorder.can_frames(session.rig.take_can_frames())
     except DiskError as error:
         outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
-    return _close(session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome)
+    return _close(
+        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
+    )
 
 
 def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
@@ -80,10 +95,12 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
     return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
 
-def _close(recorder: Journal, clock: Clock, t_s: float, outcome: Outcome) -> Outcome:
+def _close(
+    recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
-        recorder.close(outcome.exit_status, outcome.reason, clock.utc())
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome
@@ -106,6 +123,8 @@ def _run_to_an_end(
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
+    except TargetMissedError as error:
+        return Outcome("failed", error.reason, error)
     except LabrigError as error:
         return Outcome("failed", error.message, error)
     return Outcome("success", "", None)
@@ -115,6 +134,10 @@ def _procedure(protocol: AnyProtocol, session: Session) -> None:
     match protocol:
         case SteerabilityProtocol():
             run_steerability(protocol, session)
+        case InsertionProtocol():
+            run_insertion(protocol, session)
+        case RollZeroProtocol():
+            run_roll_zero(protocol, session)
         case CameraCalibrationProtocol():
             run_camera_calibration(protocol, session)
         case DesignProtocol():

@@ -113,6 +113,7 @@ def _replay_session(
     comparison, journal = Comparison(recording), None
     try:
         with open_replayed(description, recording, comparison) as (rig, plant):
+            rig.describe()  # reads how the devices stand, as it did when the record was begun
             journal = ReplayedJournal(run, recording, comparison)
             _conduct(run, recording, Session(rig, journal, progress))
             _require_nothing_left(plant, journal, comparison)
@@ -152,10 +153,11 @@ class ReplayedJournal:
     def __init__(self, run: Run, recording: Recording, comparison: Comparison) -> None:
         self.run_name = run.path.name
         self.path: Path = run.path
+        self._run = run
         self._comparison = comparison
         self._recording = recording
         self._t0_s = recording.span.t0_s
-        self._frame = recording.first_picture
+        self._frame = recording.first_frame
         self._can: list[tuple[float, int, bytes, str]] = []
         self._expected = {stream: deque(self._lines_of(run, stream)) for stream in _STREAMS}
 
@@ -164,12 +166,13 @@ class ReplayedJournal:
             return [line for line in run.lines(stream) if line.get("trial") in self._recording.trials]
         return self._recording.span.of(run.lines(stream))
 
-    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:  # noqa: ARG002 - it is the record's
-        """Compare the line of a picture and return its number."""
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
+        """Compare the line of a picture, and a drawn picture itself, and return its number."""
         number = self._frame
-        self._compare(
-            "frames", {"frame": number, "t_s": self._t0_s + t_s, **fields}, without=("file", "sha256")
-        )
+        line = {"frame": number, "t_s": self._t0_s + t_s, **fields}
+        self._compare("frames", line, without=("file", "sha256", "offset", "bytes", "shape"))
+        if fields.get("drawn") and not np.array_equal(image, self._run.read_frame(number)):
+            self._comparison.differs("frame", f"picture {number}", "another drawing")
         self._frame += 1
         return number
 

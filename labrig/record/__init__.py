@@ -7,6 +7,7 @@
     RUN/
       manifest.json      what, when, by whom, provenance; `exit_status` is `incomplete` until it has ended
       protocol.yaml      as resolved; rig.yaml likewise, absent where no rig took part
+      code.diff          what the code differed from its commit, where it did
       calibration/       copies of the files that map pixels to mm
       frames/NNNNNN.png  pictures, lossless, numbered from 000000
       frames.raw         in their place, where the camera is too fast for PNG: pictures one after another
@@ -59,9 +60,10 @@ from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.journal import Journal
 from labrig.record.json_lines import as_recorded, encode_document
+from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
-from labrig.record.provenance import collect_provenance
+from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Frames, Run, open_run
 from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
@@ -84,6 +86,7 @@ __all__ = [
     "Verdict",
     "as_recorded",
     "check_run",
+    "collect_code_diff",
     "collect_provenance",
     "compare_runs",
     "differing_values",
@@ -94,6 +97,7 @@ __all__ = [
     "lock_owner",
     "note_on_run",
     "open_run",
+    "picture_file",
     "read_annotations",
     "repair_run",
     "require_free_bytes",

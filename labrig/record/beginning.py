@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from labrig.errors import InputError, OutputExistsError
-from labrig.record.durable import disk_errors, sync_directory, write_and_rename
+from labrig.posix import reserve, sync_directory
+from labrig.record.durable import disk_errors, write_and_rename
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
     CALIBRATION,
+    CODE_DIFF,
     FRAMES,
     PROTOCOL,
     RESERVE,
@@ -21,15 +23,19 @@ _RESERVE_BYTES = 2**20
 
 
 def raw_texts(
-    protocol_yaml: str, rig_yaml: str | None, calibration_files: Mapping[str, Path | bytes]
+    protocol_yaml: str,
+    rig_yaml: str | None,
+    calibration_files: Mapping[str, Path | bytes],
+    code_diff: bytes,
 ) -> dict[str, bytes]:
     """Return the files that stand from the beginning: name relative to the run, content."""
     rig = {} if rig_yaml is None else {RIG: rig_yaml.encode()}
+    diff = {CODE_DIFF: code_diff} if code_diff else {}
     calibration = {
         f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}": _content(source)
         for name, source in calibration_files.items()
     }
-    return {PROTOCOL: protocol_yaml.encode(), **rig, **calibration}
+    return {PROTOCOL: protocol_yaml.encode(), **rig, **diff, **calibration}
 
 
 def _content(source: Path | bytes) -> bytes:
@@ -55,7 +61,12 @@ def opening_manifest(
         for name in sums
         if name.startswith(f"{CALIBRATION}/")
     }
-    hashes = {"protocol_sha256": sums[PROTOCOL], "rig_sha256": sums.get(RIG), "calibration": calibration}
+    hashes = {
+        "protocol_sha256": sums[PROTOCOL],
+        "rig_sha256": sums.get(RIG),
+        "code_diff_sha256": sums.get(CODE_DIFF),
+        "calibration": calibration,
+    }
     # The order is the order in the file.
     defaults = {
         "schema_version": SCHEMA_VERSION,
@@ -110,7 +121,7 @@ def make_reserve(path: Path) -> None:
     """
     descriptor = os.open(path / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
-        os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
+        reserve(descriptor, _RESERVE_BYTES)
     finally:
         os.close(descriptor)
 

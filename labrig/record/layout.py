@@ -10,6 +10,7 @@ SCHEMA_VERSION = 1
 MANIFEST = "manifest.json"
 PROTOCOL = "protocol.yaml"
 RIG = "rig.yaml"
+CODE_DIFF = "code.diff"
 CALIBRATION = "calibration"
 FRAMES = "frames"
 RAW_PICTURES = "frames.raw"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labrig.errors import Problem, RecordError
 from labrig.record.json_lines import checksum
-from labrig.record.layout import CALIBRATION, MANIFEST, PROTOCOL, RIG, SCHEMA_VERSION, inside
+from labrig.record.layout import CALIBRATION, CODE_DIFF, MANIFEST, PROTOCOL, RIG, SCHEMA_VERSION, inside
 
 
 def read_manifest(run: Path) -> dict[str, object]:
@@ -76,10 +76,10 @@ def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
         return {}
     calibration = hashes.get("calibration")
     files = calibration.items() if isinstance(calibration, dict) else ()
-    rig = hashes.get("rig_sha256")
+    sometimes = {RIG: hashes.get("rig_sha256"), CODE_DIFF: hashes.get("code_diff_sha256")}
     return {
         PROTOCOL: hashes.get("protocol_sha256"),
-        **({} if rig is None else {RIG: rig}),
+        **{name: sha256 for name, sha256 in sometimes.items() if sha256 is not None},
         **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in files},
     }
 

@@ -42,13 +42,41 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
     }
 
 
+def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
+    """Return what the package's source differs from its commit, as a patch that `git apply` takes; empty without.
+
+    Parameters
+    ----------
+    tree : Path
+        The checkout.
+
+    Returns
+    -------
+    bytes
+        Changed files, then files that git does not know yet and does not ignore.
+    """
+    changed = _git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
+    unknown = _git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
+    added = [_git_new_file(tree, os.fsdecode(name)) for name in unknown.split(b"\0") if name]
+    return b"".join([changed or b"", *added])
+
+
+def _git_new_file(tree: Path, name: str) -> bytes:
+    # Files that differ are its exit code 1.
+    arguments = ("diff", "--binary", "--no-ext-diff", "--no-color", "--no-index", "--", os.devnull, name)
+    return _git(tree, *arguments, succeeds=(0, 1)) or b""
+
+
 def _git_state(tree: Path) -> dict[str, object]:
     commit = _git(tree, "rev-parse", "HEAD")
     changes = _git(tree, "status", "--porcelain", "--", "labrig")
-    return {"git_commit": commit or None, "git_dirty": None if changes is None else bool(changes)}
+    return {
+        "git_commit": commit.decode().strip() if commit else None,
+        "git_dirty": None if changes is None else bool(changes),
+    }
 
 
-def _git(tree: Path, *arguments: str) -> str | None:
+def _git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes | None:
     """Return what git prints; None without git, without a checkout, or when git refuses."""
     program = shutil.which("git")
     if program is None or not (tree / ".git").exists():
@@ -58,12 +86,11 @@ def _git(tree: Path, *arguments: str) -> str | None:
     try:
         done = subprocess.run(  # noqa: S603 - the program that PATH names, with fixed words
             [program, "--no-optional-locks", "-C", str(tree), *arguments],
-            capture_output=True, check=True, encoding="utf-8", errors="replace", env=environment,
-            timeout=_GIT_TIMEOUT_S,
+            capture_output=True, check=False, env=environment, timeout=_GIT_TIMEOUT_S, cwd=tree,
         )  # fmt: skip
     except (subprocess.SubprocessError, OSError):
         return None
-    return done.stdout.strip()
+    return done.stdout if done.returncode in succeeds else None
 
 
 def _package_versions() -> dict[str, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import DiskError, InputError, RecordError
+from labrig.posix import sync_directory
 from labrig.record.beginning import (
     make_run_directory,
     manifest_document,
@@ -25,7 +26,6 @@ from labrig.record.beginning import (
 from labrig.record.durable import (
     disk_errors,
     free_bytes,
-    sync_directory,
     write_atomically,
 )
 from labrig.record.layout import (
@@ -106,6 +106,7 @@ class Recorder:
         fsync_period_s: float = 1.0,
         least_free_bytes: int = 0,
         picture_store: Store = "png",
+        code_diff: bytes = b"",
     ) -> Self:
         """Begin a run: make its folder and write all that is known before anything moves.
 
@@ -128,6 +129,8 @@ class Recorder:
             Free space of the disk below which the run is ended, looked at with each fsync.
         picture_store : {"png", "raw"}
             How pictures are kept; see `labrig.record.pictures`.
+        code_diff : bytes
+            What the code that runs differs from its commit, as `collect_code_diff` gives it; kept as code.diff.
 
         Raises
         ------
@@ -138,7 +141,7 @@ class Recorder:
         DiskError
             When it cannot be written; nothing is left behind.
         """
-        texts = raw_texts(protocol_yaml, rig_yaml, calibration_files)
+        texts = raw_texts(protocol_yaml, rig_yaml, calibration_files, code_diff)
         if not (math.isfinite(fsync_period_s) and fsync_period_s > 0):
             raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
         path = runs_dir / checked_name(run_name, "the run name")

@@ -3,6 +3,7 @@
 import sys
 
 from tests.benchmarks import (
+    can_load,
     catalogue,
     estimator,
     faults,
@@ -10,6 +11,7 @@ from tests.benchmarks import (
     intrinsics,
     planner,
     real_insertions,
+    ruled_paper,
     start_up,
     sweep,
     tip,
@@ -19,9 +21,11 @@ TABLES = {
     "start-up": start_up.print_table,
     "intrinsics": intrinsics.print_table,
     "real-insertions": real_insertions.print_table,
+    "ruled-paper": ruled_paper.print_table,
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "can-load": can_load.print_table,
     "tip": tip.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,

@@ -60,6 +60,7 @@ def test_every_setting_is_asked_and_read_back() -> None:
         "driver",
         "device",
         "focus",
+        "store",
         "white_balance_k",
     }
 

@@ -1,24 +1,42 @@
 """`labrig devices check` and `stop`, below the command line."""
 
+from datetime import datetime
 from pathlib import Path
 
 import can
 import pytest
 
-from labrig.devices import CheckResult, CheckStatus, SystemClock, check_rig, load_rig, open_rig, stop_rig
+from labrig.devices import (
+    AxisDescription,
+    CheckResult,
+    CheckStatus,
+    SimulatedClock,
+    SystemClock,
+    check_rig,
+    load_rig,
+    open_rig,
+    stop_rig,
+)
 from labrig.devices.bus import open_can
-from labrig.devices.check import check_axis
+from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.check import check_axis, check_calibration, rate_result
 from labrig.devices.cia402 import DriveState, decode_state
+from labrig.devices.epos2 import Epos2
 from labrig.devices.rig_file import CanDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.stop import stop_drives
 from labrig.errors import BusError, SafetyStopError
 from labrig.vision import Intrinsics, save_intrinsics
-from tests.devices.rigs import BENCH, Person, Signal, opened_rig, simulated_rig
+from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
 
 
 def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
     return {result.check: result for result in results}
+
+
+def _axis_results(opened: OpenedRig, axis: AxisDescription) -> list[CheckResult]:
+    drive = Epos2(opened.plant.open_link(), axis.node_id, "linear", opened.plant.clock)
+    return list(check_axis("linear", axis, drive, simulated_rig().can.heartbeat))
 
 
 def test_the_simulated_rig_is_in_order() -> None:
@@ -65,7 +83,7 @@ def test_a_wrong_encoder_fails_the_check() -> None:
     with opened_rig() as opened:
         for pulses, status in ((512, CheckStatus.FAIL), (None, CheckStatus.WARN), (500, CheckStatus.PASS)):
             axis = simulated_rig().axes.linear.model_copy(update={"encoder_pulses_per_turn": pulses})
-            results = _by_name(list(check_axis("linear", axis, opened.plant, opened.plant.open_link())))
+            results = _by_name(_axis_results(opened, axis))
             assert results["encoder linear"].status is status
             assert "500 pulses" in results["encoder linear"].value
 
@@ -75,7 +93,7 @@ def test_a_faulted_drive_fails_the_check() -> None:
     with opened_rig() as opened:
         opened.plant.drives["linear"].fail(0x4210)
         axis = simulated_rig().axes.linear
-        results = list(check_axis("linear", axis, opened.plant, opened.plant.open_link()))
+        results = _axis_results(opened, axis)
         failed = [result for result in results if result.status is CheckStatus.FAIL]
         assert "over-temperature" in failed[0].value
         assert decode_state(opened.plant.drives["linear"]._statusword()) is DriveState.FAULT
@@ -207,3 +225,79 @@ def test_a_frame_reaches_everybody_but_its_sender() -> None:
         assert heard == [-0x7FF]
         first.shutdown()
         second.shutdown()
+
+
+def test_the_fingerprint_of_the_settings_is_checked() -> None:
+    """Ours after a run, none since power on, and one of other settings: only the last is a warning."""
+    axis = simulated_rig().axes.linear
+    with opened_rig() as opened:
+        fresh = _by_name(_axis_results(opened, axis))["configuration linear"]
+        assert (fresh.status, "since power on" in fresh.value) == (CheckStatus.PASS, True)
+    with opened_rig() as opened:
+        opened.rig.connect()
+        ours = _by_name(_axis_results(opened, axis))["configuration linear"]
+        assert (ours.status, "as the rig file has it" in ours.value) == (CheckStatus.PASS, True)
+        other = axis.model_copy(update={"acceleration": 7.0})
+        assert _by_name(_axis_results(opened, other))["configuration linear"].status is CheckStatus.WARN
+        named = axis.model_copy(update={"configuration_fingerprint": (1, 2)})
+        assert _by_name(_axis_results(opened, named))["configuration linear"].status is CheckStatus.FAIL
+
+
+def test_limits_in_the_drive_are_compared() -> None:
+    """Those of a referenced drive are the rig file's; after the file was changed they are not."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        axis = simulated_rig().axes.linear
+        assert "also in the drive" in _by_name(_axis_results(opened, axis))["limits linear"].value
+        other = axis.model_copy(update={"limits": (-1.0, 7.0)})
+        result = _by_name(_axis_results(opened, other))["limits linear"]
+        assert (result.status, "labrig devices home" in result.solution) == (CheckStatus.WARN, True)
+
+
+def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
+    """Who has it is told; its bus is not touched."""
+    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    with open_rig(description, seed=1, person=Person(), interrupted=Signal(), doing="labrig run x.yaml"):
+        results = _by_name(check_rig(description))
+    assert results["rig"].status is CheckStatus.WARN
+    assert "labrig run x.yaml" in results["rig"].value
+    assert "bus" not in results
+
+
+class _SlowSource:
+    """A camera that takes its time, in the clock of a rig."""
+
+    exposures_a_picture = 5
+
+    def __init__(self, source: PictureSource, clock: SimulatedClock, exposure_s: float) -> None:
+        self._source, self._clock, self._exposure_s = source, clock, exposure_s
+        self.set, self.get, self.close = source.set, source.get, source.close
+
+    def read(self) -> object:
+        """Let five exposures pass."""
+        self._clock.sleep(5 * self._exposure_s)
+        return self._source.read()
+
+
+@pytest.mark.parametrize(("exposure_s", "status"), [(1 / 30, CheckStatus.PASS), (0.1, CheckStatus.WARN)])
+def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStatus) -> None:
+    """By the clock of the rig: 30 Hz is what was asked, 10 Hz is too slow."""
+    with opened_rig() as opened:
+        source = _SlowSource(opened.plant.open_source(), opened.plant.clock, exposure_s)
+        measured = Camera(source, simulated_rig().camera, opened.plant.clock).measure_rate_hz(3)
+        assert measured == pytest.approx(1 / exposure_s, rel=1e-3)
+        assert rate_result(measured, 30.0).status is status
+
+
+def test_the_age_of_a_calibration_is_told(tmp_path: Path) -> None:
+    """Days since it was made; a bench's old one, and one of unknown age, are warnings."""
+    provenance = {"created": "2026-01-01T00:00:00+00:00"}
+    save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), provenance)
+    rig = load_rig(BENCH).placed_in(tmp_path)
+    for day, status in (("2026-01-20", CheckStatus.PASS), ("2026-03-01", CheckStatus.WARN)):
+        now = datetime.fromisoformat(f"{day}T00:00:00+00:00")
+        assert _by_name(list(check_calibration(rig, now)))["calibration intrinsics age"].status is status
+    save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), {})
+    unknown = _by_name(list(check_calibration(rig, now)))["calibration intrinsics age"]
+    assert (unknown.status, unknown.value) == (CheckStatus.WARN, "when it was made is not known")

@@ -1,6 +1,7 @@
 """The bus of a record: what counts as the same."""
 
 from datetime import UTC, datetime
+from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
@@ -37,8 +38,8 @@ class Bus:
 
     def __init__(self, *, to_the_end: bool = True) -> None:
         recording = Recording(
-            run_name="run", started=datetime(2026, 3, 2, tzinfo=UTC), span=Span(0.0, 1e9), can_frames=RECORD,
-            questions=(), truth=(), pictures=(), first_picture=0, camera={}, state=RigState(False),
+            run=Path("run"), started=datetime(2026, 3, 2, tzinfo=UTC), span=Span(0.0, 1e9), can_frames=RECORD,
+            questions=(), truth=(), pictures=(), first_frame=0, camera={}, state=RigState(False),
             stopped_by=None, exact=True, to_the_end=to_the_end, is_first=True, trials=frozenset(),
         )  # fmt: skip
         self.comparison = Comparison(recording)

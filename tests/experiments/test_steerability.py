@@ -22,6 +22,31 @@ def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) 
         assert abs(last["linear_mm"]) < 0.05
 
 
+def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
+    """How drives and camera stood is read when the rig is described and when the run ends."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as rig:
+        before = rig.opened.rig.snapshot()
+        _, run = rig.conduct(protocol)
+    after = run.manifest["devices_after"]
+    assert isinstance(after, dict)
+    for snapshot in (before, after):
+        assert set(snapshot["axes"]["rotation"]) == {"position_rad", "statusword", "drive_state"}
+        assert snapshot["camera"]["exposure_us"] == 8000
+    assert abs(after["axes"]["insertion"]["position_mm"]) < 0.05
+    assert after["state"]["referenced"] == ["insertion", "rotation", "linear"]
+
+
+def test_a_device_that_does_not_answer_is_in_the_snapshot_with_its_reason(tmp_path: Path) -> None:
+    """A dead drive does not keep the snapshot of the others from being taken."""
+    with bench(tmp_path, sweep()) as rig:
+        rig.opened.plant.drives["rotation"].unplug()
+        axes = rig.opened.rig.snapshot()["axes"]
+        assert isinstance(axes, dict)
+        assert set(axes["rotation"]) == {"error"}
+        assert axes["linear"]["position_mm"] == 0.0
+
+
 def test_the_operator_is_asked_in_the_order_of_the_bench(tmp_path: Path) -> None:
     """Needle, zero, specimen, then each hole."""
     protocol = sweep("insertions_per_specimen=2")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import labrig
-from labrig.record import collect_provenance
+from labrig.record import collect_code_diff, collect_provenance
 from labrig.record.provenance import _git_state
 
 
@@ -49,6 +49,26 @@ def test_a_changed_checkout_is_dirty(tmp_path: Path) -> None:
     assert state["git_dirty"] is False
     code.write_text("2\n")
     assert _git_state(tmp_path) == {**state, "git_dirty": True}
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+def test_what_the_code_differs_from_its_commit_can_be_applied(tmp_path: Path) -> None:
+    """Changed and new files of the package are in the patch, data beside it is not, and git can apply it."""
+    tree, identity = tmp_path / "tree", ["-c", "user.name=n", "-c", "user.email=e"]
+    (tree / "labrig").mkdir(parents=True)
+    (tree / "labrig" / "code.py").write_text("1\n")
+    for words in (["init", "-q"], ["add", "."], [*identity, "commit", "-q", "-m", "first"]):
+        subprocess.run(["git", "-C", tree, *words], check=True)
+    assert collect_code_diff(tree) == b""
+    subprocess.run(["git", "clone", "-q", tree, tmp_path / "other"], check=True)
+    (tree / "labrig" / "code.py").write_text("2\n")
+    (tree / "labrig" / "größe.py").write_text("3\n")
+    (tree / "notes").write_text("")
+    diff = collect_code_diff(tree)
+    subprocess.run(["git", "-C", tmp_path / "other", "apply", "-"], input=diff, check=True)
+    copied = {path.name: path.read_text() for path in (tmp_path / "other" / "labrig").iterdir()}
+    assert copied == {"code.py": "2\n", "größe.py": "3\n"}
+    assert b"notes" not in diff
 
 
 def test_code_that_is_no_checkout_says_so(tmp_path: Path) -> None:

@@ -39,6 +39,18 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     assert manifest["devices"] == {"camera": {"gain": 1.0}}
 
 
+def test_the_difference_of_the_code_is_kept_and_hashed(tmp_path: Path) -> None:
+    """code.diff stands from the start, under the manifest's hash; a change of it is damage."""
+    recorder = Recorder.create(
+        tmp_path, "run", {"experiment": "import", "started": STARTED}, "{}", None, {}, code_diff=b"+1\n"
+    )
+    assert (recorder.path / "code.diff").read_bytes() == b"+1\n"
+    assert open_run(recorder.path).damage == ()
+    recorder.close("success", "", ENDED)
+    (recorder.path / "code.diff").write_bytes(b"+2\n")
+    assert [problem.where for problem in open_run(recorder.path).damage] == ["code.diff"]
+
+
 def test_closing_says_how_it_ended(tmp_path: Path) -> None:
     """The closed manifest holds the outcome and keeps all that it held before."""
     manifest = json.loads((closed_run(tmp_path) / "manifest.json").read_text())

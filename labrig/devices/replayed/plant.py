@@ -1,11 +1,10 @@
 """What stands where a rig has its hardware when a record is replayed."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Picture, PictureSource, Setting
-from labrig.devices.operator import Answer, OperatorRequest
+from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.past import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
 from labrig.devices.replayed.commands import CommandWords
@@ -74,10 +73,11 @@ class ReplayedPlant:
 class ReplayedSource:
     """The camera of a record: takes the settings that were taken then, and gives its pictures in order."""
 
+    exposures_a_picture = 1
+
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self._settings: Mapping[str, Setting] = recording.camera
         self._pictures = iter(recording.pictures)
-        self._number = recording.first_picture
         self._comparison = comparison
 
     def set(self, name: str, value: Setting) -> None:
@@ -90,11 +90,10 @@ class ReplayedSource:
     def read(self) -> Picture | None:
         """Return the next picture; its SHA-256 is verified."""
         self._comparison.require_going()
-        picture = next(self._pictures, None)
-        if picture is None:
-            self._comparison.ends("frame", f"a picture, number {self._number}")
-        self._comparison.frame = self._number
-        self._number += 1
+        number, picture = next(self._pictures, (None, None))
+        if number is None:
+            self._comparison.ends("frame", "one more picture")
+        self._comparison.frame = number
         return picture
 
     def close(self) -> None:
@@ -106,6 +105,7 @@ class ReplayedOperator:
 
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self._questions = iter(recording.questions)
+        self._run = recording.run
         self._comparison = comparison
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
@@ -115,11 +115,14 @@ class ReplayedOperator:
         question = next(self._questions, None)
         if question is None:
             self._comparison.ends("question", now)
-        if (question.request, _plain(question.details)) != (type(request).__name__, _plain(asdict(request))):
+        if (question.request, _plain(question.details)) != (
+            type(request).__name__,
+            _plain(request_details(request, self._run)),
+        ):
             self._comparison.differs("question", f"{question.request} {dict(question.details)}", now)
         self._comparison.same("questions")
         self._comparison.clock.pass_until(round(question.t_s * 1e6))
-        return Answer(question.confirmed, question.note)
+        return question.answer
 
 
 def _plain(value: object) -> object:

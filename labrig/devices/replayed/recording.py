@@ -2,15 +2,17 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from labrig.devices.state import NEW, RigState
+from labrig.devices.operator import Answer
+from labrig.devices.state import NEW, RigState, RollZero
 from labrig.errors import RecordError
 from labrig.record import CanFrame, Run
 
@@ -21,8 +23,7 @@ class Question:
 
     request: str
     details: Mapping[str, Any]
-    confirmed: bool
-    note: str
+    answer: Answer
     t_s: float
 
 
@@ -47,18 +48,18 @@ class Recording:
 
     Attributes
     ----------
-    run_name : str
-        Name of the run.
+    run : Path
+        The folder of the run.
     started : datetime
         Calendar time.
     span : Span
         Where it stands in the record.
     can_frames, questions, truth : tuple
         What passed on the bus, what the operator was asked, what was told of the simulated world.
-    pictures : sequence of arrays
-        What the camera saw.
-    first_picture : int
-        Number of the first of them.
+    pictures : iterable of (int, array)
+        What the camera saw, each with its number; read when it is asked for.
+    first_frame : int
+        Number of the first picture, be it of the camera or drawn.
     camera : Mapping
         What the camera said that it is set to.
     state : RigState
@@ -75,14 +76,14 @@ class Recording:
         The insertions that were begun in it.
     """
 
-    run_name: str
+    run: Path
     started: datetime
     span: Span
     can_frames: tuple[CanFrame, ...]
     questions: tuple[Question, ...]
     truth: tuple[dict[str, object], ...]
-    pictures: Sequence[npt.NDArray[np.uint8]]
-    first_picture: int
+    pictures: Iterable[tuple[int, npt.NDArray[np.uint8]]]
+    first_frame: int
     camera: Mapping[str, str | float]
     state: RigState
     stopped_by: str | None
@@ -138,19 +139,19 @@ def _of_devices(
     exact: bool,
 ) -> Recording:
     events = span.of(run.lines("events"))
-    numbers = [int(line["frame"]) for line in span.of(run.lines("frames"))]
-    first, behind = (numbers[0], numbers[-1] + 1) if numbers else (0, 0)
+    lines = span.of(run.lines("frames"))
+    seen = [int(line["frame"]) for line in lines if not line.get("drawn")]
     trials = {event["trial"] for event in events if event["kind"] == "trial_start"}
     ending = events[-1] if events and events[-1]["kind"] == "run_stop" else {}
     return Recording(
-        run_name=run.path.name,
+        run=run.path,
         started=datetime.fromisoformat(str(session["started"])),
         span=span,
         can_frames=tuple(one._replace(t_s=one.t_s - span.t0_s) for one in frames if one.t_s in span),
         questions=tuple(_question(event, span.t0_s) for event in events if event["kind"] == "operator"),
         truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
-        pictures=run.frames[first:behind],
-        first_picture=first,
+        pictures=((number, run.read_frame(number)) for number in seen),
+        first_frame=int(lines[0]["frame"]) if lines else 0,
         camera=dict(devices["camera"]["readback"]),
         state=_state(devices.get("state")),
         stopped_by=_signal(str(ending.get("reason", ""))),
@@ -162,13 +163,14 @@ def _of_devices(
 
 
 def _question(event: Mapping[str, Any], t0_s: float) -> Question:
-    return Question(
-        str(event["request"]),
-        event["details"],
-        bool(event["confirmed"]),
-        str(event["answer"]),
-        event["t_s"] - t0_s,
+    pixel = event.get("pixel")
+    answer = Answer(
+        confirmed=bool(event["confirmed"]),
+        note=str(event["answer"]),
+        reading=event.get("reading"),
+        pixel=None if pixel is None else (pixel[0], pixel[1]),
     )
+    return Question(str(event["request"]), event["details"], answer, event["t_s"] - t0_s)
 
 
 def _truth(line: Mapping[str, Any]) -> dict[str, object]:
@@ -179,11 +181,13 @@ def _truth(line: Mapping[str, Any]) -> dict[str, object]:
 def _state(recorded: object) -> RigState:
     if not isinstance(recorded, Mapping):
         return NEW
+    roll_zero = recorded.get("roll_zero")
     return RigState(
-        recorded.get("needle_in_tissue"),
-        recorded.get("since_run"),
-        tuple(recorded.get("referenced", ())),
-        str(recorded.get("note", "")),
+        needle_in_tissue=recorded.get("needle_in_tissue"),
+        since_run=recorded.get("since_run"),
+        referenced=tuple(recorded.get("referenced", ())),
+        note=str(recorded.get("note", "")),
+        roll_zero=None if roll_zero is None else RollZero(**roll_zero),
     )
 
 

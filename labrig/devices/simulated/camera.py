@@ -29,6 +29,8 @@ class SimulatedSource:
         What is drawn.
     """
 
+    exposures_a_picture = 1
+
     def __init__(self, world: World) -> None:
         self._world = world
         self._settings = dict(_POWER_ON)

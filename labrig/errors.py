@@ -57,11 +57,12 @@ class LabrigError(Exception):
         self.message = message
         self.hint = hint
 
-    def reworded(self, message: str) -> Self:
-        """Return this error with another message; type, hint and what else it carries stay."""
+    def reworded(self, message: str, hint: str | None = None) -> Self:
+        """Return this error with another message, and hint if one is given; type and what else it carries stay."""
         twin = copy(self)
         twin.args = (message,)
         twin.message = message
+        twin.hint = self.hint if hint is None else hint
         return twin
 
 

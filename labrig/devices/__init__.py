@@ -11,8 +11,10 @@ What is decided here
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
 - An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
-  the state file remembers that across crashes. Nothing resets a fault, and nothing but opening a rig switches
-  power on.
+  the state file remembers that across crashes. Nothing but opening a rig switches power on, and a fault is reset
+  only where a rig is opened for commissioning or recovery and a person has confirmed it.
+- Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
+  where the axes stand. Backlash stands in the rig file; moves end from one side.
 - Whatever goes wrong, every axis is stopped, and standing still is read back. A closed rig has its power
   stages off.
 - One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it

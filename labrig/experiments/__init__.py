@@ -19,6 +19,7 @@ by `conduct_without_rig`, and nothing is planned for it.
 
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.commissioning import (
+    USUAL_DISTANCE,
     Finding,
     check_backlash,
     check_limits,
@@ -54,6 +55,7 @@ from labrig.experiments.withdrawal import (
 
 __all__ = [
     "SLOWLY",
+    "USUAL_DISTANCE",
     "WITHDRAWS",
     "Estimate",
     "Finding",

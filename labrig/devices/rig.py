@@ -89,6 +89,8 @@ class Rig:
         Where another labrig asks this one to stop.
     opening : Opening
         What of it is opened, and how.
+    store : StateStore or None
+        What the rig knows of itself; by default what its state file says.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class Rig:
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
+        store: StateStore | None = None,
     ) -> None:
         self.description = description
         self._opening = opening
@@ -112,7 +115,7 @@ class Rig:
         self._plant = plant
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self._store = StateStore(description.state_path)
+        self._store = store or StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)

@@ -5,6 +5,9 @@ moves, asks, takes pictures and appends to the record; it measures nothing, prin
 picture (a later closed loop will, through `steering`). What it is going to do is known before it starts, as a list of
 `PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
 
+`replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
+nothing but what protocol, rig file, calibration and devices tell it.
+
 A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
@@ -35,6 +38,7 @@ from labrig.experiments.plan import (
     planned_moves,
     trials_planned,
 )
+from labrig.experiments.replay import Replay, replay_run, replay_work
 from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.stance import Stance, stance_of
@@ -59,6 +63,7 @@ __all__ = [
     "Past",
     "PlannedMove",
     "Progress",
+    "Replay",
     "ReverseMove",
     "Session",
     "Stance",
@@ -79,6 +84,8 @@ __all__ = [
     "past_of",
     "planned_moves",
     "recorded_path",
+    "replay_run",
+    "replay_work",
     "reverse_moves",
     "run_camera_calibration",
     "run_steerability",

@@ -8,6 +8,7 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import find_origins, refused_by_origin
 from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
 from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
 from labrig.analysis.truth import compare_with_truth
@@ -61,8 +62,12 @@ def analyze_curvature(
     trials = _trials(run)
     pictures = _pictures(run, trials)
     places = [run.pictures[int(one.line["frame"])] for one in pictures]
-    measured = measure_pictures(places, load_mapping(run), settings, workers, progress, mask=mask)
-    results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
+    plane = load_mapping(run)
+    measured = measure_pictures(places, plane, settings, workers, progress, mask=mask)
+    origins = find_origins(run.read_frame, _lines(run.frame_table), plane, settings.sheath_diameter_mm)
+    results = refused_by_origin(
+        [_result(one, each) for one, each in zip(pictures, measured, strict=True)], origins
+    )
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals)
     content = CurvatureResult(
@@ -70,6 +75,7 @@ def analyze_curvature(
         specimens=specimens,
         mean_radius_mm=mean_of_means(specimens),
         measurements=results,
+        origins=origins,
         truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
     )
     return content, _centre_lines(results, measured)

@@ -147,6 +147,23 @@ class Stamp:
         return {**vars(self), "settings": dict(settings), "damage": said}
 
 
+class TrialOrigin(Model):
+    """Where the sheath's tip stood in a trial, found in the picture taken once it was in; None where that is unknown.
+
+    `disagreement_mm` is its distance from where the linear encoder and the other trials put it.
+    """
+
+    trial: int
+    frame: int
+    tip_mm: Point | None = None
+    tip_px: Point | None = None
+    heading_rad: float | None = None
+    linear_mm: float | None = None
+    disagreement_mm: float | None = None
+    accepted: bool
+    reason: str | None = None
+
+
 class CurvatureResult(_Common):
     """Of steerability runs and imported pictures."""
 
@@ -155,6 +172,7 @@ class CurvatureResult(_Common):
     mean_radius_mm: float | None
     measurements: tuple[PictureResult, ...]
     truth: TruthComparison | None
+    origins: tuple[TrialOrigin, ...] = ()
 
 
 class CalibrationResult(_Common):

@@ -222,7 +222,14 @@ def _with_circle(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> 
     )
     if located.reason is not None:
         return located
-    rows = slice(*window)
+    return _fitted(located, shaft, plane, settings)
+
+
+def _fitted(
+    located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
+) -> CurvatureMeasurement:
+    """Return the measurement with the circle through its window."""
+    rows = slice(*located.window)
     points = shaft.centre_mm[rows]
     try:
         circle = fit_circle(points, method="robust")

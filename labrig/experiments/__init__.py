@@ -9,6 +9,9 @@ on the needle's roll zero, which the rig's state holds while the needle is clamp
 nothing is seen stops the axes and leaves the needle where it is; a target that is missed, or a tip that is lost, ends
 with the needle withdrawn.
 
+`replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
+nothing but what protocol, rig file, calibration and devices tell it.
+
 A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
@@ -20,6 +23,7 @@ by `conduct_without_rig`, and nothing is planned for it.
 
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.commissioning import (
+    USUAL_DISTANCE,
     Finding,
     check_backlash,
     check_limits,
@@ -39,6 +43,7 @@ from labrig.experiments.plan import (
     planned_moves,
     trials_planned,
 )
+from labrig.experiments.replay import Replay, replay_run, replay_work
 from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.stance import Stance, stance_of
@@ -55,6 +60,7 @@ from labrig.experiments.withdrawal import (
 
 __all__ = [
     "SLOWLY",
+    "USUAL_DISTANCE",
     "WITHDRAWS",
     "Estimate",
     "Finding",
@@ -62,6 +68,7 @@ __all__ = [
     "Past",
     "PlannedMove",
     "Progress",
+    "Replay",
     "ReverseMove",
     "Session",
     "Stance",
@@ -83,6 +90,8 @@ __all__ = [
     "past_of",
     "planned_moves",
     "recorded_path",
+    "replay_run",
+    "replay_work",
     "reverse_moves",
     "run_camera_calibration",
     "run_steerability",

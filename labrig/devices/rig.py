@@ -89,6 +89,8 @@ class Rig:
         Where another labrig asks this one to stop.
     opening : Opening
         What of it is opened, and how.
+    store : StateStore or None
+        What the rig knows of itself; by default what its state file says.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class Rig:
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
+        store: StateStore | None = None,
     ) -> None:
         self.description = description
         self._opening = opening
@@ -112,7 +115,7 @@ class Rig:
         self._plant = plant
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self._store = StateStore(description.state_path)
+        self._store = store or StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
@@ -480,10 +483,14 @@ class Rig:
         self._identities[axis.name] = axis.connect()
 
     def _offer_fault_reset(self, axis: Axis) -> None:
-        """Ask whether the fault of a drive may be reset, where this rig was opened to do so."""
-        fault = axis.reported_fault() if self._opening.reset_faults else None
+        """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
+        fault = axis.reported_fault()
         if fault is None:
             return
+        if not self._opening.reset_faults:
+            command = "withdraw" if self.state.needle_in_tissue else f"home --axis {axis.name}"
+            way_out = f"labrig devices {command} --rig FILE resets it once you confirm"
+            raise fault.reworded(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
             raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
         axis.reset_fault()

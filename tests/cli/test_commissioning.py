@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from labrig.devices import SystemClock
+from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.protocol import dump_yaml, load_protocol
 from labrig.record import Recorder, open_run
 from tests.cli.conftest import ROOT, SWEEP, Labrig
@@ -158,6 +160,33 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
     assert (record.path / "can.log").stat().st_size > 0
     again = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig)
     assert (again.exit_code, "no needle is in tissue" in again.err) == (2, True)
+
+
+def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench: BenchAt) -> None:
+    """The drives stopped by themselves and know where they stand: only their faults and the way out are confirmed."""
+    folder = at_bench.rig.parent
+    killed = subprocess.run(
+        [sys.executable, "-m", "tests.cli.crashing_labrig", at_bench.rig, folder], cwd=ROOT, check=False
+    )
+    assert killed.returncode == -9
+    clock = SystemClock()
+    while not all(_in_fault(drive) for drive in at_bench.served.drives.values()) and clock.now_s() < 5:
+        clock.sleep(0.05)
+    stood_mm = at_bench.shaft_mm(1, 2)
+    assert stood_mm > 0.9
+    at_bench.types("yes", "yes", "yes", "yes")
+    done = labrig("devices", "withdraw", "--runs-dir", folder, "--rig", at_bench.rig, "--json")
+    assert done.exit_code == 0, done.err
+    assert done.err.count("0x8130") == 3
+    assert "have lost their positions" not in done.err
+    assert at_bench.state()["needle_in_tissue"] is False
+    assert [round(at_bench.shaft_mm(node, lead), 1) for node, lead in ((1, 2), (3, 5))] == [0.0, 0.0]
+    turns = [event for event in at_bench.served.drives[2].journal if event.kind == "set-point"]
+    assert len(turns) == 2
+
+
+def _in_fault(drive: SimulatedDrive) -> bool:
+    return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
 
 
 def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_bench: BenchAt) -> None:

@@ -61,9 +61,11 @@ from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
+from labrig.record.places import is_url, output_folder, require_local
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Frames, Run, open_run
 from labrig.record.repair import repair_run
+from labrig.record.tables import with_numbers_apart
 from labrig.record.writer import Recorder
 
 __all__ = [
@@ -88,14 +90,18 @@ __all__ = [
     "differing_values",
     "encode_document",
     "find_runs",
+    "is_url",
     "judge_run",
     "list_runs",
     "lock_owner",
     "note_on_run",
     "open_run",
+    "output_folder",
     "read_annotations",
     "repair_run",
     "require_free_bytes",
+    "require_local",
     "tag_run",
+    "with_numbers_apart",
     "write_atomically",
 ]

@@ -1,6 +1,9 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
+import atexit
 import hashlib
+import shutil
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -14,6 +17,7 @@ from numpy.typing import NDArray
 from labrig.errors import Problem, RecordError
 from labrig.protocol import AnyProtocol, load_protocol
 from labrig.record.can_log import CanFrame, read_can_log
+from labrig.record.durable import disk_errors
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
     CALIBRATION,
@@ -34,8 +38,10 @@ from labrig.record.layout import (
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, raw_pictures_bytes, recorded_picture
+from labrig.record.places import fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
+from labrig.record.tables import with_axis_units
 
 _COPY_HINT = "take the file from a copy of the run"
 _CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
@@ -58,7 +64,8 @@ def open_run(path: Path | str) -> "Run":
     Parameters
     ----------
     path : Path or str
-        Its folder.
+        Its folder, or as text a URL that fsspec knows; that run is copied into a temporary folder, which is kept
+        until the process ends.
 
     Returns
     -------
@@ -70,6 +77,8 @@ def open_run(path: Path | str) -> "Run":
     RecordError
         When it is no run, is of a newer schema, or has a damaged line; names file and line.
     """
+    if is_url(path):
+        return open_run(_fetched(str(path)))
     folder = Path(path)
     manifest = read_manifest(folder)
     lines = _line_files(folder)
@@ -87,6 +96,12 @@ def open_run(path: Path | str) -> "Run":
     cut = tuple(replace(problem, hint=_COPY_HINT) for problem in torn)
     written = lines | {name: folder / name for name in (CAN_LOG, CAN_SUMS) if (folder / name).exists()}
     return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, written)))
+
+
+def _fetched(url: str) -> Path:
+    folder = tempfile.TemporaryDirectory(prefix="labrig-")
+    atexit.register(folder.cleanup)
+    return fetch_run(url, Path(folder.name))
 
 
 class Run:
@@ -159,8 +174,13 @@ class Run:
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time."""
-        return self._table(EVENT_LINES)
+        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time.
+
+        Positions and speeds have the unit of their axis in the name: `position_mm`, `position_rad`.
+        """
+        lines = self._read(EVENT_LINES)
+        rows = [with_axis_units(line) for line in lines]
+        return _as_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
 
     @cached_property
     def truth(self) -> pd.DataFrame:
@@ -266,18 +286,36 @@ class Run:
         """
         return latest_result(self.path)
 
+    def copy_to(self, folder: Path) -> None:
+        """Copy the run as it stands, results and notes included, into an existing folder; links stay behind.
+
+        Raises
+        ------
+        DiskError
+            When it cannot be written.
+        """
+        for path in sorted(self.path.rglob("*")):
+            relative = path.relative_to(self.path)
+            if path.is_file() and not path.is_symlink() and not relative.name.startswith("."):
+                with disk_errors(folder / relative):
+                    (folder / relative).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(path, folder / relative)
+
     @cached_property
     def _lines(self) -> dict[str, Path]:
         return _line_files(self.path)
 
     def _table(self, name: str) -> pd.DataFrame:
+        return _as_table(self._read(name), _COLUMNS[name], self.path / name)
+
+    def _read(self, name: str) -> list[dict[str, object]]:
         path = self._lines.get(name)
         lines = [] if path is None else read_lines(path)
         if "t_s" in _COLUMNS[name]:
             first = next(clock_problems(name, tuple(enumerate(lines, start=1))), None)
             if first is not None:
                 raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
-        return _as_table(lines, _COLUMNS[name], self.path / name)
+        return lines
 
     def _unchanged(self, relative: str) -> Path:
         path = inside(self.path, relative)

@@ -17,7 +17,7 @@ from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.record.durable import disk_errors, sync_directory
 
 # A Path keeps one of the two slashes; one letter and a colon are a drive of Windows.
-_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:{1,2}/")
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
 _NOT_THERE = "check the address, and the access rights of this account"
 
 

@@ -48,6 +48,8 @@ def with_numbers_apart(table: pd.DataFrame) -> pd.DataFrame:
 def _part_names(name: str, values: Sequence[object]) -> list[str]:
     vectors = [value for value in values if isinstance(value, list | tuple)]
     sizes = {len(vector) for vector in vectors}
+    if not vectors and _INTERVAL in name and all(value is None for value in values):
+        sizes = {2}  # an interval of which none is known has its two columns all the same
     if len(sizes) != 1 or not all(_is_number(item) for vector in vectors for item in vector):
         return []
     stem, _, unit = name.rpartition("_")

@@ -9,18 +9,24 @@ import pandas as pd
 import pytest
 import scipy.io
 
-from labrig.analysis import AnalysisResult
+from labrig.analysis import load_result
 from labrig.record import Run, open_run, with_numbers_apart
 from labrig.report.export import FORMATS, run_tables
 from tests.record.runs import closed_run
 
-READ_RUN = Path(__file__).parents[2] / "data" / "read_run.m"
+DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture(scope="module")
-def tables(measured_run: tuple[Run, AnalysisResult]) -> dict[str, pd.DataFrame]:
-    """The tables of a sweep that was measured."""
-    return run_tables(*measured_run)
+def run() -> Run:
+    """The record that is kept under data/."""
+    return open_run(DATA / "first-record")
+
+
+@pytest.fixture(scope="module")
+def tables(run: Run) -> dict[str, pd.DataFrame]:
+    """Its tables."""
+    return run_tables(run, load_result(run))
 
 
 def test_every_table_has_units_in_its_names(tables: dict[str, pd.DataFrame]) -> None:
@@ -31,48 +37,43 @@ def test_every_table_has_units_in_its_names(tables: dict[str, pd.DataFrame]) -> 
     assert {"ci95_low_mm", "ci95_high_mm", "mean_radius_mm"} <= set(tables["specimens"].columns)
 
 
-def test_positions_of_events_have_the_unit_of_their_axis(tmp_path: Path) -> None:
+def test_positions_of_events_have_the_unit_of_their_axis(run: Run) -> None:
     """A position of the rotation is in rad, of the others in mm."""
-    run = open_run(closed_run(tmp_path))
-    assert "position" not in run.events.columns
+    moves = run.events[run.events["kind"] == "move"]
+    assert not {"position", "speed", "asked_position", "asked_speed"} & set(moves.columns)
+    turned = moves["axis"] == "rotation"
+    assert moves["position_rad"].notna().tolist() == turned.tolist()
+    assert moves["asked_speed_mm_s"].notna().tolist() == (~turned).tolist()
 
 
-def test_csv_reads_back_the_same(
-    measured_run: tuple[Run, AnalysisResult], tables: dict[str, pd.DataFrame]
-) -> None:
+def test_csv_reads_back_the_same(run: Run, tables: dict[str, pd.DataFrame]) -> None:
     """pandas reads from each CSV the numbers that were written, to the last digit."""
-    files = FORMATS["csv"](measured_run[0], tables)
-    read = pd.read_csv(io.BytesIO(files["measurements.csv"]), float_precision="round_trip")
+    files = FORMATS["csv"](run, tables)
+    read = pd.read_csv(io.BytesIO(files["measurements.csv"]))
     np.testing.assert_array_equal(read["radius_mm"], tables["measurements"]["radius_mm"])
     assert list(read.columns) == list(tables["measurements"].columns)
     assert b'"exit_status": "success"' in files["manifest.json"]
 
 
-def test_a_spreadsheet_finds_no_formula(measured_run: tuple[Run, AnalysisResult]) -> None:
+def test_a_spreadsheet_finds_no_formula(run: Run) -> None:
     """Text that a spreadsheet would compute is made text."""
-    files = FORMATS["csv"](
-        measured_run[0], {"t": pd.DataFrame({"note": ["=1+1", "-x", "plain"], "n": [-1.0, 2, 3]})}
-    )
+    files = FORMATS["csv"](run, {"t": pd.DataFrame({"note": ["=1+1", "-x", "plain"], "n": [-1.0, 2, 3]})})
     assert files["t.csv"].decode().splitlines() == ["note,n", "'=1+1,-1.0", "'-x,2.0", "plain,3.0"]
 
 
-def test_parquet_keeps_numbers_and_kinds(
-    measured_run: tuple[Run, AnalysisResult], tables: dict[str, pd.DataFrame]
-) -> None:
+def test_parquet_keeps_numbers_and_kinds(run: Run, tables: dict[str, pd.DataFrame]) -> None:
     """A Parquet file gives the same numbers, and whole numbers stay whole."""
-    files = FORMATS["parquet"](measured_run[0], tables)
+    files = FORMATS["parquet"](run, tables)
     read = pd.read_parquet(io.BytesIO(files["measurements.parquet"]))
     np.testing.assert_array_equal(read["radius_mm"], tables["measurements"]["radius_mm"])
     assert pd.api.types.is_integer_dtype(pd.read_parquet(io.BytesIO(files["frames.parquet"]))["frame"])
 
 
-def test_matlab_finds_what_the_example_asks_for(
-    measured_run: tuple[Run, AnalysisResult], tables: dict[str, pd.DataFrame]
-) -> None:
+def test_matlab_finds_what_the_example_asks_for(run: Run, tables: dict[str, pd.DataFrame]) -> None:
     """Every struct and field that data/read_run.m names is in run.mat, each column as long as its table."""
-    (content,) = FORMATS["mat"](measured_run[0], tables).values()
+    (content,) = FORMATS["mat"](run, tables).values()
     mat = scipy.io.loadmat(io.BytesIO(content), struct_as_record=False)
-    script = READ_RUN.read_text(encoding="utf-8")
+    script = (DATA / "read_run.m").read_text(encoding="utf-8")
     tables_of = {"states": "states", "measured": "measurements", "final": "measurements"}
     asked = re.findall(r"\b(states|measured|final)\.(\w+)", script)
     assert len(asked) > 10
@@ -88,11 +89,9 @@ def test_matlab_finds_what_the_example_asks_for(
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])
-def test_equal_runs_give_equal_files(
-    kind: str, measured_run: tuple[Run, AnalysisResult], tables: dict[str, pd.DataFrame]
-) -> None:
+def test_equal_runs_give_equal_files(kind: str, run: Run, tables: dict[str, pd.DataFrame]) -> None:
     """No export holds the time of day or where it was made."""
-    assert FORMATS[kind](measured_run[0], tables) == FORMATS[kind](measured_run[0], tables)
+    assert FORMATS[kind](run, tables) == FORMATS[kind](run, tables)
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])

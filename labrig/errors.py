@@ -5,7 +5,9 @@
     LabrigError                    message, hint, exit_code
     ├── AnswerIsNoError       (1)  it ran, and the answer is no
     │   ├── CalibrationRefusedError
-    │   └── MeasurementRefusedError
+    │   ├── MeasurementRefusedError
+    │   ├── ReplayDiffersError     a replay is not its record
+    │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
     ├── InputError            (2)  what was given cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
     │   ├── PictureError           a file that should be a picture and is not, or of another size
@@ -25,6 +27,7 @@
     │   ├── LockedError            a rig or a run that another labrig uses
     │   └── SafetyStopError        stopped because going on was not known to be safe
     ├── RecordError           (4)  a run on disk that is damaged, or is no run
+    │   └── RecordEndsError        a replay has come to where its record ends
     └── InterruptedRunError (130)  INT, TERM or HUP
 
 A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
@@ -54,11 +57,12 @@ class LabrigError(Exception):
         self.message = message
         self.hint = hint
 
-    def reworded(self, message: str) -> Self:
-        """Return this error with another message; type, hint and what else it carries stay."""
+    def reworded(self, message: str, hint: str | None = None) -> Self:
+        """Return this error with another message, and hint if one is given; type and what else it carries stay."""
         twin = copy(self)
         twin.args = (message,)
         twin.message = message
+        twin.hint = self.hint if hint is None else hint
         return twin
 
 
@@ -74,6 +78,30 @@ class CalibrationRefusedError(AnswerIsNoError):
 
 class MeasurementRefusedError(AnswerIsNoError):
     """A picture from which the quantity asked for cannot be stated."""
+
+
+class ReplayDiffersError(AnswerIsNoError):
+    """A replay does what its record has not."""
+
+
+class TargetMissedError(AnswerIsNoError):
+    """An insertion that did not reach its target, or could not begin.
+
+    Parameters
+    ----------
+    reason : str
+        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; no_path or
+        no_roll_zero of one that never was.
+    """
+
+    def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:
+        super().__init__(message, hint)
+        self.reason = reason
+
+    @property
+    def inserted(self) -> bool:
+        """Whether a needle was inserted, so that there is something to measure."""
+        return not self.reason.startswith("no_")
 
 
 class InputError(LabrigError, ValueError):
@@ -206,6 +234,10 @@ class RecordError(LabrigError):
     """A run on disk that is damaged, of a newer schema, or no run at all."""
 
     exit_code = 4
+
+
+class RecordEndsError(RecordError):
+    """A replay has come to where its record, of an interrupted run, ends."""
 
 
 class InterruptedRunError(LabrigError):

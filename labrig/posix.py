@@ -1,22 +1,47 @@
-"""What only POSIX systems can do; nothing else of labrig imports their modules for it.
+"""What POSIX systems have and others have not, or have otherwise; the one file of labrig with such calls.
 
-On Windows there are no pseudo-terminals, and the simulated serial adapter cannot be made there; nor are there Unix
-sockets in Python, so that another labrig cannot be asked to stop.
+On Windows, where labrig was never tried: the simulated serial adapter cannot be made, because there are no
+pseudo-terminals; a running labrig cannot be asked to stop, because Python has no Unix sockets there; a person cannot be
+asked while drives are watched; camera controls cannot be set; and the names of new files are not made durable. Each
+says so, or is left out where nothing is lost by it.
 """
 
+import ctypes
 import os
 import select
+import signal
 import socket
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from labrig.errors import DiskError, MachineError
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
     import pty
     import tty
+
+INTERRUPTING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Signals that ask a program to end."""
+
+NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
+"""Flag for os.open: a symbolic link is not followed."""
+
+WORKERS_ARE = "spawn" if sys.platform == "win32" else "fork"
+"""How worker processes are started: forked, they share what is loaded and start in milliseconds."""
+
+_DIE_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of linux/prctl.h."""
+
+_LOCKED_BYTE = 2**20
+"""Beyond any text: Windows locks bytes, and a locked one cannot be read."""
 
 _MOST_AT_ONCE = 65536
 
@@ -149,9 +174,14 @@ class Listener:
             self.path.unlink()
 
 
+def listen(path: Path) -> Listener | None:
+    """Return a listener; None on Windows, which has none. Raises `DiskError`."""
+    return Listener(path) if hasattr(socket, "AF_UNIX") else None
+
+
 def call(path: Path) -> Conversation | None:
     """Connect to a listener; None where nobody listens."""
-    if sys.platform == "win32":
+    if not hasattr(socket, "AF_UNIX"):
         return None
     end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     end.settimeout(1.0)
@@ -180,3 +210,69 @@ class _Address:
     def __exit__(self, *_: object) -> None:
         if self._folder is not None:
             os.close(self._folder)
+
+
+def wait_for_input(stream: TextIO, timeout_s: float) -> bool:
+    """Return whether a line can be read, waiting at most `timeout_s`.
+
+    Raises
+    ------
+    MachineError
+        On Windows, where only sockets can be waited for.
+    """
+    if sys.platform == "win32":
+        raise MachineError(
+            "on Windows nobody can be asked while drives are watched", "run the bench from Linux or macOS"
+        )
+    return bool(select.select([stream], [], [], timeout_s)[0])
+
+
+def lock_at_once(descriptor: int) -> None:
+    """Lock an open file for this process without waiting. Raises `OSError` where another holds it."""
+    if sys.platform == "win32":
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def sync_directory(path: Path) -> None:
+    """Make the names in a folder durable."""
+    if sys.platform == "win32":
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def reserve(descriptor: int, size_bytes: int) -> None:
+    """Let the file system set bytes aside for a file. Raises `OSError` where it has none left."""
+    if sys.platform in {"win32", "darwin"}:
+        os.write(descriptor, bytes(size_bytes))
+    else:
+        os.posix_fallocate(descriptor, 0, size_bytes)
+
+
+def control_device(descriptor: int, request: int, argument: bytes) -> bytes:
+    """Send a request to a device (ioctl) and return its answer. Raises `OSError` where it refuses it."""
+    if sys.platform == "win32":
+        raise OSError("Windows has no ioctl")
+    return fcntl.ioctl(descriptor, request, argument)
+
+
+def end_with_parent() -> None:
+    """Let a signal end this worker process, and the end of its parent too; Ctrl+C is left to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in INTERRUPTING[1:]:
+        signal.signal(number, signal.SIG_DFL)
+    # A parent that is killed ends nobody; its workers would wait for work for ever.
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
+
+
+def user() -> str:
+    """Return who runs this process, fit for a file name."""
+    return os.environ.get("USERNAME", "user") if sys.platform == "win32" else str(os.getuid())

@@ -117,6 +117,21 @@ def test_every_room_says_what_it_is_in_its_first_line() -> None:
         assert docstring.startswith(f"{door.parent.name}: "), door
 
 
+def test_calls_that_only_posix_has_stand_in_one_file() -> None:
+    """No file but posix.py imports a module, or names a flag, that Windows has not."""
+    only = re.compile(
+        r"^\s*(?:import|from) (?:fcntl|select|pty|tty|termios|resource|pwd|msvcrt|ctypes)\b"
+        r"|SIGHUP|O_DIRECTORY|O_NOFOLLOW|AF_UNIX|posix_fallocate|os\.(?:fork|getuid|openpty|umask)\b|\"fork\"",
+        re.MULTILINE,
+    )
+    offenders = [
+        f"{path}: {found.group()}"
+        for path in SOURCES
+        if path.name != "posix.py" and (found := only.search(path.read_text(encoding="utf-8")))
+    ]
+    assert offenders == []
+
+
 @pytest.mark.parametrize(
     ("what", "pattern"),
     [

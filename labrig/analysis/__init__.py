@@ -19,6 +19,7 @@ What is decided here:
   the paper.
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
   design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
+- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
 The result does not depend on the number of worker processes.
@@ -35,6 +36,7 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -42,7 +44,10 @@ from labrig.analysis.result import (
     CentreLines,
     CurvatureResult,
     DesignResult,
+    InsertionResult,
+    InsertionTrial,
     PictureResult,
+    RollZeroResult,
     SpecimenResult,
     SpecimenTruth,
     TruthComparison,
@@ -62,9 +67,13 @@ __all__ = [
     "DesignOrder",
     "DesignResult",
     "DesignStudy",
+    "InsertionResult",
+    "InsertionTrial",
     "MeasuredRadius",
+    "NeedleInPicture",
     "PaperGel",
     "PictureResult",
+    "RollZeroResult",
     "SpecimenResult",
     "SpecimenTruth",
     "Tolerances",
@@ -77,5 +86,6 @@ __all__ = [
     "load_lens",
     "load_mapping",
     "load_result",
+    "needle_in",
     "study_design",
 ]

@@ -205,7 +205,54 @@ class DesignResult(_Common):
     cells: tuple[HingeCell, ...]
 
 
-AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult
+class InsertionTrial(Model):
+    """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
+
+    `target_mm` is (x, y, z), `tip_mm` (y, z); `unmeasured` says why there is no tip.
+    """
+
+    trial: int
+    outcome: str
+    cause: str
+    reached: bool
+    target_mm: tuple[float, ...]
+    tip_mm: Point | None
+    target_error_mm: float | None
+    unmeasured: str | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    replans: int
+    length_mm: float | None
+
+
+class InsertionResult(_Common):
+    """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest."""
+
+    kind: Literal["insertion"] = "insertion"
+    made: int
+    arrived: int
+    reached: bool
+    target_error_mm: float | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    replans: int
+    length_mm: float | None
+    insertions: tuple[InsertionTrial, ...]
+
+
+class RollZeroResult(_Common):
+    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused."""
+
+    kind: Literal["roll-zero"] = "roll-zero"
+    accepted: bool
+    reasons: tuple[str, ...]
+    needle_id: str
+    rolls_rad: tuple[float, ...]
+    deflections_mm: tuple[float, ...]
+    fit: dict[str, float] | None
+
+
+AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult | InsertionResult | RollZeroResult
 _CONTENT: TypeAdapter[AnyResult] = TypeAdapter(Annotated[AnyResult, Field(discriminator="kind")])
 
 

@@ -9,8 +9,10 @@ from typing import Any
 from labrig.analysis.calibration import analyze_calibration
 from labrig.analysis.curvature import analyze_curvature, curvature_settings
 from labrig.analysis.design import analyze_design
+from labrig.analysis.insertion import analyze_insertion
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import AnalysisResult, Stamp, result_numbers, write_result
+from labrig.analysis.roll_zero import analyze_roll_zero
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError
 from labrig.protocol import (
@@ -18,6 +20,8 @@ from labrig.protocol import (
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
     SteerabilityProtocol,
     load_protocol,
 )
@@ -85,6 +89,11 @@ def analyze_run(
         folder = run.new_result_dir()
         study.save(folder, stamp.provenance)
         return write_result(folder, answer)
+    if isinstance(protocol, InsertionProtocol):
+        arrivals = analyze_insertion(run, protocol, stamp, workers, progress)
+        return write_result(run.new_result_dir(), arrivals)
+    if isinstance(protocol, RollZeroProtocol):
+        return write_result(run.new_result_dir(), analyze_roll_zero(run, protocol, stamp, workers, progress))
     raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
 
 

@@ -1,26 +1,20 @@
 """`labrig calibrate`: the camera's intrinsics, the plane map, and taking over what a calibration run found."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
+from labrig.cli import template
+from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
 from labrig.cli.options import InsertionOption, RigOption, rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, say
-from labrig.errors import CalibrationRefusedError, InputError, OutputExistsError, PictureError, RecordError
+from labrig.errors import CalibrationRefusedError, InputError, PictureError, RecordError
 
-app = typer.Typer(help="Calibrate the camera: intrinsics, plane map.", no_args_is_help=True)
-
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
-]
-ForceOption = Annotated[
-    bool,
-    typer.Option(
-        "--force", help="Replace an existing file, and write a refused calibration, which then says so."
-    ),
-]
+app = typer.Typer(
+    help="Calibrate the camera: intrinsics, plane map, template of the tip.", no_args_is_help=True
+)
+template.register(app)
 
 
 @app.command(
@@ -57,8 +51,8 @@ def intrinsics(
     from labrig.cli.lens import board_search, draw_beside, picture_beside
     from labrig.vision import calibrate_from_pictures, save_intrinsics
 
-    _require_writable(out, force)
-    _require_writable(picture_beside(out), force)
+    require_writable(out, force)
+    require_writable(picture_beside(out), force)
     columns, rows = _board_size(board)
     if not square_mm > 0:
         raise InputError(
@@ -73,7 +67,7 @@ def intrinsics(
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_INTRINSICS, as_json)
     if out is not None and (found.accepted or force):
-        save_intrinsics(out, found, _provenance(images))
+        save_intrinsics(out, found, provenance(images))
         draw_beside(out, found)
     document = found.to_json()
     if as_json:
@@ -100,21 +94,34 @@ def plane(
         Path | None,
         typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
     ] = None,
+    gel_index: Annotated[
+        float | None,
+        typer.Option(help="Refractive index of the gel above the needle; about 1.35.", show_default=False),
+    ] = None,
+    gel_depth_mm: Annotated[
+        float | None, typer.Option(help="Depth of the needle below the gel's surface.", show_default=False)
+    ] = None,
+    paper_at: Annotated[
+        Literal["needle", "surface"],
+        typer.Option(help="Where the paper lay, in air: where the needle is to be, or on the gel's surface."),
+    ] = "needle",
     out: OutOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
+    from labrig.cli.lens import gel_above
     from labrig.vision import calibrate_plane, load_intrinsics, read_picture, save_plane
 
-    _require_writable(out, force)
+    gel = gel_above(gel_index, gel_depth_mm, paper_at, intrinsics)
+    require_writable(out, force)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
     try:
-        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion)
+        found = calibrate_plane(read_picture(image), camera, pitch_mm, origin_px, insertion, gel=gel)
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_PLANE, as_json)
     if out is not None and (found.accepted or force):
-        save_plane(out, found, _provenance([image]))
+        save_plane(out, found, provenance([image]))
     document = found.to_json()
     if as_json:
         print_json(document)
@@ -124,8 +131,10 @@ def plane(
             typer.echo(f"  {reason}")
         typer.echo(
             f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
-            f"held out {document['holdout_rms_mm']:.4f} mm rms"
+            f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
         )
+        for sentence in document["assumptions"]:
+            typer.echo(f"assumed: {sentence}")
     _say_whether_written(out, found.accepted, force)
     return 0 if found.accepted else 1
 
@@ -156,7 +165,7 @@ def adopt(
         )
     targets = load_rig(rig_file(rig)).calibration_paths()
     for path in targets.values():
-        _require_writable(
+        require_writable(
             path, force, "replace the old calibration with --force; the run that made it keeps it"
         )
     for name, path in targets.items():
@@ -207,42 +216,11 @@ def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_jso
     return refusal.exit_code
 
 
-_ANOTHER_NAME = "choose another name, or replace it with --force"
-
-
-def _require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -> None:
-    """Refuse a file that exists or cannot be written, before any work is done."""
-    if out is None:
-        return
-    if out.is_dir():
-        raise InputError(f"{out} is a folder", "name a file in it")
-    if not out.parent.is_dir():
-        raise InputError(f"there is no folder {out.parent} for {out.name}", "make the folder first")
-    if out.exists() and not force:
-        raise OutputExistsError(f"{out} exists", hint)
-
-
 def _say_whether_written(out: Path | None, accepted: bool, force: bool) -> None:
     if out is not None and (accepted or force):
         say(f"written: {out}" + ("" if accepted else " (a refused calibration; the file says so)"))
     elif out is not None:
         say(f"not written: {out}")
-
-
-def _provenance(images: list[Path]) -> dict[str, object]:
-    """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
-    import hashlib
-
-    from labrig.devices import SystemClock
-    from labrig.record import collect_provenance
-
-    return {
-        **collect_provenance(sys.argv),
-        "created": SystemClock().utc().isoformat(timespec="seconds"),
-        "pictures": {
-            path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in images if path.is_file()
-        },
-    }
 
 
 def _print_intrinsics(document: dict[str, Any]) -> None:

@@ -23,7 +23,15 @@ from labrig.devices import (
     open_rig,
 )
 from labrig.errors import InputError
-from labrig.experiments import Finding, check_backlash, check_limits, check_travel, home_axes, jog
+from labrig.experiments import (
+    USUAL_DISTANCE,
+    Finding,
+    check_backlash,
+    check_limits,
+    check_travel,
+    home_axes,
+    jog,
+)
 
 
 @dataclass(frozen=True)
@@ -49,9 +57,12 @@ def home_and_tell(
     return _tell(findings, as_json=careful.as_json)
 
 
-def jog_and_tell(careful: Careful, name: str, distance: float, speed: float | None, check: str | None) -> int:
+def jog_and_tell(
+    careful: Careful, name: str, asked: float | None, speed: float | None, check: str | None
+) -> int:
     """Jog one axis and print what was found."""
     with _opened(careful, _checked([name]), "labrig devices jog") as rig:
+        distance = USUAL_DISTANCE[rig.axis(name).unit] if asked is None else asked
         match check:
             case "limits":
                 findings = check_limits(rig, name, speed)

@@ -16,7 +16,7 @@ YesOption = Annotated[
 ]
 CurrentOption = Annotated[
     int,
-    typer.Option("--current-ma", min=50, max=20_000, help="Output current that no drive exceeds [mA]."),
+    typer.Option("--current-ma", min=50, max=20_000, help="Output current in mA that no drive exceeds."),
 ]
 
 
@@ -61,7 +61,14 @@ def home(
 
 def jog(
     axis: Annotated[str, typer.Option("--axis", metavar="NAME", help=f"{_AXES}.")],
-    distance: Annotated[float, typer.Option("--distance", help="How far, with its sign [mm or rad].")] = 10.0,
+    distance: Annotated[
+        float | None,
+        typer.Option(
+            "--distance",
+            help="How far in mm or rad, with its sign. Default: 10 mm or a quarter turn.",
+            show_default=False,
+        ),
+    ] = None,
     check: Annotated[
         Literal["travel", "backlash", "limits"] | None,
         typer.Option(
@@ -72,7 +79,7 @@ def jog(
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option("--speed", help="[mm/s or rad/s]. Default: 1 mm/s or 0.2 rad/s.", show_default=False),
+        typer.Option("--speed", help="In mm/s or rad/s. Default: 1 mm/s or 0.2 rad/s.", show_default=False),
     ] = None,
     rig: RigOption = None,
     current_ma: CurrentOption = _GENTLE_MA,
@@ -98,14 +105,14 @@ def withdraw(
     insertion_mm: Annotated[
         float | None,
         typer.Option(
-            help="How far it is out of the sheath [mm], if not as the record ends.", show_default=False
+            help="How far in mm it is out of the sheath, if not as the record ends.", show_default=False
         ),
     ] = None,
     rotation_rad: Annotated[
-        float | None, typer.Option(help="How far it is turned [rad], likewise.", show_default=False)
+        float | None, typer.Option(help="How far in rad it is turned, likewise.", show_default=False)
     ] = None,
     linear_mm: Annotated[
-        float | None, typer.Option(help="Where the sheath stands [mm], likewise.", show_default=False)
+        float | None, typer.Option(help="Where in mm the sheath stands, likewise.", show_default=False)
     ] = None,
     rig: RigOption = None,
     runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,

@@ -19,7 +19,7 @@ def simulate(
     ],
     channel: Annotated[str, typer.Option(help="Of the interface, such as can0 or 239.74.163.2.")] = "",
     port: Annotated[int | None, typer.Option(help="UDP port, for udp_multicast.")] = None,
-    bitrate: Annotated[int, typer.Option(help="Of the bus [bit/s].")] = 1_000_000,
+    bitrate: Annotated[int, typer.Option(help="Of the bus, in bit/s.")] = 1_000_000,
     nodes: Annotated[str, typer.Option(help="Node ids, separated by commas.")] = "1,2,3",
     journal: Annotated[
         Path | None, typer.Option(help="Write what the drives did here, a JSON line an event, when it ends.")

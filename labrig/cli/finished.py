@@ -1,6 +1,7 @@
 """How a run ended, and how that is told."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,8 +52,9 @@ def tell(finished: Finished, as_json: bool) -> int:
             say(line)
         if finished.needle:
             say(f"note: {finished.needle}")
-        say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
-        if finished.exit_status != "success":
+        if finished.result is None:
+            say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
+        if finished.result is None and finished.exit_status != "success":
             say(f"go on with a sweep: labrig resume {finished.run}")
     if as_json:
         print_json(document)
@@ -66,8 +68,8 @@ def tell(finished: Finished, as_json: bool) -> int:
 
 def print_result(result: Mapping[str, Any]) -> None:
     """Print the table of the paper for a sweep; the verdict for a calibration; what to cut for a design."""
-    if result.get("kind") == "design":
-        print_design(result)
+    if (printed := _PRINTED.get(str(result.get("kind")))) is not None:
+        printed(result)
         return
     specimens: Sequence[Mapping[str, Any]] = result.get("specimens", ())
     if specimens:
@@ -89,3 +91,41 @@ def print_result(result: Mapping[str, Any]) -> None:
         typer.echo("calibration accepted" if result["accepted"] else "calibration refused")
         for reason in result.get("reasons", ()):
             typer.echo(f"  {reason}")
+
+
+def _print_insertions(result: Mapping[str, Any]) -> None:
+    rows = [
+        [
+            one["trial"] + 1,
+            one["outcome"],
+            number(one["target_error_mm"]),
+            number(one["true_target_error_mm"]),
+            number(one["true_min_clearance_mm"]),
+            number(one["length_mm"], 1),
+            one["replans"],
+        ]
+        for one in result["insertions"]
+    ]
+    heads = ("insertion", "outcome", "error mm", "true error mm", "true clearance mm", "length mm", "replans")
+    print_table(heads, rows)
+    typer.echo(f"{result['arrived']} of {result['made']} reached the target")
+
+
+def _print_roll_zero(result: Mapping[str, Any]) -> None:
+    fit = result["fit"]
+    if fit is None or not result["accepted"]:
+        typer.echo("roll zero refused")
+        for reason in result["reasons"]:
+            typer.echo(f"  {reason}")
+        return
+    zero, sd = (math.degrees(fit[key]) for key in ("zero_rad", "sd_rad"))
+    typer.echo(
+        f"needle {result['needle_id']} bends towards -y at {number(zero)} degrees, SD {number(sd)} degrees"
+    )
+
+
+_PRINTED: Mapping[str, Callable[[Mapping[str, Any]], None]] = {
+    "design": print_design,
+    "insertion": _print_insertions,
+    "roll-zero": _print_roll_zero,
+}

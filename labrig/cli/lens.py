@@ -1,10 +1,10 @@
-"""What `labrig calibrate intrinsics` makes of its options, and the picture that it writes beside the file."""
+"""What `labrig calibrate` makes of its options, and the picture that it writes beside the lens's file."""
 
 from pathlib import Path
 
 from labrig.errors import DiskError, InputError
 from labrig.report import write_lens_figure
-from labrig.vision import BoardSearch, Charuco, Intrinsics
+from labrig.vision import BoardSearch, Charuco, Gel, Intrinsics, PaperPlace
 
 
 def board_search(
@@ -45,3 +45,27 @@ def draw_beside(out: Path, lens: Intrinsics) -> None:
         raise DiskError(
             f"{picture} cannot be written: {error.strerror}", "check the folder and its space"
         ) from error
+
+
+def gel_above(
+    index: float | None, depth_mm: float | None, paper_at: PaperPlace, intrinsics: Path | None
+) -> Gel | None:
+    """Return the gel above the needle, None where none is stated.
+
+    Raises
+    ------
+    InputError
+        If only one of index and depth is given, one is impossible, or the camera is not calibrated.
+    """
+    if (index is None) != (depth_mm is None):
+        raise InputError(
+            "--gel-index and --gel-depth-mm belong together", "for example --gel-index 1.35 --gel-depth-mm 10"
+        )
+    if index is None or depth_mm is None:
+        return None
+    if intrinsics is None:
+        raise InputError(
+            "a gel's refraction needs the camera's intrinsics",
+            "calibrate them first and give --intrinsics FILE",
+        )
+    return Gel(index, depth_mm, paper_at)

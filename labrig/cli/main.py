@@ -16,6 +16,7 @@ from labrig.cli import (
     plan,
     protocols,
     record,
+    replay,
     resume,
     run,
     runs,
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 run.register(app)
 resume.register(app)
+replay.register(app)
 protocols.register(app)
 plan.register(app)
 record.register(app)

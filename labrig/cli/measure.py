@@ -1,11 +1,21 @@
 """`labrig measure`: what loose pictures say."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labrig.cli.options import OptionalInsertion
+from labrig.cli.options import (
+    DEFAULT_NEEDLE_DIAMETER_MM,
+    IntrinsicsOption,
+    NeedleDiameterOption,
+    OptionalInsertion,
+    OriginOption,
+    PlaneOption,
+    PxPerMmOption,
+    SheathDiameterOption,
+)
 from labrig.cli.output import AsJson, interval, number, print_json, print_table, say
 from labrig.errors import InputError, PictureError
 
@@ -20,27 +30,13 @@ def _measure() -> None:
 @app.command("curvature", help="Shaft, tip and radius of curvature in each picture.")
 def curvature(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures of a needle.")],
-    intrinsics: Annotated[
-        Path | None,
-        typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
-    ] = None,
-    plane: Annotated[
-        Path | None,
-        typer.Option("--plane", metavar="FILE", help="Plane map of the camera.", show_default=False),
-    ] = None,
-    px_per_mm: Annotated[
-        float | None, typer.Option(help="Scale of rectified pictures.", show_default=False)
-    ] = None,
-    origin_px: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="U V", help="Pixel of the plane's origin.", show_default=False),
-    ] = None,
+    intrinsics: IntrinsicsOption = None,
+    plane: PlaneOption = None,
+    px_per_mm: PxPerMmOption = None,
+    origin_px: OriginOption = None,
     insertion: OptionalInsertion = None,
-    needle_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the needle.")] = 1.2,
-    sheath_diameter_mm: Annotated[
-        float | None,
-        typer.Option(help="Outer diameter of the sheath, where one is in the picture.", show_default=False),
-    ] = None,
+    needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
+    sheath_diameter_mm: SheathDiameterOption = None,
     window_start_mm: Annotated[float, typer.Option(help="Arc length left off behind the sheath.")] = 4.0,
     window_end_mm: Annotated[float, typer.Option(help="Arc length left off at the tip.")] = 2.0,
     as_json: AsJson = False,
@@ -56,22 +52,81 @@ def curvature(
         window_start_mm=window_start_mm,
         window_end_mm=window_end_mm,
     )
-    rows: list[dict[str, object]] = []
-    refusals: list[PictureError] = []
-    for path in images:
-        try:
-            measured = measure_curvature(read_picture(path), mapping, settings)
-            rows.append({"image": str(path), **measured.to_json()})
-        except PictureError as error:
-            rows.append({"image": str(path), **NOTHING, "reason": error.message})
-            refusals.append(error)
-    if len(refusals) == len(images):
-        raise InputError(f"no picture can be used: {refusals[0].message}", refusals[0].hint)
+    rows = _measured(
+        images, lambda path: measure_curvature(read_picture(path), mapping, settings).to_json(), NOTHING
+    )
     if as_json:
         print_json(rows)
     else:
         _print(rows)
     return 0 if all(row["accepted"] for row in rows) else 1
+
+
+@app.command("tip", help="The needle's tip in each picture, by a template.")
+def tip(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures of a needle.")],
+    template: Annotated[
+        Path, typer.Option(metavar="FILE", help="Picture of a tip, with a JSON of the same name beside it.")
+    ],
+    heading_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="The needle's heading, within 7 degrees. Default: every heading is tried.",
+            show_default=False,
+        ),
+    ] = None,
+    near_px: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="U V", help="Where the tip is about. Default: the whole picture.", show_default=False
+        ),
+    ] = None,
+    region_px: Annotated[float, typer.Option(help="Side of the square around --near-px.")] = 120.0,
+    intrinsics: IntrinsicsOption = None,
+    plane: PlaneOption = None,
+    px_per_mm: PxPerMmOption = None,
+    origin_px: OriginOption = None,
+    insertion: OptionalInsertion = None,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when the tip was found in every picture, 1 otherwise, 2 when no picture could be used."""
+    from labrig.cli.mapping import plane_map
+    from labrig.cli.tips import TipSearch, search_tip
+    from labrig.vision import load_template
+
+    mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
+    search = TipSearch(
+        load_template(template).relative_to(mapping.insertion), heading_deg, near_px, region_px
+    )
+    rows = _measured(images, lambda path: search_tip(path, mapping, search), NO_TIP)
+    if as_json:
+        print_json(rows)
+    else:
+        _print_tips(rows)
+    return 0 if all(row["accepted"] for row in rows) else 1
+
+
+def _measured(
+    images: list[Path], measure: Callable[[Path], dict[str, object]], nothing: dict[str, object]
+) -> list[dict[str, object]]:
+    """Return a row for each picture; one that cannot be used is refused in its row.
+
+    Raises
+    ------
+    InputError
+        When none can be used.
+    """
+    rows: list[dict[str, object]] = []
+    refusals: list[PictureError] = []
+    for path in images:
+        try:
+            rows.append({"image": str(path), **measure(path)})
+        except PictureError as error:
+            rows.append({"image": str(path), **nothing, "reason": error.message})
+            refusals.append(error)
+    if len(refusals) == len(images):
+        raise InputError(f"no picture can be used: {refusals[0].message}", refusals[0].hint)
+    return rows
 
 
 NOTHING: dict[str, object] = {
@@ -86,17 +141,49 @@ NOTHING: dict[str, object] = {
     "residual_rms_mm": None,
 }
 
+NO_TIP: dict[str, object] = {
+    "accepted": False,
+    "reason": None,
+    "tip_px": None,
+    "tip_mm": None,
+    "heading_rad": None,
+    "score": None,
+    "distinctness": None,
+}
+
 
 def _print(rows: list[dict[str, object]]) -> None:
     heads = ("picture", "radius mm", "95 % interval mm", "arc mm", "tip y, z mm")
     cells = []
     for row in rows:
-        tip = row["tip_mm"]
-        tip_text = f"{tip[0]:.2f}, {tip[1]:.2f}" if isinstance(tip, list | tuple) else "-"
         radius = number(row["radius_mm"], 2) if row["accepted"] else "-"
         ci95 = interval(row["radius_ci95_mm"]) if row["accepted"] else "-"
-        cells.append([Path(str(row["image"])).name, radius, ci95, number(row["arc_length_mm"], 1), tip_text])
+        cells.append(
+            [
+                Path(str(row["image"])).name,
+                radius,
+                ci95,
+                number(row["arc_length_mm"], 1),
+                _pair(row["tip_mm"]),
+            ]
+        )
     print_table(heads, cells)
     for row in rows:
         if row["reason"]:
             say(f"{Path(str(row['image'])).name}: {row['reason']}")
+
+
+def _print_tips(rows: list[dict[str, object]]) -> None:
+    heads = ("picture", "tip u, v px", "tip y, z mm", "score")
+    cells = [
+        [Path(str(row["image"])).name, _pair(row["tip_px"]), _pair(row["tip_mm"]), number(row["score"], 3)]
+        for row in rows
+    ]
+    print_table(heads, cells)
+    for row in rows:
+        if row["reason"]:
+            say(f"{Path(str(row['image'])).name}: {row['reason']}")
+
+
+def _pair(value: object) -> str:
+    return f"{value[0]:.2f}, {value[1]:.2f}" if isinstance(value, list | tuple) else "-"

@@ -59,6 +59,33 @@ OptionalInsertion = Annotated[
     ),
 ]
 
+IntrinsicsOption = Annotated[
+    Path | None,
+    typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
+]
+PlaneOption = Annotated[
+    Path | None, typer.Option("--plane", metavar="FILE", help="Plane map of the camera.", show_default=False)
+]
+PxPerMmOption = Annotated[
+    float | None, typer.Option("--px-per-mm", help="Scale of rectified pictures.", show_default=False)
+]
+OriginOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--origin-px", metavar="U V", help="Pixel of the plane's origin.", show_default=False),
+]
+NeedleDiameterOption = Annotated[
+    float, typer.Option("--needle-diameter-mm", help="Outer diameter of the needle.")
+]
+SheathDiameterOption = Annotated[
+    float | None,
+    typer.Option(
+        "--sheath-diameter-mm",
+        help="Outer diameter of the sheath, where one is in the picture.",
+        show_default=False,
+    ),
+]
+
+DEFAULT_NEEDLE_DIAMETER_MM = 1.2
 DEFAULT_RUNS_DIR = Path("data/runs")
 SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
 _RIG_PREFIX = "rig."

@@ -1,15 +1,15 @@
 """The person at the bench, asked at the terminal."""
 
 import math
-import select
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TextIO
 
 from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
-from labrig.devices import Answer, OperatorRequest, ReadScale
+from labrig.devices import Answer, OperatorRequest, PickTarget, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
+from labrig.posix import wait_for_input
 
 
 class TerminalOperator:
@@ -36,6 +36,8 @@ class TerminalOperator:
             )
         if isinstance(request, ReadScale):
             return self._ask_number(request, meanwhile)
+        if isinstance(request, PickTarget):
+            return self._ask_pixel(request, meanwhile)
         while True:
             say(f"\n>> {request.text}\n   yes, or no to stop: ")
             answer = self._read_line(meanwhile).strip().lower()
@@ -56,9 +58,21 @@ class TerminalOperator:
                 if math.isfinite(reading):
                     return Answer(confirmed=True, note=answer, reading=reading)
 
+    def _ask_pixel(self, request: PickTarget, meanwhile: Callable[[], None]) -> Answer:
+        """Ask until the answer is two numbers, or no."""
+        while True:
+            say(f"\n>> {request.text}\n   two numbers, or no to stop: ")
+            answer = self._read_line(meanwhile).strip().lower()
+            if answer in {"n", "no"}:
+                return Answer(confirmed=False, note=answer)
+            with suppress(ValueError):
+                u, v = (float(one) for one in answer.split())
+                if math.isfinite(u) and math.isfinite(v):
+                    return Answer(confirmed=True, note=answer, pixel=(u, v))
+
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line, looking for signals and after the rig twenty times a second."""
-        while not select.select([self._terminal], [], [], 0.05)[0]:
+        while not wait_for_input(self._terminal, 0.05):
             meanwhile()
             if self._interrupted() is not None:
                 raise InterruptedRunError(f"interrupted by {self._interrupted()}")

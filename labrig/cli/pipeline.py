@@ -20,7 +20,9 @@ from labrig.errors import (
     FileFormatError,
     InputError,
     InterruptedRunError,
+    LabrigError,
     MachineError,
+    TargetMissedError,
 )
 from labrig.experiments import (
     Outcome,
@@ -81,7 +83,7 @@ def perform(order: Order) -> Finished:
 def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
     """Measure what was recorded and write the report, where the run came to its end."""
     path, outcome = recorded.path, recorded.outcome
-    if outcome.error is not None:
+    if outcome.error is not None and not _has_an_answer(outcome.error):
         return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, recorded.needle)
     if recorded.signal_name is not None:
         return _unmeasured(path, recorded.signal_name)
@@ -96,7 +98,12 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
         return _unmeasured(path, str(interruption))
     except AnswerIsNoError as error:
         return Finished(path, outcome.exit_status, error.message, None, None, error, "")
-    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, None, "")
+    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
+
+
+def _has_an_answer(error: LabrigError) -> bool:
+    """Tell whether a run that ended so came to an end that is worth measuring: needles were inserted and withdrawn."""
+    return isinstance(error, TargetMissedError) and error.inserted
 
 
 def _unmeasured(path: Path, signal_name: str) -> Finished:

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, OptionalInsertion, RunsDirOption
+from labrig.cli.options import (
+    DEFAULT_NEEDLE_DIAMETER_MM,
+    DEFAULT_RUNS_DIR,
+    IntrinsicsOption,
+    NeedleDiameterOption,
+    OptionalInsertion,
+    OriginOption,
+    PlaneOption,
+    PxPerMmOption,
+    RunsDirOption,
+    SheathDiameterOption,
+)
 from labrig.cli.output import AsJson, failure_lines, print_json, print_table, say
 from labrig.errors import LabrigError, RecordError
 
@@ -183,25 +194,13 @@ def import_(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder of pictures, or of folders of pictures.")
     ],
-    px_per_mm: Annotated[
-        float | None, typer.Option(help="Scale of rectified pictures.", show_default=False)
-    ] = None,
-    origin_px: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="U V", help="Pixel of the plane's origin.", show_default=False),
-    ] = None,
+    px_per_mm: PxPerMmOption = None,
+    origin_px: OriginOption = None,
     insertion: OptionalInsertion = None,
-    intrinsics: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Intrinsics of the camera.", show_default=False)
-    ] = None,
-    plane: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Plane map of the camera.", show_default=False)
-    ] = None,
-    needle_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the needle.")] = 1.2,
-    sheath_diameter_mm: Annotated[
-        float | None,
-        typer.Option(help="Outer diameter of the sheath, where one is in the picture.", show_default=False),
-    ] = None,
+    intrinsics: IntrinsicsOption = None,
+    plane: PlaneOption = None,
+    needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
+    sheath_diameter_mm: SheathDiameterOption = None,
     title: Annotated[
         str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
     ] = None,

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from labrig.posix import INTERRUPTING
+
 _Handler = Callable[[int, FrameType | None], None]
 
 
@@ -38,13 +39,13 @@ class SignalNote:
 
 def raise_from_now_on() -> None:
     """Raise `Interruption` at every signal until the program ends."""
-    for number in _SIGNALS:
+    for number in INTERRUPTING:
         signal.signal(number, _raise)
 
 
 def ignore_from_now_on() -> None:
     """Take no more signals: everything is done and said, and the exit code stands."""
-    for number in _SIGNALS:
+    for number in INTERRUPTING:
         signal.signal(number, signal.SIG_IGN)
 
 
@@ -69,7 +70,7 @@ def _raise(number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def _handlers(handler: _Handler) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in _SIGNALS}
+    before = {number: signal.signal(number, handler) for number in INTERRUPTING}
     try:
         yield
     finally:

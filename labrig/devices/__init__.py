@@ -2,6 +2,8 @@
 
 What is decided here
 --------------------
+- A replayed rig (`open_replayed`) is one whose bus, camera, clock and operator are those of a record; axes and drivers
+  are the real ones there too, and what they send is compared with what was sent.
 - Real or simulated is what the rig file says, and only `plant.make_plant` asks. The seam is at the wire: a
   simulated EPOS2 is a CANopen node on a bus inside the process, and the driver that talks to it is the one
   for real drives.
@@ -9,8 +11,10 @@ What is decided here
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
 - An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
-  the state file remembers that across crashes. Nothing resets a fault, and nothing but opening a rig switches
-  power on.
+  the state file remembers that across crashes. Nothing but opening a rig switches power on, and a fault is reset
+  only where a rig is opened for commissioning or recovery and a person has confirmed it.
+- Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
+  where the axes stand. Backlash stands in the rig file; moves end from one side.
 - Whatever goes wrong, every axis is stopped, and standing still is read back. A closed rig has its power
   stages off.
 - One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
@@ -37,19 +41,28 @@ from labrig.devices.operator import (
     ConfirmHere,
     ConfirmMotion,
     ConfirmNeedleOut,
+    ConfirmPlan,
     ConfirmStance,
+    ConfirmStopped,
     ConfirmWithdrawal,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     Operator,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
     WithdrawNeedle,
+    request_details,
 )
 from labrig.devices.past import PastInsertion
+from labrig.devices.replayed.comparison import Comparison, ReplayDifference
+from labrig.devices.replayed.opening import open_replayed, recorded_rig
+from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
 from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
@@ -60,7 +73,7 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, rig_state
+from labrig.devices.state import RigState, RollZero, rig_state
 from labrig.devices.stop import StopReport, stop_rig
 
 __all__ = [
@@ -78,13 +91,16 @@ __all__ = [
     "CheckResult",
     "CheckStatus",
     "ClearBench",
+    "Comparison",
     "ConfirmAxesAtZero",
     "ConfirmFaultReset",
     "ConfirmFree",
     "ConfirmHere",
     "ConfirmMotion",
     "ConfirmNeedleOut",
+    "ConfirmPlan",
     "ConfirmStance",
+    "ConfirmStopped",
     "ConfirmWithdrawal",
     "DriveState",
     "Frame",
@@ -95,12 +111,18 @@ __all__ = [
     "Operator",
     "OperatorRequest",
     "PastInsertion",
+    "PickTarget",
     "PictureSource",
+    "PlacePhantom",
     "PlaceSpecimen",
     "ReadScale",
+    "Recording",
+    "ReplayDifference",
+    "ReplayedPlant",
     "Rig",
     "RigDescription",
     "RigState",
+    "RollZero",
     "ServedBus",
     "Setpoint",
     "ShiftToHole",
@@ -112,7 +134,12 @@ __all__ = [
     "check_calibration",
     "check_rig",
     "load_rig",
+    "open_replayed",
     "open_rig",
+    "recorded_rig",
+    "recording_without_rig",
+    "recordings",
+    "request_details",
     "rig_schema",
     "rig_state",
     "serve_drives",

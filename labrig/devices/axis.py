@@ -218,6 +218,10 @@ class Axis:
         window_s = self._description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
 
+    def expect_report(self) -> None:
+        """Let the next `read` return what the drive reports at the SYNC that is about to be sent."""
+        self._drive.expect_report()
+
     def read(self) -> AxisReadback:
         """Read statusword and position.
 
@@ -230,9 +234,8 @@ class Axis:
             On a fault, a restart, silence, lost power, or a move that is not done long after it should be.
         BusError
         """
-        statusword = self._drive.statusword()
+        statusword, quadcounts = self._drive.report()
         self._drive.refuse_unless_enabled(statusword)
-        quadcounts = self._drive.position()
         reached = self._has_arrived(statusword, quadcounts)
         if reached and self._then is not None:
             target, rpm = self._then
@@ -336,7 +339,7 @@ class Axis:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
         self._drive.hold_off()
         self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-        self.written = self._configure(self._settings() | self._gentle())
+        self.written = self._configure(self._settings() | self._gentle() | self._drive.report_settings())
 
     def _gentle(self) -> dict[od.Entry, int]:
         """Return the current limit of this opening, where it has one below the drive's own."""

@@ -9,6 +9,7 @@ import logging
 from collections import deque
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from typing import Any
 
 import can
 import canopen
@@ -31,6 +32,9 @@ _ERROR_CONTROLLER, _ERROR_BUS_OFF, _ERROR_PASSIVE = 0x004, 0x040, 0x30
 
 _OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
 """Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
+
+_OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
+"""What python-can is told where the rig file does not: its slcan else looks a thousand times a second."""
 
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
@@ -187,7 +191,7 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
             interface=description.interface,
             channel=description.channel or None,
             bitrate=description.bitrate,
-            **description.options,
+            **(_OPTIONS.get(description.interface, {}) | description.options),
         )
     except _OPENING_FAILURES as error:
         raise BusError(f"CAN interface {where} cannot be opened: {error}", _hint(description)) from error

@@ -17,7 +17,7 @@ from typing import Any
 
 from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
 from labrig.errors import DiskError, LockedError
-from labrig.posix import Conversation, Listener, call
+from labrig.posix import Conversation, call, listen, user
 from labrig.record import FileLock, lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
@@ -46,7 +46,7 @@ class StopRequests:
     """
 
     def __init__(self, path: Path, doing: str) -> None:
-        self._listener = Listener(path)
+        self._listener = listen(path)
         self._doing = doing
         self._silent: list[Conversation] = []
         self._callers: list[Conversation] = []
@@ -54,7 +54,7 @@ class StopRequests:
 
     def poll(self) -> bool:
         """Look for a request, without waiting; return whether one has arrived, now or before."""
-        while (caller := self._listener.accept()) is not None:
+        while self._listener is not None and (caller := self._listener.accept()) is not None:
             self._silent = [*self._silent[-_MOST_SILENT:], caller]
         for caller in tuple(self._silent):
             if caller.hear(0.0) == _STOP:
@@ -76,7 +76,8 @@ class StopRequests:
         self.answer(["labrig ended before every axis was seen to stand still"])
         for caller in self._silent:
             caller.close()
-        self._listener.close()
+        if self._listener is not None:
+            self._listener.close()
 
 
 @contextmanager
@@ -138,17 +139,13 @@ def _folder_of_locks() -> Path:
     folder = (
         Path(runtime) / "labrig"
         if runtime and Path(runtime).is_dir()
-        else Path(tempfile.gettempdir()) / f"labrig-{_user()}"
+        else Path(tempfile.gettempdir()) / f"labrig-{user()}"
     )
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
         raise DiskError(f"cannot make {folder}: {error.strerror}", "check its permissions") from error
     return folder
-
-
-def _user() -> str:
-    return str(os.getuid()) if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
 
 
 def _beside(path: Path, ending: str) -> Path:

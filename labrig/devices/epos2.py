@@ -2,8 +2,11 @@
 
 What is decided here
 --------------------
-- SDO only, through our own client; `canopen`'s `BaseNode402` is not used, because it resets faults, enables
+- SDO through our own client; `canopen`'s `BaseNode402` is not used, because it resets faults, enables
   power and reads signs of homing methods by itself, wrongly for maxon.
+- While axes move, statusword and position come at each SYNC as TxPDO 3, one frame a drive instead of four; a
+  report that does not come is asked for by SDO, and counted. Its map is not written: where it is not the
+  default one, SDO does it all.
 - Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
   both edges, the position at the end of a move, standing still after a stop.
 - Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
@@ -21,6 +24,7 @@ import math
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 from labrig.clock import Clock
 from labrig.devices import epos2_objects as od
@@ -73,6 +77,12 @@ _CLASHING_ANSWERS = 3
 _CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
 _EMERGENCY = struct.Struct("<HB")
 
+_REPORT_PDO = 2
+_REPORT_MAP = (2, od.STATUSWORD.index << 16 | 16, od.POSITION_ACTUAL.index << 16 | 32)
+_REPORT, _REPORT_COB_ID, _NO_REMOTE, _AT_EACH_SYNC = struct.Struct("<Hi"), 0x380, 0x40000000, 1
+_REPORT_PATIENCE = 0.25
+"""Part of the time for an answer that a report may take: it is a frame that is already on its way."""
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -113,6 +123,11 @@ class Epos2:
         self._was_enabled = False
         self._vouched: tuple[int, int] | None = None
         self._homing_due_s = math.inf
+        self._reports: SimpleQueue[bytes] = SimpleQueue()
+        self._has_reports = self._awaits_report = False
+        self._missed_reports = self._stray_reports = 0
+        report_id = _REPORT_COB_ID + node_id
+        link.network.subscribe(report_id, lambda _id, data, _t: self._reports.put(bytes(data)))
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
 
@@ -158,7 +173,10 @@ class Epos2:
 
     def counts(self) -> dict[str, int]:
         """Return how often it had to be asked again, and how many of its answers nobody had asked for."""
-        return {"retries": self._sdo.retries, "strays": self._sdo.strays}
+        return {
+            "retries": self._sdo.retries + self._missed_reports,
+            "strays": self._sdo.strays + self._stray_reports,
+        }
 
     # Connecting
 
@@ -358,8 +376,52 @@ class Epos2:
     def statusword(self) -> int:
         """Return the statusword."""
         statusword = self.read(od.STATUSWORD)
-        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
+        self._note_state(statusword)
         return statusword
+
+    def report_settings(self) -> dict[od.Entry, int]:
+        """Return what lets the drive report at each SYNC; nothing where its TxPDO 3 carries something else.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        found = tuple(self.read(entry) for entry in od.TPDO_MAPS[_REPORT_PDO][: len(_REPORT_MAP)])
+        self._has_reports = found == _REPORT_MAP
+        if not self._has_reports:
+            return {}
+        return {
+            od.TPDO_TYPES[_REPORT_PDO]: _AT_EACH_SYNC,
+            od.TRANSMIT_PDO_COB_IDS[_REPORT_PDO]: _NO_REMOTE | _REPORT_COB_ID + self.node_id,
+        }
+
+    def expect_report(self) -> None:
+        """Forget what has been reported: the next `report` is of the SYNC that is about to be sent."""
+        self._awaits_report = self._has_reports
+        while not self._reports.empty():
+            self._reports.get_nowait()
+            self._stray_reports += 1
+
+    def report(self) -> tuple[int, int]:
+        """Return statusword and position [quadcounts]: as reported, or asked for when no report is expected or comes.
+
+        Raises
+        ------
+        DriveError, BusError
+        """
+        awaited, self._awaits_report = self._awaits_report, False
+        if awaited:
+            patience_s = _REPORT_PATIENCE * self._link.answer_timeout_s
+            data = self._link.receive(self._reports, self._link.clock.now_s() + patience_s)
+            if data is not None and len(data) == _REPORT.size:
+                statusword, position = _REPORT.unpack(data)
+                self._note_state(statusword)
+                return statusword, position
+            self._missed_reports += 1
+        return self.statusword(), self.position()
+
+    def _note_state(self, statusword: int) -> None:
+        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
 
     def is_referenced(self) -> bool:
         """Tell whether the drive itself knows its position to be referenced; lost with its power."""

@@ -1,7 +1,8 @@
 """What a person does at the rig, as requests that can be asked, answered and recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Protocol
 
 
@@ -95,6 +96,69 @@ class LayGraphPaper:
 
 
 @dataclass(frozen=True)
+class PlacePhantom:
+    """Put a block of gel with obstacles cast in into the frame, so that they are seen where the protocol says.
+
+    obstacles : the pixel (u, v) of each one's centre, and its radius [mm]. What the camera is calibrated for is where
+    things are seen; a frame that nobody sees would be off by how the graph paper was laid.
+    """
+
+    name: str
+    gelatin_percent: float
+    obstacles: tuple[tuple[tuple[float, float], float], ...]
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        seen = ", ".join(f"{radius:g} mm at ({u:.0f}, {v:.0f}) px" for (u, v), radius in self.obstacles)
+        return (
+            f"Place block {self.name} ({self.gelatin_percent:g} % gelatin) in the frame, where nothing has been "
+            f"inserted yet; obstacles, by radius: {seen or 'none'}."
+        )
+
+
+@dataclass(frozen=True)
+class PickTarget:
+    """Name the target's pixel on a picture."""
+
+    picture: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return f"Name the target's pixel on {self.picture}: u to the right, v down."
+
+
+@dataclass(frozen=True)
+class ConfirmPlan:
+    """Look at the plan drawn into a picture, and let the needle go."""
+
+    picture: str
+    target_px: tuple[float, float]
+    plan: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return (
+            f"Look at {self.picture}: plan, obstacles and axes ({self.plan}). Confirm that the needle is to be "
+            "inserted so."
+        )
+
+
+@dataclass(frozen=True)
+class ConfirmStopped:
+    """Take note why the needle was stopped, and confirm that it may be withdrawn along its path."""
+
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """Return the request as a sentence."""
+        return f"The needle was stopped: {self.reason}. Confirm that it may be withdrawn along its path."
+
+
+@dataclass(frozen=True)
 class ClearBench:
     """Take something away."""
 
@@ -115,7 +179,7 @@ class ConfirmNeedleOut:
     @property
     def text(self) -> str:
         """Return the request as a sentence."""
-        return f"Confirm that no needle is in tissue: {self.reason}."
+        return f"Confirm that no needle is in tissue: {self.reason}. If one is: no, then labrig devices withdraw."
 
 
 @dataclass(frozen=True)
@@ -256,6 +320,10 @@ OperatorRequest = (
     | ConfirmAxesAtZero
     | PlaceSpecimen
     | ShiftToHole
+    | PlacePhantom
+    | PickTarget
+    | ConfirmPlan
+    | ConfirmStopped
     | HoldBoard
     | LayGraphPaper
     | ClearBench
@@ -271,13 +339,22 @@ OperatorRequest = (
 )
 
 
+def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
+    """Return what a request says, for a record; files of the run are named relative to its folder."""
+    return {
+        key: value.removeprefix(f"{run}/") if isinstance(value, str) else value
+        for key, value in asdict(request).items()
+    }
+
+
 @dataclass(frozen=True)
 class Answer:
-    """What the operator said: done or refused, a note for the record, and the reading that was asked for."""
+    """What the operator said: done or refused, a note for the record, and the reading or pixel that was asked for."""
 
     confirmed: bool
     note: str = ""
     reading: float | None = None
+    pixel: tuple[float, float] | None = None
 
 
 class Operator(Protocol):

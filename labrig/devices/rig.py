@@ -18,7 +18,7 @@ from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, Operato
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
-from labrig.devices.state import RigState, StateStore
+from labrig.devices.state import RigState, RollZero, StateStore
 from labrig.errors import (
     CameraError,
     DriveError,
@@ -33,6 +33,8 @@ AXES = ("insertion", "rotation", "linear")
 
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
+
+_SYNC = 0x080
 
 _WITHDRAW_FIRST = (
     "take it out along its path: labrig devices withdraw --rig FILE; "
@@ -87,6 +89,8 @@ class Rig:
         Where another labrig asks this one to stop.
     opening : Opening
         What of it is opened, and how.
+    store : StateStore or None
+        What the rig knows of itself; by default what its state file says.
     """
 
     def __init__(
@@ -100,6 +104,7 @@ class Rig:
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
+        store: StateStore | None = None,
     ) -> None:
         self.description = description
         self._opening = opening
@@ -110,7 +115,7 @@ class Rig:
         self._plant = plant
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self._store = StateStore(description.state_path)
+        self._store = store or StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
@@ -213,7 +218,7 @@ class Rig:
     # Moving
 
     def read_states(self) -> dict[str, AxisReadback]:
-        """Read every axis.
+        """Read every axis, all at one instant: that of a SYNC.
 
         Raises
         ------
@@ -221,6 +226,9 @@ class Rig:
             When one of them cannot go on; all of them have been stopped then, as far as they answer.
         """
         try:
+            for axis in self.axes:
+                axis.expect_report()
+            self._link.send(_SYNC, b"")
             return {name: axis.read() for name, axis in self._axes.items()}
         except MachineError as error:
             self._stop_because_of(error)
@@ -419,6 +427,26 @@ class Rig:
         for name, position in positions.items():
             self._axes[name].believe_position(position)
 
+    def roll_zero_of(self, needle_id: str) -> RollZero | None:
+        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
+        known = self.state.roll_zero
+        return known if known is not None and known.needle_id == needle_id else None
+
+    def certify_roll_zero(self, roll_zero: RollZero) -> None:
+        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
+
+        Raises
+        ------
+        SafetyStopError
+            When the rotation axis has no reference: the roll would mean nothing.
+        DiskError
+        """
+        if not self.rotation.referenced:
+            raise SafetyStopError(
+                "axis rotation is not referenced: it has no roll", "reference the axes first"
+            )
+        self._store.update(roll_zero=roll_zero)
+
     def mark_needle_in_tissue(self, run: str) -> None:
         """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""
         self._store.update(needle_in_tissue=True, since_run=run, note="")
@@ -456,10 +484,14 @@ class Rig:
         self._identities[axis.name] = axis.connect()
 
     def _offer_fault_reset(self, axis: Axis) -> None:
-        """Ask whether the fault of a drive may be reset, where this rig was opened to do so."""
-        fault = axis.reported_fault() if self._opening.reset_faults else None
+        """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
+        fault = axis.reported_fault()
         if fault is None:
             return
+        if not self._opening.reset_faults:
+            command = "withdraw" if self.state.needle_in_tissue else f"home --axis {axis.name}"
+            way_out = f"labrig devices {command} --rig FILE resets it once you confirm"
+            raise fault.reworded(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
             raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
         axis.reset_fault()

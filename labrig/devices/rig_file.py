@@ -57,7 +57,9 @@ class HeartbeatDescription(Model):
         """Yield a timeout that one late beat would trip."""
         if self.timeout_ms < 3 * self.period_ms:
             yield Conflict(
-                "timeout_ms", f"timeout_ms is {self.timeout_ms}, below three periods of {self.period_ms}"
+                "timeout_ms",
+                f"timeout_ms is {self.timeout_ms}, below three periods of {self.period_ms}",
+                f"write {3 * self.period_ms} or more, or beat more often",
             )
 
 
@@ -91,7 +93,9 @@ class CanDescription(Model):
             near = get_close_matches(self.interface, known, 1)
             meant = f"did you mean {near[0]}? " if near else ""
             yield Conflict(
-                "interface", f"unknown interface {self.interface}; {meant}python-can knows {', '.join(known)}"
+                "interface",
+                f"unknown interface {self.interface}",
+                f"{meant}python-can knows {', '.join(known)}",
             )
 
 
@@ -195,9 +199,13 @@ class AxisDescription(Model):
         """Yield limits in the wrong order, a lead where there is none, and what a drive cannot hold."""
         low, high = self.limits
         if low >= high:
-            yield Conflict("limits", f"limits are [{low:g}, {high:g}], expected the lower one first")
-        if self.backlash >= high - low:
-            yield Conflict("backlash", f"backlash is {self.backlash:g}, as long as the axis")
+            yield Conflict(
+                "limits", f"limits are [{low:g}, {high:g}], expected the lower one first", "exchange them"
+            )
+        elif self.backlash >= high - low:
+            yield Conflict(
+                "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
+            )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
         if not self.unknown:
@@ -207,17 +215,23 @@ class AxisDescription(Model):
         farthest = max(map(abs, self.limits)) * scale.quadcounts_per_unit
         if farthest >= _INT32:
             yield Conflict(
-                "limits", f"limits reach {farthest:.3g} quadcounts, the drive's counter holds {_INT32}"
+                "limits",
+                f"limits reach {farthest:.3g} quadcounts, the drive's counter holds {_INT32}",
+                "check encoder, gear_ratio, lead_mm and limits",
             )
         if self.max_speed * scale.rpm_per_speed < 0.5:
             slowest = scale.to_speed(1)
             yield Conflict(
-                "max_speed", f"max_speed is {self.max_speed:g}, below 1 rpm of the motor, {slowest:.3g}"
+                "max_speed",
+                f"max_speed is {self.max_speed:g}, below 1 rpm of the motor, {slowest:.3g}",
+                "check gear_ratio, lead_mm and max_speed",
             )
         if self.max_speed * scale.rpm_per_speed > 25_000:
             rpm = self.max_speed * scale.rpm_per_speed
             yield Conflict(
-                "max_speed", f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is 25000 rpm"
+                "max_speed",
+                f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is 25000 rpm",
+                f"write {scale.to_speed(25_000):.4g} or less, or check gear_ratio and lead_mm",
             )
 
 
@@ -238,7 +252,11 @@ class AxesDescription(Model):
         for name, axis in self.items():
             other = owners.setdefault(axis.node_id, name)
             if other != name:
-                yield Conflict(f"{name}.node_id", f"node_id {axis.node_id} is also that of axis {other}")
+                yield Conflict(
+                    f"{name}.node_id",
+                    f"node_id {axis.node_id} is also that of axis {other}",
+                    "give every drive a node id of its own, by its DIP switches",
+                )
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
@@ -355,7 +373,9 @@ class RigDescription(Model):
         for name, axis in self.axes.items():
             if axis.node_id == computer:
                 yield Conflict(
-                    f"axes.{name}.node_id", f"node_id {computer} is that under which the computer beats"
+                    f"axes.{name}.node_id",
+                    f"node_id {computer} is that under which the computer beats",
+                    "change it, or can.heartbeat.computer_node_id",
                 )
         if not simulated and self.state_file is None:
             yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")

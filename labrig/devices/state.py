@@ -1,10 +1,11 @@
-"""What the rig must not forget between runs: whether a needle is in tissue, and which axes are referenced.
+"""What the rig must not forget between runs: a needle in tissue, axes that are referenced, the needle's roll zero.
 
 The file is replaced atomically and forced to disk. In doubt (no file, a damaged one) a needle may be in
 tissue.
 """
 
 import json
+import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,26 @@ from labrig.record import write_atomically
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
+
+
+@dataclass(frozen=True)
+class RollZero:
+    """Where the rotation axis stands when the needle bends towards -y, as a run has certified it.
+
+    Parameters
+    ----------
+    needle_id : str
+        The needle, as it is clamped.
+    zero_rad, sd_rad : float
+        Position of the rotation axis, and its standard deviation.
+    run : str
+        The run that found it.
+    """
+
+    needle_id: str
+    zero_rad: float
+    sd_rad: float
+    run: str
 
 
 @dataclass(frozen=True)
@@ -28,12 +49,15 @@ class RigState:
         Axes whose zero has been set and has not been lost since.
     note : str
         Why something is not known.
+    roll_zero : RollZero or None
+        None where none is certified. It goes with the reference of the rotation axis.
     """
 
     needle_in_tissue: bool | None
     since_run: str | None = None
     referenced: tuple[str, ...] = ()
     note: str = ""
+    roll_zero: RollZero | None = None
 
     @property
     def doubt(self) -> str:
@@ -54,11 +78,13 @@ class StateStore:
     ----------
     path : Path or None
         The file; None for a rig that is new in every run.
+    state : RigState
+        What is known without a file.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, state: RigState = NEW) -> None:
         self._path = path
-        self.state = NEW if path is None else _load(path)
+        self.state = state if path is None else _load(path)
 
     def update(self, **changes: object) -> None:
         """Change the state and put it on disk before returning.
@@ -67,7 +93,7 @@ class StateStore:
         ------
         DiskError
         """
-        self.state = replace(self.state, **changes)  # type: ignore[arg-type]
+        self.state = _without_void_roll_zero(replace(self.state, **changes))  # type: ignore[arg-type]
         if self._path is not None:
             _save(self._path, self.state)
 
@@ -75,6 +101,11 @@ class StateStore:
 def rig_state(path: Path | None) -> RigState:
     """Return what a rig knows of itself by its state file; that of a new rig without one."""
     return StateStore(path).state
+
+
+def _without_void_roll_zero(state: RigState) -> RigState:
+    """Drop a roll zero that was told from another zero of the rotation axis than the present one, or from none."""
+    return state if "rotation" in state.referenced else replace(state, roll_zero=None)
 
 
 def _load(path: Path) -> RigState:
@@ -94,7 +125,20 @@ def _parse(document: dict[str, object]) -> RigState:
         raise ValueError("needle_in_tissue is neither true, false nor null")
     if not isinstance(referenced, list):
         raise TypeError("referenced is no list")
-    return RigState(needle, since, tuple(map(str, referenced)), str(document["note"]))
+    roll_zero = _roll_zero(document.get("roll_zero"))
+    return RigState(needle, since, tuple(map(str, referenced)), str(document["note"]), roll_zero)
+
+
+def _roll_zero(document: object) -> RollZero | None:
+    """Return the roll zero of a state file; files of earlier versions have none."""
+    if document is None:
+        return None
+    if not isinstance(document, dict):
+        raise TypeError("roll_zero is no mapping")
+    zero_rad, sd_rad = float(document["zero_rad"]), float(document["sd_rad"])
+    if not (math.isfinite(zero_rad) and sd_rad >= 0):
+        raise ValueError("roll_zero holds no numbers")
+    return RollZero(str(document["needle_id"]), zero_rad, sd_rad, str(document["run"]))
 
 
 def _save(path: Path, state: RigState) -> None:

@@ -1,4 +1,4 @@
-"""Camera controls of Linux (Video4Linux2) through ioctl; the one file of this room that needs POSIX.
+"""Camera controls of Linux (Video4Linux2) through ioctl.
 
 OpenCV sets some of these controls as well, but rescales them, switches automatic modes back on between the
 calls and reports what it asked for instead of what the camera does. Numbers are those of linux/videodev2.h
@@ -11,9 +11,7 @@ import sys
 from dataclasses import dataclass
 
 from labrig.errors import CameraError
-
-if sys.platform != "win32":
-    import fcntl
+from labrig.posix import control_device
 
 _CONTROL = struct.Struct("=Ii")
 
@@ -83,7 +81,7 @@ class V4l2Controls:
                 "plug it in; ls /dev/video* shows which there are; membership of group video is needed",
             ) from error
         try:
-            fcntl.ioctl(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
+            control_device(self._handle, QUERY_CAPABILITY, bytes(_CAPABILITY_BYTES))
         except OSError as error:
             os.close(self._handle)
             raise CameraError(
@@ -127,7 +125,7 @@ class V4l2Controls:
     def _ask(self, request: int, identifier: int, value: int) -> int | None:
         """Return the value that the control has after the request; None when the device refuses it."""
         try:
-            answer = fcntl.ioctl(self._handle, request, _CONTROL.pack(identifier, value))
+            answer = control_device(self._handle, request, _CONTROL.pack(identifier, value))
         except OSError:
             return None
         return int(_CONTROL.unpack(answer)[1])

@@ -28,6 +28,9 @@ SLOW = {"mm": 1.0, "rad": 0.2}
 FASTEST = {"mm": 5.0, "rad": 1.0}
 """A jog is never faster [mm/s or rad/s]."""
 
+USUAL_DISTANCE = {"mm": 10.0, "rad": math.pi / 2}
+"""How far a jog goes unless another distance is asked for [mm or rad]."""
+
 FARTHEST = {"mm": 20.0, "rad": math.pi}
 """A jog of an axis without a reference is never longer [mm or rad]."""
 

@@ -4,20 +4,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
-from labrig.errors import DiskError, InterruptedRunError, LabrigError, MachineError, SafetyStopError
+from labrig.errors import (
+    DiskError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+    SafetyStopError,
+    TargetMissedError,
+)
 from labrig.experiments.camera_calibration import run_camera_calibration
+from labrig.experiments.insertion import run_insertion
 from labrig.experiments.resumption import Past, resume_steerability
+from labrig.experiments.roll_zero import run_roll_zero
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import run_steerability
-from labrig.experiments.withdrawal import Stance, recover
+from labrig.experiments.withdrawal import recover
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Recorder
+from labrig.record import Journal
 
 
 @dataclass(frozen=True)
@@ -84,7 +96,7 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
 
 
 def _close(
-    recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+    recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
@@ -94,7 +106,7 @@ def _close(
     return outcome
 
 
-def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clock) -> Outcome:
+def conduct_without_rig(protocol: DesignProtocol, recorder: Journal, clock: Clock) -> Outcome:
     """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
     try:
         recorder.event("run_start", 0.0, experiment=protocol.experiment)
@@ -111,6 +123,8 @@ def _run_to_an_end(
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)
+    except TargetMissedError as error:
+        return Outcome("failed", error.reason, error)
     except LabrigError as error:
         return Outcome("failed", error.message, error)
     return Outcome("success", "", None)
@@ -120,6 +134,10 @@ def _procedure(protocol: AnyProtocol, session: Session) -> None:
     match protocol:
         case SteerabilityProtocol():
             run_steerability(protocol, session)
+        case InsertionProtocol():
+            run_insertion(protocol, session)
+        case RollZeroProtocol():
+            run_roll_zero(protocol, session)
         case CameraCalibrationProtocol():
             run_camera_calibration(protocol, session)
         case DesignProtocol():

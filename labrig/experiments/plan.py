@@ -5,9 +5,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
-from labrig.errors import LimitError, Problem
+from labrig.errors import LabrigError, LimitError, Problem
+from labrig.experiments.aim import aim_of, aim_problems, steering_settings
 from labrig.experiments.design import design_problems
-from labrig.protocol import AnyProtocol, CameraCalibrationProtocol, DesignProtocol, SteerabilityProtocol
+from labrig.experiments.insertion import roll_zero_s
+from labrig.experiments.roll_zero import order_of
+from labrig.experiments.sight import load_eye, load_plane_map
+from labrig.protocol import (
+    AnyProtocol,
+    CameraCalibrationProtocol,
+    DesignProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
+    RollZeroSteps,
+    SteerabilityProtocol,
+)
+from labrig.steering import start_steering
+
+MovingProtocol = SteerabilityProtocol | InsertionProtocol | RollZeroProtocol
 
 PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
 """The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
@@ -48,18 +63,48 @@ def trials_planned(protocol: AnyProtocol) -> int:
     """Return the number of trials of a run: insertions of a sweep, none of any other."""
     if isinstance(protocol, SteerabilityProtocol):
         return len(protocol.specimens) * protocol.insertions_per_specimen
-    return 0
+    return protocol.repetitions if isinstance(protocol, InsertionProtocol) else 0
 
 
-def planned_moves(protocol: SteerabilityProtocol) -> Iterator[PlannedMove]:
-    """Yield the moves of one insertion, in order; every insertion of a sweep makes the same ones."""
+def planned_moves(protocol: MovingProtocol) -> Iterator[PlannedMove]:
+    """Yield the moves of one insertion, in order; every insertion of a run makes the same ones at most."""
     insertion, sheath = protocol.insertion, protocol.sheath
+    key, length_mm = _length(protocol)
     yield PlannedMove("sheath.depth_mm", "linear", 0.0, sheath.depth_mm, sheath.speed_mm_s)
-    yield PlannedMove("insertion.length_mm", "insertion", 0.0, insertion.length_mm, insertion.speed_mm_s)
+    yield PlannedMove(key, "insertion", 0.0, length_mm, insertion.speed_mm_s)
     yield PlannedMove(
-        "insertion.withdraw_speed_mm_s", "insertion", insertion.length_mm, 0.0, insertion.withdraw_speed_mm_s
+        "insertion.withdraw_speed_mm_s", "insertion", length_mm, 0.0, insertion.withdraw_speed_mm_s
     )
     yield PlannedMove("sheath.speed_mm_s", "linear", sheath.depth_mm, 0.0, sheath.speed_mm_s)
+
+
+def _length(protocol: MovingProtocol) -> tuple[str, float]:
+    """Return the key that says how far the needle goes, and how far."""
+    match protocol:
+        case SteerabilityProtocol():
+            return "insertion.length_mm", protocol.insertion.length_mm
+        case InsertionProtocol():
+            return "insertion.max_length_mm", protocol.insertion.max_length_mm
+        case RollZeroProtocol():
+            return "roll_zero.length_mm", protocol.roll_zero.length_mm
+
+
+def _farthest_roll(protocol: MovingProtocol) -> tuple[str, float]:
+    """Return the key that says how far the bevel is turned, and how far from where it stands at first."""
+    match protocol:
+        case SteerabilityProtocol():
+            return "insertion.bevel_roll_rad", protocol.insertion.bevel_roll_rad
+        case RollZeroProtocol():
+            return "roll_zero.rolls", _last_roll_rad(protocol.roll_zero)
+        case InsertionProtocol():
+            sought = protocol.roll_zero
+            return "roll_zero.rolls", 2 * math.pi if sought is None else max(
+                _last_roll_rad(sought), 2 * math.pi
+            )
+
+
+def _last_roll_rad(steps: RollZeroSteps) -> float:
+    return 2 * math.pi * (steps.rolls - 1) / steps.rolls
 
 
 def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
@@ -74,15 +119,10 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
     problems = [
         Problem(f"rig {key}", "unknown", f"enter it: {where}") for key, where in unknown_entries(rig).items()
     ]
-    if not isinstance(protocol, SteerabilityProtocol):
+    if not isinstance(protocol, MovingProtocol):
         return tuple(problems)
-    turn = PlannedMove(
-        "insertion.bevel_roll_rad",
-        "rotation",
-        0.0,
-        protocol.insertion.bevel_roll_rad,
-        rig.axes.rotation.max_speed / 2,
-    )
+    key, farthest_rad = _farthest_roll(protocol)
+    turn = PlannedMove(key, "rotation", 0.0, farthest_rad, rig.axes.rotation.max_speed / 2)
     for move in (turn, *planned_moves(protocol)):
         try:
             check_axis_move(rig, move.axis, move.position, move.speed)
@@ -93,7 +133,31 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
         for result in check_calibration(rig)
         if result.status is CheckStatus.FAIL
     ]
+    if isinstance(protocol, InsertionProtocol) and not problems:
+        problems += _sight_problems(protocol, rig)
     return tuple(problems)
+
+
+def foreseen_refusal(protocol: AnyProtocol, rig: RigDescription | None) -> Problem | None:
+    """Return why no path leads to an insertion's target, as the run would end; None where one does, or nobody knows."""
+    if not isinstance(protocol, InsertionProtocol) or rig is None or protocol.target.ask:
+        return None
+    aim = aim_of(protocol, load_plane_map(rig))
+    _, command = start_steering(steering_settings(protocol, aim))
+    if command.stop is None:
+        return None
+    return Problem("target", f"there is no path: {command.detail}", "move target or obstacles")
+
+
+def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield what the camera cannot see of an insertion, and what cannot be aimed at."""
+    try:
+        eye = load_eye(rig)
+    except LabrigError as error:
+        yield Problem("calibration.template", error.message, error.hint)
+        return
+    if not protocol.target.ask:
+        yield from aim_problems(protocol, aim_of(protocol, eye.plane), eye.plane)
 
 
 def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
@@ -112,6 +176,15 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         advance = math.ceil(protocol.insertion.length_mm / protocol.insertion.frame_every_mm) - 1
         pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE)
         steps = 1 + len(protocol.specimens) + trials
+    elif isinstance(protocol, InsertionProtocol):
+        trials, zero, found_first_s = protocol.repetitions, protocol.roll_zero, roll_zero_s(protocol)
+        duration_s = found_first_s + trials * sum(move.duration_s for move in planned_moves(protocol))
+        looks = math.ceil(protocol.insertion.max_length_mm / protocol.insertion.frame_every_mm)
+        pictures = trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE) + (0 if zero is None else zero.rolls)
+        steps = 2 * trials + (0 if zero is None else 3 + zero.rolls)
+    elif isinstance(protocol, RollZeroProtocol):
+        pictures, duration_s = protocol.roll_zero.rolls, order_of(protocol).duration_s
+        steps = 3 + protocol.roll_zero.rolls
     elif isinstance(protocol, CameraCalibrationProtocol):
         duration_s, pictures, steps = 0.0, protocol.views + 1, protocol.views + 2
     else:

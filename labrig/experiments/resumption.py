@@ -10,8 +10,9 @@ from labrig.devices import ConfirmNeedleOut, PastInsertion, WithdrawNeedle
 from labrig.errors import InputError
 from labrig.experiments.schedule import BegunTrial, PlannedTrial, rest_of_sweep
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import make_insertions, mount_and_reference
-from labrig.experiments.withdrawal import Stance, recorded_path, withdraw
+from labrig.experiments.withdrawal import recorded_path, withdraw
 from labrig.protocol import SteerabilityProtocol
 from labrig.record import Run
 

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Protocol
 
-from labrig.devices import Axis, AxisReadback, OperatorRequest, Rig
+from labrig.devices import Answer, AxisReadback, OperatorRequest, Rig, request_details
 from labrig.errors import SafetyStopError
-from labrig.record import Recorder
+from labrig.experiments.stance import Stance, stance_of
+from labrig.record import Journal, picture_file
+from labrig.vision import Picture
 
 
 class Progress(Protocol):
@@ -20,12 +23,21 @@ class Progress(Protocol):
 WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
 
 
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A picture that was recorded: its number, the picture, and where the axes stood at its exposure."""
+
+    frame: int
+    image: Picture
+    stance: Stance
+
+
 @dataclass(frozen=True)
 class Session:
     """The opened rig, the record of this run, and where progress is told."""
 
     rig: Rig
-    recorder: Recorder
+    recorder: Journal
     progress: Progress
 
     def note(self, kind: str, **fields: object) -> None:
@@ -33,43 +45,63 @@ class Session:
         self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.event(kind, self.rig.clock.now_s(), **fields)
 
-    def ask(self, request: OperatorRequest) -> None:
-        """Let the operator do something and confirm it; the axes hold still meanwhile.
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Let the operator do something and confirm it, and return the answer; the axes hold still meanwhile.
 
         Raises
         ------
         SafetyStopError
             When the operator says no.
         """
-        if not self.offer(request):
+        answer = self._asked(request)
+        if not answer.confirmed:
             raise SafetyStopError(
                 f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
             )
+        return answer
 
     def offer(self, request: OperatorRequest) -> bool:
         """Ask the operator something that may be declined, and return whether it was confirmed."""
+        return self._asked(request).confirmed
+
+    def _asked(self, request: OperatorRequest) -> Answer:
         answer = self.rig.ask(request)
+        given = {"reading": answer.reading, "pixel": answer.pixel}
         self.note(
             "operator",
             request=type(request).__name__,
-            details=asdict(request),
+            details=request_details(request, self.recorder.path),
             confirmed=answer.confirmed,
             answer=answer.note,
+            **{key: value for key, value in given.items() if value is not None},
         )
-        return answer.confirmed
+        return answer
 
     def look(self, role: str, trial: int | None = None) -> int:
-        """Take a picture, record it with the positions that the encoders read, and return its number."""
-        frame, positions = self.rig.look()
-        return self.recorder.frame(
-            frame.image,
-            frame.t_s,
-            trial=trial,
-            role=role,
-            insertion_mm=positions["insertion"].position,
-            rotation_rad=positions["rotation"].position,
-            linear_mm=positions["linear"].position,
-        )
+        """Take a picture, record it with where the axes stood, and return its number."""
+        return self.see(role, trial).frame
+
+    def see(self, role: str, trial: int | None = None) -> Look:
+        """Take a picture, record it with where the axes stood at its exposure, and return it.
+
+        The exposure lies between two readings of the encoders, and its positions half-way between them: a needle that
+        advances at 1 mm/s is told to some hundredths of a millimetre whenever the camera exposes.
+        """
+        before = stance_of(self.rig.read_states())
+        frame, states = self.rig.look()
+        stance = before.halfway_to(stance_of(states))
+        self.recorder.can_frames(self.rig.take_can_frames())
+        number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **asdict(stance))
+        return Look(number, frame.image, stance)
+
+    def draw(self, image: Picture, role: str, trial: int | None = None) -> Path:
+        """Record a picture that was drawn on, and return its file."""
+        number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
+        return self.picture_path(number)
+
+    def picture_path(self, frame: int) -> Path:
+        """Return the file of a recorded picture."""
+        return self.recorder.path / picture_file(frame)
 
     def move(
         self, axis_name: str, position: float, speed: float, while_moving: WhileMoving | None = None
@@ -86,18 +118,37 @@ class Session:
         DriveError, InterruptedRunError
             From the rig while waiting; the caller's rig stops the axes.
         """
-        axis: Axis = getattr(self.rig, axis_name)
-        setpoint = axis.start_move(position, speed)
-        self.note("move", axis=axis_name, **asdict(setpoint))
+        self.start(axis_name, position, speed)
         arrived = False
         while not arrived:
-            self.rig.wait(self.rig.state_period_s)
-            states = self.rig.read_states()
-            self._record_states(states)
+            states = self.watch()
             if while_moving is not None:
                 while_moving(states)
             arrived = states[axis_name].target_reached
         self.note("move_done", axis=axis_name, position=states[axis_name].position)
+
+    def start(self, axis_name: str, position: float, speed: float) -> None:
+        """Start a move and return at once; an axis that moves already goes on to the new position without a stop.
+
+        Raises
+        ------
+        LimitError, SafetyStopError, DriveError, BusError
+        """
+        setpoint = self.rig.axis(axis_name).start_move(position, speed)
+        self.note("move", axis=axis_name, **asdict(setpoint))
+
+    def watch(self) -> Mapping[str, AxisReadback]:
+        """Let one period of the recorded states pass, record the states of all axes, and return them.
+
+        Raises
+        ------
+        DriveError, BusError, InterruptedRunError
+            All axes have been stopped.
+        """
+        self.rig.wait(self.rig.state_period_s)
+        states = self.rig.read_states()
+        self._record_states(states)
+        return states
 
     def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
         self.recorder.can_frames(self.rig.take_can_frames())

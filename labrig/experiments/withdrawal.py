@@ -7,13 +7,14 @@ A needle that has been turned on its way lies in a track with bends in several d
 back, its stiff tip would cut another one. The path is what the axes read while it went in.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from labrig.devices import AxisReadback, ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
+from labrig.devices import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance, stance_of
 from labrig.record import Run, open_run
 
 WITHDRAWS = "withdraws"
@@ -24,15 +25,6 @@ _SAME_DEPTH_MM = 0.02
 
 _SAME_ROLL_RAD = 0.05
 """Smaller turns are not undone one by one; a turn while the needle advances is undone in steps of this."""
-
-
-@dataclass(frozen=True)
-class Stance:
-    """Where the three axes stand."""
-
-    insertion_mm: float
-    rotation_rad: float
-    linear_mm: float
 
 
 @dataclass(frozen=True)
@@ -61,11 +53,6 @@ SLOWLY = WithdrawalSpeeds()
 """The speeds at which a needle is withdrawn unless somebody says otherwise."""
 
 
-def stance_of(states: Mapping[str, AxisReadback]) -> Stance:
-    """Return where the axes stand, as `Rig.read_states` gives it."""
-    return Stance(states["insertion"].position, states["rotation"].position, states["linear"].position)
-
-
 def recorded_path(run: Run) -> tuple[Stance, ...]:
     """Return the states of the trial in which a run ended, first to last; none when its needle was out by then.
 
@@ -80,7 +67,10 @@ def recorded_path(run: Run) -> tuple[Stance, ...]:
     withdrawn = run.manifest.get(WITHDRAWS)
     if isinstance(withdrawn, str):
         return (*recorded_path(open_run(run.path.parent / withdrawn)), *_stances(run.states))
-    if run.trials.empty or run.states.empty or run.trials.iloc[-1]["exit_status"] == "success":
+    if run.trials.empty:
+        # The roll zero is found before any trial. What the needle went back is not gone in again.
+        return _stances(run.states)
+    if run.states.empty or run.trials.iloc[-1]["exit_status"] == "success":
         return ()
     return _stances(run.states[run.states["t_s"] >= run.trials.iloc[-1]["start_t_s"]])
 

@@ -20,6 +20,16 @@ An experiment is added by a `Protocol` subclass in `protocols.py` and its name i
 """
 
 from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection, load_design
+from labrig.protocol.insertion import (
+    Advance,
+    InsertionObstacle,
+    InsertionProtocol,
+    Place,
+    Planner,
+    RollZeroProtocol,
+    RollZeroSteps,
+    Target,
+)
 from labrig.protocol.load import AnyProtocol, load_protocol, load_scenario, parse_protocol, protocol_schema
 from labrig.protocol.model import (
     Conflict,
@@ -64,6 +74,7 @@ from labrig.protocol.yaml_file import (
 )
 
 __all__ = [
+    "Advance",
     "AnalysisWindow",
     "AnyProtocol",
     "Basis",
@@ -77,6 +88,8 @@ __all__ = [
     "ImportProtocol",
     "ImportedNeedle",
     "Insertion",
+    "InsertionObstacle",
+    "InsertionProtocol",
     "JsonSchema",
     "Line",
     "MeasuredNeedle",
@@ -88,8 +101,12 @@ __all__ = [
     "NonNegativeMm",
     "Notes",
     "PixelUv",
+    "Place",
     "Plain",
+    "Planner",
     "PositiveMm",
+    "RollZeroProtocol",
+    "RollZeroSteps",
     "Scale",
     "Scenario",
     "Seed",
@@ -97,6 +114,7 @@ __all__ = [
     "Specimen",
     "SpeedMmS",
     "SteerabilityProtocol",
+    "Target",
     "TubeSection",
     "dump_yaml",
     "load_design",

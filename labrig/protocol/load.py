@@ -8,6 +8,7 @@ from pydantic import Field
 
 from labrig.protocol.designed_needle import IN_PROTOCOL, IN_SCENARIO, with_design
 from labrig.protocol.explain import choice_fault
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
 from labrig.protocol.overrides import overridden, put
 from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
@@ -22,16 +23,19 @@ from labrig.protocol.tree import Node, Place, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree, tree_of_file
 from labrig.protocol.yaml_text import read_tree
 
-AnyProtocol: TypeAlias = SteerabilityProtocol | CameraCalibrationProtocol | ImportProtocol | DesignProtocol
+AnyProtocol: TypeAlias = (
+    SteerabilityProtocol
+    | InsertionProtocol
+    | RollZeroProtocol
+    | CameraCalibrationProtocol
+    | ImportProtocol
+    | DesignProtocol
+)
 
-_MODELS: dict[
-    str,
-    type[SteerabilityProtocol]
-    | type[CameraCalibrationProtocol]
-    | type[ImportProtocol]
-    | type[DesignProtocol],
-] = {
+_MODELS: dict[str, type[AnyProtocol]] = {
     "steerability": SteerabilityProtocol,
+    "insertion": InsertionProtocol,
+    "roll-zero": RollZeroProtocol,
     "camera-calibration": CameraCalibrationProtocol,
     "import": ImportProtocol,
     "design": DesignProtocol,

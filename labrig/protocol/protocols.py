@@ -177,7 +177,7 @@ class SteerabilityProtocol(Protocol):
         """Yield names that stand twice, and sizes that do not go together."""
         yield from self._repeated_names()
         yield from self._holes_beyond_the_block()
-        yield from _sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle)
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
             yield _must_exceed(
                 "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm
@@ -301,7 +301,7 @@ class ImportProtocol(Protocol):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a sheath that the needle does not fit through."""
         if self.sheath_diameter_mm is not None:
-            yield from _sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
+            yield from sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle)
 
 
 class DesignTolerances(Model):
@@ -356,7 +356,8 @@ def _radius_too_small(needle: Needle | ImportedNeedle) -> Iterator[Conflict]:
         yield _must_exceed("design_radius_mm", radius_mm, "diameter_mm", needle.diameter_mm)
 
 
-def _sheath_too_thin(key: str, sheath_mm: float, needle: Needle | ImportedNeedle) -> Iterator[Conflict]:
+def sheath_too_thin(key: str, sheath_mm: float, needle: Needle | ImportedNeedle) -> Iterator[Conflict]:
+    """Yield a sheath that the needle does not fit through."""
     if sheath_mm <= needle.diameter_mm:
         message = f"{key} is {sheath_mm:g}, must be above needle.diameter_mm, {needle.diameter_mm:g}"
         yield Conflict(key, message, "the needle runs inside the sheath")

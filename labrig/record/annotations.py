@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from labrig.errors import InputError, RecordError
-from labrig.record.durable import disk_errors, sync_directory, write_fully
+from labrig.posix import NO_LINKS, sync_directory
+from labrig.record.durable import disk_errors, write_fully
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, checked_name, inside
 from labrig.record.lock import FileLock
@@ -151,9 +152,7 @@ class _Remarks:
         """Append the remarks, durable when this returns."""
         lines = b"".join(encode_line({**remark, **self._stamp}) for remark in remarks)
         with disk_errors(self._path):
-            descriptor = os.open(
-                self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0), 0o666
-            )
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666)
             try:
                 whole, missing = _end_of_whole_lines(self._path)
                 # The torn line of a process that was killed was never acknowledged, and must not continue.

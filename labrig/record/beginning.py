@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from labrig.errors import InputError, OutputExistsError
-from labrig.record.durable import disk_errors, sync_directory, write_and_rename
+from labrig.posix import reserve, sync_directory
+from labrig.record.durable import disk_errors, write_and_rename
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
     CALIBRATION,
@@ -120,7 +121,7 @@ def make_reserve(path: Path) -> None:
     """
     descriptor = os.open(path / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
-        os.posix_fallocate(descriptor, 0, _RESERVE_BYTES)
+        reserve(descriptor, _RESERVE_BYTES)
     finally:
         os.close(descriptor)
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labrig.errors import DiskError
+from labrig.posix import NO_LINKS, sync_directory
 
 _HINTS = {
     errno.ENOSPC: "make room on that disk, or keep the runs on another one",
@@ -59,7 +60,7 @@ def write_and_rename(path: Path, content: bytes) -> None:
 
 def _write_new(path: Path, content: bytes) -> None:
     # A leftover of a killed writer is overwritten; a link that stands there is not followed.
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | NO_LINKS, 0o666)
     try:
         write_fully(descriptor, content)
         os.fsync(descriptor)
@@ -72,15 +73,6 @@ def write_fully(descriptor: int, content: bytes) -> None:
     view = memoryview(content)
     while view:
         view = view[os.write(descriptor, view) :]
-
-
-def sync_directory(path: Path) -> None:
-    """Make the names in a folder durable."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager

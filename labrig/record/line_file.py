@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
+from labrig.posix import NO_LINKS
 from labrig.record.durable import write_fully
 from labrig.record.json_lines import encode_line
 
@@ -32,7 +33,7 @@ class LineFile:
     @classmethod
     def reopen(cls, path: Path) -> Self:
         """Go on with a file of whole lines; an `OSError` where it is a link or not there."""
-        file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW))
+        file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | NO_LINKS))
         with path.open("rb") as written:
             file._sha256 = hashlib.file_digest(written, "sha256")
             file._length = written.tell()

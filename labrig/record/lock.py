@@ -9,7 +9,6 @@ import errno
 import json
 import os
 import platform
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -18,15 +17,9 @@ from types import TracebackType
 from typing import Self
 
 from labrig.errors import LockedError
+from labrig.posix import NO_LINKS, lock_at_once
 from labrig.record.durable import disk_errors, write_fully
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-
-# Beyond any text: Windows locks bytes, and a locked one cannot be read.
-_LOCKED_BYTE = 2**20
 _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
 
 
@@ -86,9 +79,9 @@ class FileLock:
     def _locked(self) -> int:
         """Open and lock the file; one that its last owner removed meanwhile is left for the new one."""
         while True:
-            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINKS, 0o666)
             try:
-                _lock(descriptor)
+                lock_at_once(descriptor)
                 if _is_still(self.path, descriptor):
                     return descriptor
             except OSError as error:
@@ -126,26 +119,16 @@ class FileLock:
 def lock_owner(path: Path) -> LockOwner | None:
     """Return who holds a lock now; None where nobody does, whatever a dead owner left in the file."""
     try:
-        descriptor = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+        descriptor = os.open(path, os.O_RDWR | NO_LINKS)
     except OSError:
         return None
     try:
-        _lock(descriptor)
+        lock_at_once(descriptor)
     except OSError:
         return _parsed(_text(path)) or LockOwner("another labrig", 0, platform.node())
     finally:
         os.close(descriptor)
     return None
-
-
-def _lock(descriptor: int) -> None:
-    """Lock a file without waiting; an `OSError` of `_BUSY` where another holds it."""
-    if sys.platform == "win32":
-        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        os.lseek(descriptor, 0, os.SEEK_SET)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _is_still(path: Path, descriptor: int) -> bool:

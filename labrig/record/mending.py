@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
+from labrig.posix import NO_LINKS, sync_directory
 from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, leftover_pictures
-from labrig.record.durable import disk_errors, sync_directory, write_and_rename
+from labrig.record.durable import disk_errors, write_and_rename
 from labrig.record.json_lines import read_lines, scan_lines
 from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
 from labrig.record.pictures import listed_raw_bytes, raw_pictures_bytes
@@ -69,7 +70,7 @@ def _move_end(path: Path, keep_bytes: int, to: Path) -> None:
             file.seek(keep_bytes)
             write_and_rename(to, file.read())
         sync_directory(to.parent)
-        descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW)
+        descriptor = os.open(path, os.O_WRONLY | NO_LINKS)
         try:
             os.ftruncate(descriptor, keep_bytes)
             os.fsync(descriptor)
@@ -78,7 +79,7 @@ def _move_end(path: Path, keep_bytes: int, to: Path) -> None:
 
 
 def _append(path: Path, content: bytes) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW)
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | NO_LINKS)
     try:
         os.write(descriptor, content)
         os.fsync(descriptor)

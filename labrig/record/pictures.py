@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, RecordError
-from labrig.record.durable import sync_directory, write_and_rename
+from labrig.posix import sync_directory
+from labrig.record.durable import write_and_rename
 from labrig.record.layout import FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import DiskError, InputError, RecordError
+from labrig.posix import sync_directory
 from labrig.record.beginning import (
     make_run_directory,
     manifest_document,
@@ -25,7 +26,6 @@ from labrig.record.beginning import (
 from labrig.record.durable import (
     disk_errors,
     free_bytes,
-    sync_directory,
     write_atomically,
 )
 from labrig.record.layout import (

@@ -10,7 +10,9 @@ from labrig.protocol import (
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
+    InsertionProtocol,
     Needle,
+    RollZeroProtocol,
     SteerabilityProtocol,
 )
 from labrig.record import Run
@@ -153,6 +155,25 @@ def _experiment_facts(run: Run) -> list[tuple[str, str]]:
         return [
             ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
             ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
+        ]
+    if isinstance(protocol, InsertionProtocol):
+        return [
+            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+            ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
+            ("Obstacles", str(len(protocol.obstacles))),
+            ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
+            ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
+            ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
+            (
+                "Insertions that arrived",
+                f"{_trials_done(run)} of {shown(run.manifest.get('trials_planned'))}",
+            ),
+        ]
+    if isinstance(protocol, RollZeroProtocol):
+        return [
+            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+            ("Gel", f"{protocol.roll_zero.specimen.gelatin_percent:g} %"),
+            ("Insertions", f"{protocol.roll_zero.rolls}, {protocol.roll_zero.length_mm:g} mm deep"),
         ]
     return _design_facts(protocol)
 

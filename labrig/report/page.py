@@ -8,12 +8,13 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from labrig.analysis import AnalysisResult, CalibrationResult, DesignResult
+from labrig.analysis import AnalysisResult, CalibrationResult, DesignResult, InsertionResult, RollZeroResult
 from labrig.record import Run, write_atomically
 from labrig.report.calibration_page import calibration_page, calibration_verdict
 from labrig.report.curvature_page import calibration_rows, curvature_page, curvature_verdict
 from labrig.report.design_page import design_page, design_verdict
 from labrig.report.heading import make_heading
+from labrig.report.insertion_words import arrival_verdict
 from labrig.report.provenance import make_provenance
 from labrig.report.words import breakable, count_of, interval, number, signed
 
@@ -55,14 +56,10 @@ def write_report(run: Run, result: AnalysisResult | None, created: datetime) -> 
 
 def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
     if result is None:
-        verdict = [
-            Markup(
-                "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
-            ).format(shlex.quote(str(run.path)))
-        ]
-        return _page(
-            "bare", {"heading": make_heading(run, verdict, created), "provenance": make_provenance(run, None)}
+        nothing = Markup(
+            "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
         )
+        return _bare(run, None, [nothing.format(shlex.quote(str(run.path)))], created)
     if isinstance(result.content, CalibrationResult):
         return _page(
             "calibration",
@@ -81,12 +78,26 @@ def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
                 **design_page(result, result.content),
             },
         )
+    if isinstance(result.content, InsertionResult | RollZeroResult):
+        return _bare(run, result, arrival_verdict(result.content), created)
     return _page(
         "curvature",
         {
             "heading": make_heading(run, curvature_verdict(run, result.content), created, result),
             "provenance": make_provenance(run, result, calibration_rows(run)),
             **curvature_page(run, result, result.content),
+        },
+    )
+
+
+def _bare(run: Run, result: AnalysisResult | None, verdict: list[Markup], created: datetime) -> str:
+    """Return a page of heading and provenance alone."""
+    rows = () if result is None else calibration_rows(run)
+    return _page(
+        "bare",
+        {
+            "heading": make_heading(run, verdict, created, result),
+            "provenance": make_provenance(run, result, rows),
         },
     )
 

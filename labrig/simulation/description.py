@@ -60,6 +60,10 @@ class NeedleDescription(Model):
         description="Insertion after half a turn of the bevel in which the play of the hinges lets the curvature swing "
         "over to the other side [mm].",
     )
+    clamp_roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(
+        0.0,
+        description="Roll of the bevel where the rotation axis stands at zero: how the needle is clamped [deg].",
+    )
     bevel_deg: Annotated[float, Field(ge=15, le=90)] = Field(
         50.0, description="Angle between the bevel's face and the needle's axis [deg]."
     )
@@ -187,6 +191,10 @@ class WorldDescription(Model):
         15.0,
         description="Position of the linear axis at which the sheath's tip stands at the plane's origin; "
         "at 0 it touches the gel [mm].",
+    )
+    target_mark_mm: tuple[float, float] = Field(
+        (4.0, 100.0),
+        description="Where the simulated operator sees the target when asked for it, (y, z) [mm].",
     )
     blur_px: Annotated[float, Field(ge=0, le=2)] = Field(
         0.8, description="Standard deviation of the lens's blur [px]."

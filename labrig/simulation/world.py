@@ -20,7 +20,7 @@ from labrig.simulation.gel import (
     make_hole,
     no_gel,
 )
-from labrig.simulation.lens import Field32, Floats
+from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
 from labrig.simulation.seeds import stream
 from labrig.simulation.sensor import Sensor, blurred
 from labrig.simulation.track import Bending, Node, Track
@@ -118,6 +118,18 @@ class World:
         """Take note of where the insertion into the present phantom is meant to end, (x, y, z)."""
         self._target_mm = target_mm
 
+    def seen_at_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
+        """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""
+        lens = self.description.lens
+        y, z = steering_plane_pose(lens).meet(unproject(np.array([pixel]), lens))
+        return 0.0, float(y[0]), float(z[0])
+
+    def target_mark_px(self) -> tuple[float, float]:
+        """Return the pixel (u, v) at which somebody who is asked for the target sees it."""
+        mark = np.array([self.description.target_mark_mm])
+        u, v = plane_to_pixels(mark, self.description.lens)[0].tolist()
+        return u, v
+
     def _put_before_sheath(self, specimen: Specimen) -> None:
         self._still = self._scene = self._backdrop = self._target_mm = None
         self._specimen = specimen
@@ -169,7 +181,8 @@ class World:
         while the linear axis moves is carried along its path. Between two calls the bevel is taken to stand
         at the later call's `rotation_rad`.
         """
-        self._axes = _Axes(insertion_mm, rotation_rad, linear_mm)
+        clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
+        self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
         hole = self._hole
         if self._specimen is None:
             hole.track = None

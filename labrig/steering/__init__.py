@@ -3,6 +3,7 @@
 from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.planner import Plan, PlannedArc, plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
 from labrig.steering.step import (
     SteeringCommand,
     SteeringPolicy,
@@ -24,6 +25,7 @@ __all__ = [
     "PlanProblem",
     "PlanWeights",
     "PlannedArc",
+    "RollZeroFit",
     "SteeringCommand",
     "SteeringPolicy",
     "SteeringSettings",
@@ -33,6 +35,7 @@ __all__ = [
     "TipSighting",
     "TipState",
     "estimate_tip_poses",
+    "fit_roll_zero",
     "plan_path",
     "radius_sd_within",
     "sample_path",

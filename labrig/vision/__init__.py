@@ -15,14 +15,16 @@ from labrig.vision.calibration_file import (
 )
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.overlay import draw_measurement
+from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
+from labrig.vision.refraction import Gel, PaperPlace
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template, save_template, template_files
 from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
-from labrig.vision.tip_template import TipTemplate
+from labrig.vision.tip_template import TipTemplate, cut_template
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
@@ -30,11 +32,15 @@ __all__ = [
     "Charuco",
     "CurvatureMeasurement",
     "CurvatureSettings",
+    "DrawnPlan",
+    "Gel",
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "PaperPlace",
     "Picture",
     "PlaneMap",
+    "ShaftTip",
     "TipFix",
     "TipSettings",
     "TipTemplate",
@@ -45,7 +51,9 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "calibration_created",
+    "cut_template",
     "draw_measurement",
+    "draw_plan",
     "find_board",
     "find_board_corners",
     "load_intrinsics",
@@ -53,6 +61,7 @@ __all__ = [
     "load_template",
     "locate_tip",
     "measure_curvature",
+    "measure_shaft_tip",
     "next_region_px",
     "projection_sigma_px",
     "read_picture",

@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 
 from labrig.errors import DiskError, FileFormatError, InputError, Problem
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.plane import Insertion, PlaneMap
+from labrig.vision.plane import Insertion, PlaneMap, Radial, Variation
+from labrig.vision.refraction import Gel, PaperPlace
 
 _INTRINSICS = "labrig-intrinsics"
 _PLANE = "labrig-plane"
@@ -62,6 +63,17 @@ class _IntrinsicsDocument(_Part):
     tilt_spread_deg: float | None = None
 
 
+class _GelPart(_Part):
+    index: float
+    depth_mm: float
+    paper: PaperPlace
+
+
+class _VariationPart(_Part):
+    homography: tuple[_Row, _Row, _Row]
+    lens: _TenNumbers | None
+
+
 class _PlaneDocument(_Part):
     accepted: bool
     reasons: tuple[str, ...]
@@ -76,6 +88,10 @@ class _PlaneDocument(_Part):
     insertion: Insertion
     homography: tuple[_Row, _Row, _Row]
     intrinsics_sha256: str | None
+    radial: tuple[float, float, float] | None = None
+    gel: _GelPart | None = None
+    flatness_mm: float | None = None
+    variations: tuple[_VariationPart, ...] = ()
 
 
 _Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)
@@ -137,8 +153,14 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     homography = np.array(found.homography)
     if not np.linalg.det(homography):
         raise FileFormatError((Problem(f"{path} homography", "has no inverse", _again(_PLANE)),))
-    values = found.model_dump(exclude={"intrinsics_sha256"})
-    return PlaneMap(**{**values, "homography": homography, "intrinsics": intrinsics})
+    parts = {"intrinsics_sha256", "radial", "gel", "variations"}
+    return PlaneMap(
+        **{**found.model_dump(exclude=parts), "homography": homography},
+        intrinsics=intrinsics,
+        radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
+        gel=None if found.gel is None else Gel(**found.gel.model_dump()),
+        variations=tuple(Variation(np.array(one.homography), one.lens) for one in found.variations),
+    )
 
 
 def calibration_created(path: Path) -> datetime | None:

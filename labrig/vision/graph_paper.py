@@ -4,9 +4,14 @@ The lines are found in a small patch first, where they are straight and evenly s
 which the picture changes most, then the darkness added up along each. The nearest lines there set the pitch,
 so heavier lines every 5 or 10 mm do not mislead it. From a crossing in that patch the grid is followed
 outwards, ring by ring, each crossing predicted by the steps between its neighbours and then refined on its own.
+
+Where the darkness alone shows no grid, because pen traces and printed dots lie over it, the ink is looked for: colour
+and darkness together, with what is far darker than any line taken out. Where only the heavier lines can be followed,
+those between them are counted in the mean over all cells, so that crossings are numbered in the finest lines all the
+same. Crossings that their neighbours contradict are left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import cv2
@@ -44,6 +49,20 @@ _ALONG = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
 _BETWEEN = np.linspace(-0.4, 0.4, 81)
 _FINER_LINE = 0.02
 _MOST_CELLS = 2000
+# How many finer steps there may be to a heavier one, and how much of what is between two lines they must explain.
+_SUBDIVISIONS = (5, 10)
+_LEAST_EXPLAINED = 0.7
+# The ink without traces: what is so much darker than this quantile of the picture is a trace, and is taken out with its
+# surroundings; and how much the rest is smoothed [px].
+_INK_QUANTILE, _TRACE = 0.93, 1.8
+_TRACE_MARGIN_PX = 3
+_INK_BLUR_PX = 2.0
+# Printed dots and what is left of traces disturb a crossing: its lines are then followed further, in steps.
+_INK_ALONG = np.concatenate([sign * (np.linspace(0.25, 0.75, 6) + k) for sign in (-1, 1) for k in range(3)])
+_INK_SLOW_PX = 21
+# A crossing so many times further from where its neighbours put it than is usual is left out.
+_STRAY = 4.0
+_PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 # Beyond this, across a line, there is bare paper.
 _FLANK = 0.32
 _REFINEMENTS = 3
@@ -63,11 +82,14 @@ class Crossings:
         Which line of either family; neighbouring lines differ by one.
     pitch_px : float
         Distance between neighbouring lines where the search began.
+    step : int
+        Difference of the indices of neighbouring crossings: above one where only heavier lines were followed.
     """
 
     pixels: _FloatArray
     indices: NDArray[np.int64]
     pitch_px: float
+    step: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,33 +129,116 @@ def find_crossings(image: Picture) -> Crossings:
     MeasurementRefusedError
         If no two families of evenly spaced lines are seen, or the lines are too close together.
     """
-    # The darkest channel shows lines of any colour on white paper.
-    flat = _flattened(image if image.ndim == 2 else image.min(axis=2))
-    largest: Crossings | None = None
-    for share, place in product(_PATCH_SHARES, _PATCH_PLACES):
-        seed = _seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
-        if seed is None:
-            continue
-        grown = _grown(flat, seed)
-        if largest is None or len(grown.pixels) > len(largest.pixels):
-            largest = grown
-        if len(largest.pixels) >= _ENOUGH:
-            break
-    if largest is None or len(largest.pixels) < _LEAST_LINES**2:
+    darkness = _flattened(_darkest(image))
+    found = _largest(darkness)
+    if found is None or len(found.pixels) < _ENOUGH:
+        inked = _inked(image)
+        found = max((one for one in (found, inked) if one is not None), key=_count, default=None)
+    if found is None or _count(found) < _LEAST_LINES**2:
         raise MeasurementRefusedError(
             "no grid of ruled lines in the picture",
             "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are "
             f"{_LEAST_PITCH_PX:.0f} px apart or more",
         )
-    _refuse_finer_lines(flat, largest)
+    return _numbered_in_finest(darkness, _without_strays(found))
+
+
+def _count(found: Crossings) -> int:
+    return len(found.pixels)
+
+
+def _darkest(image: Picture) -> Picture:
+    """Return the darkest channel, which shows lines of any colour on white paper."""
+    return image if image.ndim == 2 else np.asarray(image.min(axis=2), dtype=np.uint8)
+
+
+def _largest(flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARES) -> Crossings | None:
+    """Return the grid with the most crossings among those that start in one patch or another."""
+    largest: Crossings | None = None
+    for share, place in product(shares, _PATCH_PLACES):
+        seed = _seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
+        if seed is None:
+            continue
+        grown = _grown(flat, seed)
+        if largest is None or _count(grown) > _count(largest):
+            largest = grown
+        if _count(largest) >= _ENOUGH:
+            break
     return largest
 
 
+def _inked(image: Picture) -> Crossings | None:
+    """Return the grid as its ink shows it, with pen traces taken out."""
+    ink = _blurred(_ink(image), _INK_BLUR_PX)
+    found = _largest(ink, _PATCH_SHARES[:1])
+    if found is None or _count(found) < _LEAST_LINES**2:
+        return None
+    _, steps, cells = _laid_out(found)
+    known = np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))
+    ring = _Ring(cells[known], found.pixels[known], steps[tuple(cells[known].T)])
+    fine, _ = _refined(ink, ring, _INK_ALONG)
+    return Crossings(fine, found.indices[known], found.pitch_px)
+
+
+def _ink(image: Picture) -> NDArray[np.float32]:
+    """Return the optical density of the lines, of their darkness and colour together, zero where a trace is."""
+    darkness = _without_slow(_density(_darkest(image)))
+    level = float(np.quantile(darkness, _INK_QUANTILE))
+    side = np.ones((_TRACE_MARGIN_PX, _TRACE_MARGIN_PX), np.uint8)
+    trace = cv2.dilate((darkness > _TRACE * level).astype(np.uint8), side) > 0
+    # A median of bytes: levels of a hundredth of density are finer than any line.
+    bytes_ = np.clip(128.0 + 100.0 * darkness, 0, 255).astype(np.uint8)
+    around = (cv2.medianBlur(bytes_, _INK_SLOW_PX).astype(np.float32) - 128.0) / 100.0
+    ink = np.where(trace, around, np.minimum(darkness, level))
+    if image.ndim == 3:
+        colour = _without_slow(_density(image[..., 1]) - _density(image[..., 2]))
+        most = float(np.quantile(colour, _INK_QUANTILE))
+        ink += np.where(trace, 0.0, np.clip(colour, -most, most))
+    return np.asarray(ink, dtype=np.float32)
+
+
+def _density(channel: Picture) -> NDArray[np.float32]:
+    return np.asarray(-np.log(np.maximum(channel.astype(np.float32), 1.0)), dtype=np.float32)
+
+
+def _without_slow(density: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the density without uneven light, which is a slow term of it."""
+    slow = cv2.GaussianBlur(density, (0, 0), max(min(density.shape) / 40.0, 8.0))
+    return np.asarray(density - slow, dtype=np.float32)
+
+
+def _blurred(density: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(density, (0, 0), sigma_px), dtype=np.float32)
+
+
+def _laid_out(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.int64]]:
+    """Return crossings as a table of places (R, C, 2), the steps between them (R, C, 2, 2), and their cells (N, 2)."""
+    # A margin of unknown cells keeps the first from being taken for neighbours of the last.
+    cells = found.indices - found.indices.min(axis=0) + 2
+    places = np.full((*(cells.max(axis=0) + 3), 2), np.nan)
+    places[tuple(cells.T)] = found.pixels
+    return places, _local_steps(places), cells
+
+
+def _without_strays(found: Crossings) -> Crossings:
+    """Return the crossings without those that are far from the middle between their neighbours."""
+    places, _, cells = _laid_out(found)
+    pairs = [
+        0.5 * (np.roll(places, pair, axis=(0, 1)) + np.roll(places, np.negative(pair), axis=(0, 1)))
+        for pair in _PAIRS
+    ]
+    middles = np.array(pairs)[(slice(None), *cells.T)]
+    seen = np.isfinite(middles[..., 0]).any(axis=0)
+    middle = np.full(found.pixels.shape, np.nan)
+    middle[seen] = np.nanmedian(middles[:, seen], axis=0)
+    off = np.linalg.norm(found.pixels - middle, axis=1)
+    kept = seen & (off <= _STRAY * np.nanmedian(off)) if seen.any() else seen
+    return replace(found, pixels=found.pixels[kept], indices=found.indices[kept])
+
+
 def _flattened(grey: Picture) -> NDArray[np.float32]:
-    """Return the optical density of the lines: uneven light is a slow term of it, and is taken off."""
-    density = -np.log(np.maximum(grey.astype(np.float32), 1.0))
-    slow = cv2.GaussianBlur(density, (0, 0), max(min(grey.shape) / 40.0, 8.0))
-    return np.asarray(cv2.GaussianBlur(density - slow, (0, 0), 1.0), dtype=np.float32)
+    """Return the optical density of the lines, uneven light taken off."""
+    return _blurred(_without_slow(_density(grey)), 1.0)
 
 
 def _seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed | None:
@@ -280,7 +385,9 @@ def _local_steps(places: _FloatArray) -> _FloatArray:
     return np.stack(means, axis=2)
 
 
-def _refined(flat: NDArray[np.float32], ring: _Ring) -> tuple[_FloatArray, _FloatArray]:
+def _refined(
+    flat: NDArray[np.float32], ring: _Ring, along_at: _FloatArray = _ALONG
+) -> tuple[_FloatArray, _FloatArray]:
     """Return where the two lines through each prediction cross (N, 2), and how dark the fainter one is (N,).
 
     Each line is centred between its own two flanks, beside the crossing, where the other line does not
@@ -291,7 +398,7 @@ def _refined(flat: NDArray[np.float32], ring: _Ring) -> tuple[_FloatArray, _Floa
     for _ in range(_REFINEMENTS):
         for axis in (0, 1):
             across, along = ring.steps[:, axis], ring.steps[:, 1 - axis]
-            profile = _profiles(flat, found, across, along, _ACROSS)
+            profile = _profiles(flat, found, across, along, _ACROSS, along_at=along_at)
             offset, depth = _line_centres(profile)
             found = found + offset[:, None] * across
             contrast = np.minimum(contrast, depth)
@@ -299,16 +406,22 @@ def _refined(flat: NDArray[np.float32], ring: _Ring) -> tuple[_FloatArray, _Floa
 
 
 def _profiles(
-    flat: NDArray[np.float32], centres: _FloatArray, across: _FloatArray, along: _FloatArray, at: _FloatArray
+    flat: NDArray[np.float32],
+    centres: _FloatArray,
+    across: _FloatArray,
+    along: _FloatArray,
+    at: _FloatArray,
+    *,
+    along_at: _FloatArray = _ALONG,
 ) -> _FloatArray:
     """Return the density across a line (N, samples), averaged along it on both sides of the crossing.
 
-    `at` are the places of the samples, in steps to the next line.
+    `at` and `along_at` are the places of the samples, in steps to the next line.
     """
-    spread = (at[:, None, None, None] * across + _ALONG[:, None, None] * along).reshape(-1, *centres.shape)
+    spread = (at[:, None, None, None] * across + along_at[:, None, None] * along).reshape(-1, *centres.shape)
     maps = (centres + spread).astype(np.float32)
     drawn = cv2.remap(flat, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    values = np.asarray(drawn, dtype=np.float64).reshape(len(at), len(_ALONG), len(centres))
+    values = np.asarray(drawn, dtype=np.float64).reshape(len(at), len(along_at), len(centres))
     return np.asarray(values.mean(axis=1).T)
 
 
@@ -323,27 +436,46 @@ def _line_centres(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     return np.clip(offset, -_LARGEST_SHIFT, _LARGEST_SHIFT), bare.max(axis=1) * (mass > 0.0)
 
 
-def _refuse_finer_lines(flat: NDArray[np.float32], crossings: Crossings) -> None:
-    """Raise MeasurementRefusedError if fainter lines run between those found: every length would be wrong.
+def _numbered_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossings:
+    """Return the crossings numbered in the finest lines, also where those are too faint or close to be followed.
 
-    They are too faint or too close to be found one by one, and show in the mean over all cells.
+    Raises
+    ------
+    MeasurementRefusedError
+        If there is something between the lines found, but not lines that divide their distance evenly: every length
+        could be wrong.
     """
-    # A margin of unknown cells keeps the first from being taken for neighbours of the last.
-    cells = crossings.indices - crossings.indices.min(axis=0) + 1
-    places = np.full((*(cells.max(axis=0) + 2), 2), np.nan)
-    places[tuple(cells.T)] = crossings.pixels
-    steps = _local_steps(places)
-    cells = np.argwhere(np.isfinite(places[..., 0]) & np.isfinite(steps).all(axis=(2, 3)))
+    places, steps, cells = _laid_out(found)
+    cells = cells[np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))]
     sample = tuple(cells[:: len(cells) // _MOST_CELLS + 1].T)
-    for axis in (0, 1):
-        across, along = steps[sample][:, axis], steps[sample][:, 1 - axis]
-        depth = float(_line_centres(_profiles(flat, places[sample], across, along, _ACROSS))[1].mean())
-        between = _profiles(flat, places[sample] + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
-        if _highest_top(between) > _FINER_LINE * depth:
-            raise MeasurementRefusedError(
-                f"between the lines {crossings.pitch_px:.0f} px apart there are fainter ones",
-                "come closer, so that the nearest lines are seen as well as the others",
-            )
+    divisions = {_divisions(flat, places[sample], steps[sample], axis) for axis in (0, 1)}
+    if len(divisions) != 1 or None in divisions:
+        raise MeasurementRefusedError(
+            f"between the lines {found.pitch_px:.0f} px apart there are fainter ones",
+            "come closer, so that the nearest lines are seen as well as the others",
+        )
+    step = divisions.pop() or 1
+    return replace(found, indices=found.indices * step, pitch_px=found.pitch_px / step, step=step)
+
+
+def _divisions(flat: NDArray[np.float32], places: _FloatArray, steps: _FloatArray, axis: int) -> int | None:
+    """Return how many steps of the finest lines there are from one line to the next; None where it is not clear."""
+    across, along = steps[:, axis], steps[:, 1 - axis]
+    depth = float(_line_centres(_profiles(flat, places, across, along, _ACROSS))[1].mean())
+    between = _profiles(flat, places + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
+    if _highest_top(between) <= _FINER_LINE * depth:
+        return 1
+    curve = np.polynomial.Polynomial.fit(_BETWEEN, between, 2)
+    rest = between - curve(_BETWEEN)
+    best, explained = 0, 0.0
+    for count in _SUBDIVISIONS:
+        wave = np.cos(2.0 * np.pi * count * (0.5 + _BETWEEN))
+        wave -= np.polynomial.Polynomial.fit(_BETWEEN, wave, 2)(_BETWEEN)
+        amplitude = float(rest @ wave) / float(wave @ wave)
+        share = amplitude * float(rest @ wave) / float(rest @ rest) if amplitude > 0.0 else 0.0
+        if share > explained:
+            best, explained = count, share
+    return best if explained >= _LEAST_EXPLAINED else None
 
 
 def _highest_top(profile: _FloatArray) -> float:

@@ -1,7 +1,9 @@
-"""A measurement drawn into its picture, thin enough to judge the needle's edges beside it.
+"""A measurement or a plan drawn into its picture, thin enough to judge the needle's edges beside it.
 
 Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by colour-blind readers.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -24,8 +26,22 @@ _BEYOND_MM = 4.0
 _CIRCLE_POINTS = 200
 _DASH_ROWS = 10
 _SUBPIXEL_BITS = 4
+_AXIS_MM = 10.0
 # Marks are this long compared with the picture's width, and at least so many pixels.
 _MARK, _LEAST_MARK_PX = 0.012, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPlan:
+    """A plan as it is drawn: columns (y, z) [mm] of the steering plane.
+
+    path_mm (N, 2); target_mm (y, z) with its tolerance; obstacles ((y, z), radius).
+    """
+
+    path_mm: FloatArray
+    target_mm: tuple[float, float]
+    tolerance_mm: float
+    obstacles: tuple[tuple[tuple[float, float], float], ...] = ()
 
 
 def draw_measurement(image: Picture, measurement: CurvatureMeasurement, plane: PlaneMap) -> Picture:
@@ -51,6 +67,31 @@ def draw_measurement(image: Picture, measurement: CurvatureMeasurement, plane: P
     if measurement.tip_px is not None:
         turn = np.linspace(0.0, 2.0 * np.pi, 60)
         _polyline(drawn, measurement.tip_px + half * np.column_stack((np.cos(turn), np.sin(turn))), _TIP)
+    return drawn
+
+
+def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
+    """Return a copy of the picture, (H, W, 3) blue-green-red, with a plan and the plane's axes drawn in.
+
+    The path is blue, the target an orange ring of its tolerance, obstacles yellow; the axes are green, 10 mm long, z
+    along the insertion.
+    """
+    colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
+    drawn = np.asarray(colour, dtype=np.uint8)
+    turn = np.linspace(0.0, 2.0 * np.pi, 120)
+    ring = np.column_stack((np.cos(turn), np.sin(turn)))
+    for centre_mm, radius_mm in plan.obstacles:
+        _polyline(drawn, plane.to_px(np.asarray(centre_mm) + radius_mm * ring), _CENTRE_LINE)
+    _polyline(drawn, plane.to_px(np.asarray(plan.target_mm) + plan.tolerance_mm * ring), _TIP)
+    if len(plan.path_mm):
+        _polyline(drawn, plane.to_px(plan.path_mm), _CIRCLE)
+    for name, end_mm in (("z 10 mm", (0.0, _AXIS_MM)), ("y", (_AXIS_MM, 0.0))):
+        start, end = plane.to_px(np.array([(0.0, 0.0), end_mm]))
+        tip = 0.85 * (end - start)
+        aside = 0.07 * np.array([-(end - start)[1], (end - start)[0]])
+        _polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), _ENTRY)
+        u, v = (int(one) for one in end + 6.0)
+        cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _ENTRY, 1, cv2.LINE_AA)
     return drawn
 
 

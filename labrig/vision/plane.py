@@ -1,12 +1,12 @@
 """Pixels of a picture to mm in the steering plane, and back.
 
-The map undoes the lens (where intrinsics are given) and then applies one homography. It holds for one plane
-only: the graph paper must lie where the needle will be, at the needle's depth **in the same gel**. Refraction
-is not modelled: paper at needle depth but in air makes radii too large by 0.3 to 2 %, paper on top of the gel
-makes them too small by 1 to 6 %.
+The map undoes the lens (the intrinsics, or one radial term fitted with the plane where there are none), applies one
+homography, and bends rays at the gel's surface where a gel is stated. It holds for one plane only: without a stated gel
+the graph paper must lie where the needle will be, at the needle's depth **in the same gel**. Left out, paper at needle
+depth but in air makes radii too large by 0.3 to 2 %, paper on top of the gel makes them too small by 1 to 6 %.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import InputError
 from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.refraction import Gel
 
 Insertion = Literal["right", "left", "up", "down"]
 
@@ -26,6 +27,56 @@ PICTURE_AXES: dict[Insertion, tuple[tuple[int, int], tuple[int, int]]] = {
     "left": ((0, 1), (-1, 0)),
     "up": ((-1, 0), (0, -1)),
 }
+
+
+_MAX_NEWTON_STEPS = 30
+_RADIAL_TOLERANCE_PX = 1e-10
+
+
+@dataclass(frozen=True)
+class Radial:
+    """One radial term of distortion, where no lens is known: an ideal pixel is c + (p - c) (1 + k |p - c|^2).
+
+    Attributes
+    ----------
+    centre_px : (float, float)
+    k_per_px2 : float
+    """
+
+    centre_px: tuple[float, float]
+    k_per_px2: float
+
+    def undistort_px(self, px: _FloatArray) -> _FloatArray:
+        """Return the ideal pixels (N, 2)."""
+        aside = px - self.centre_px
+        return np.asarray(px + aside * (self.k_per_px2 * np.sum(aside**2, axis=1))[:, None])
+
+    def distort_px(self, px: _FloatArray) -> _FloatArray:
+        """Return where the lens puts ideal pixels (N, 2)."""
+        wanted = np.hypot(*(px - self.centre_px).T)
+        found = wanted.copy()
+        for _ in range(_MAX_NEWTON_STEPS):
+            missing = wanted - found * (1.0 + self.k_per_px2 * found**2)
+            found = found + missing / np.maximum(1.0 + 3.0 * self.k_per_px2 * found**2, 0.1)
+            if np.abs(missing).max(initial=0.0) <= _RADIAL_TOLERANCE_PX:
+                break
+        shrunk = found / np.maximum(wanted, np.finfo(float).tiny)
+        return np.asarray(self.centre_px + (px - self.centre_px) * shrunk[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """The map moved along one independent axis of what is uncertain in it, by one standard deviation.
+
+    Attributes
+    ----------
+    homography : ndarray (3, 3)
+    lens : tuple of float or None
+        The lens's ten parameters; None where it is the map's own.
+    """
+
+    homography: _FloatArray
+    lens: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +109,14 @@ class PlaneMap:
     accepted : bool
     reasons : tuple of str
         Why not, each with what to do.
+    radial : Radial or None
+        Fitted with the plane where no intrinsics were given.
+    gel : Gel or None
+        Bends the rays; None for a plane in air, or paper that lay in the same gel.
+    flatness_mm : float or None
+        How far the paper is from flat: the largest mean residual over a part of the picture.
+    variations : tuple of Variation
+        What is uncertain in the map; the variance of any length is the sum of its squared changes over these.
     """
 
     homography: _FloatArray
@@ -73,6 +132,10 @@ class PlaneMap:
     crossings: int = 0
     accepted: bool = True
     reasons: tuple[str, ...] = ()
+    radial: Radial | None = None
+    gel: Gel | None = None
+    flatness_mm: float | None = None
+    variations: tuple[Variation, ...] = ()
 
     @classmethod
     def from_scale(
@@ -106,15 +169,46 @@ class PlaneMap:
         MeasurementRefusedError
             If the lens model cannot be inverted at a pixel.
         """
-        array = _as_points(px, "pixels")
-        return projected(
-            self.homography, array if self.intrinsics is None else self.intrinsics.undistort_px(array)
-        )
+        ideal = undistorted(self.intrinsics or self.radial, _as_points(px, "pixels"))
+        straight = projected(self.homography, ideal)
+        return straight if self.gel is None else self.gel.bent(straight, self.camera_mm())
 
     def to_px(self, mm: ArrayLike) -> _FloatArray:
         """Return pixels (N, 2) in a picture of points (N, 2) in the plane, columns (y, z) [mm]."""
-        ideal = projected(np.linalg.inv(self.homography), _as_points(mm, "points in the plane"))
-        return ideal if self.intrinsics is None else self.intrinsics.distort_px(ideal)
+        points = _as_points(mm, "points in the plane")
+        straight = points if self.gel is None else self.gel.straight(points, self.camera_mm())
+        ideal = projected(np.linalg.inv(self.homography), straight)
+        lens = self.intrinsics or self.radial
+        return ideal if lens is None else lens.distort_px(ideal)
+
+    def camera_mm(self) -> _FloatArray:
+        """Return where the camera stands: its foot (y, z) on the paper's plane, and its height over it [mm].
+
+        Raises
+        ------
+        InputError
+            Without intrinsics: the homography alone does not say it.
+        """
+        if self.intrinsics is None:
+            raise InputError(
+                "a gel's refraction needs the camera's intrinsics", "calibrate them first: --intrinsics FILE"
+            )
+        pose = np.linalg.solve(self.intrinsics.camera_matrix(), np.linalg.inv(self.homography))
+        pose /= np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
+        turn = np.column_stack((pose[:, 0], pose[:, 1], np.cross(pose[:, 0], pose[:, 1])))
+        u, _, v = np.linalg.svd(turn)
+        foot = -(u @ v).T @ pose[:, 2]
+        return np.array([foot[0], foot[1], abs(foot[2])])
+
+    def varied(self) -> "list[PlaneMap]":
+        """Return the map moved along each independent axis of its uncertainty, one standard deviation each."""
+        moved = []
+        for one in self.variations:
+            lens = self.intrinsics
+            if lens is not None and one.lens is not None:
+                lens = lens.with_parameters(one.lens)
+            moved.append(replace(self, homography=one.homography, intrinsics=lens, variations=()))
+        return moved
 
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig calibrate plane --json` prints; what is unknown is None."""
@@ -131,6 +225,14 @@ class PlaneMap:
             "origin_px": list(self.origin_px),
             "insertion": self.insertion,
             "homography": self.homography.tolist(),
+            "radial": None if self.radial is None else [*self.radial.centre_px, self.radial.k_per_px2],
+            "gel": None if self.gel is None else vars(self.gel),
+            "assumptions": [] if self.gel is None else list(self.gel.assumptions()),
+            "flatness_mm": self.flatness_mm,
+            "variations": [
+                {"homography": one.homography.tolist(), "lens": one.lens and list(one.lens)}
+                for one in self.variations
+            ],
         }
 
 
@@ -141,9 +243,9 @@ def _as_points(points: ArrayLike, what: str) -> _FloatArray:
     return array
 
 
-def undistorted(intrinsics: Intrinsics | None, px: _FloatArray) -> _FloatArray:
+def undistorted(lens: Intrinsics | Radial | None, px: _FloatArray) -> _FloatArray:
     """Return ideal pixels (N, 2) of pixels (N, 2) in a picture; the same ones where no lens is known."""
-    return px if intrinsics is None else intrinsics.undistort_px(px)
+    return px if lens is None else lens.undistort_px(px)
 
 
 def projected(homography: NDArray[np.floating], points: _FloatArray) -> _FloatArray:

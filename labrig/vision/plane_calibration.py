@@ -1,12 +1,12 @@
 """The plane map from one picture of graph paper.
 
-The homography is the least-squares one over all crossings (some thousands), so that the map is far better than one
-crossing: on drawn pictures at 15 px/mm crossings scatter by 0.007 mm and the map is right to 0.001 mm. What is left
-out is only what is a quarter of a pitch or more off; the rest, be it the lens or paper that is not flat, shows in the
-residuals, over the picture in `residual_field_mm`, and decides whether the map is accepted.
+The fit (`plane_fit`) is over all crossings (some thousands), so that the map is far better than one crossing: on drawn
+pictures at 15 px/mm crossings scatter by 0.007 mm and the map is right to 0.001 mm. What is left out is only what is a
+quarter of a line's distance or more off; the rest, be it the lens or paper that is not flat, shows in the residuals,
+over the picture in `residual_field_mm`, and decides whether the map is accepted.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,7 +17,18 @@ from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.limits import above, below
 from labrig.vision.picture import Picture, require_size, size_of
-from labrig.vision.plane import PICTURE_AXES, Insertion, PlaneMap, checked_frame, projected, undistorted
+from labrig.vision.plane import (
+    PICTURE_AXES,
+    Insertion,
+    PlaneMap,
+    Variation,
+    checked_frame,
+    projected,
+    undistorted,
+)
+from labrig.vision.plane_fit import PlaneFit, fit_plane
+from labrig.vision.projection import lens_variations
+from labrig.vision.refraction import Gel
 
 _FloatArray = NDArray[np.float64]
 
@@ -30,19 +41,16 @@ _LARGEST_GROSS_SHARE = 0.1
 _LARGEST_TURN_RAD = float(np.deg2rad(30.0))
 # A crossing further than this from its place, in pitches, was mistaken for something else.
 _GROSS = 0.25
-_MAX_REFITS = 10
+# Parts of the picture, columns and rows, over which the paper's unevenness is looked for; and what is too much of it.
+_PARTS = (6, 4)
+_LEAST_IN_A_PART = 8
+_LARGEST_UNEVENNESS_MM = 1.0
+_LEAST_IN_A_HALF = 8
+# Where the origin's ray ends up moves with the frame; each shift leaves a thousandth of it.
+_MAX_SHIFTS = 6
 # Side of the blocks of crossings that the hold-out leaves out in turn: neighbours would vouch for one
 # another.
 _BLOCK = 5
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A homography from ideal pixels to paper [mm], which crossings it explains (N,), and by how much not (N,) [mm]."""
-
-    homography: _FloatArray
-    kept: NDArray[np.bool_]
-    residuals_mm: _FloatArray
 
 
 def calibrate_plane(
@@ -51,24 +59,27 @@ def calibrate_plane(
     pitch_mm: float,
     origin_px: tuple[float, float],
     insertion: Insertion,
+    *,
+    gel: Gel | None = None,
 ) -> PlaneMap:
     """Make the map from one picture of graph paper that lies in the steering plane.
 
     +z runs along the ruled lines that are nearest to `insertion` in the picture, and the origin is exactly
-    `origin_px`, on a line or not. The homography is the least-squares one over all crossings but gross
-    mistakes.
+    `origin_px`, on a line or not.
 
     Parameters
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
         As the camera took it, not undistorted.
     intrinsics : Intrinsics or None
-        Without them the lens's distortion stays in, and shows in `rms_mm`.
+        Without them one radial term is fitted with the plane; what else the lens does shows in `rms_mm`.
     pitch_mm : float
         Distance between the nearest lines of the paper; heavier ones every 5 or 10 mm do not matter.
     origin_px : (float, float)
         The pixel that is to be (0, 0) mm.
     insertion : "right", "left", "up" or "down"
+    gel : Gel, optional
+        Corrects for refraction; takes intrinsics.
 
     Returns
     -------
@@ -90,18 +101,37 @@ def calibrate_plane(
         require_size(image, intrinsics.image_size, "the lens's calibration")
     found, ideal, ideal_origin = _seen(image, intrinsics, origin)
     paper = np.asarray(found.indices * float(pitch_mm), dtype=np.float64)
-    fit = _fitted(ideal, paper, _GROSS * pitch_mm)
-    framed, turn = _framed(fit.homography, ideal_origin, direction)
+    gross_mm = _GROSS * found.step * pitch_mm
+    fit = fit_plane(ideal, paper, gross_mm, with_radial=intrinsics is None)
+    frame = _Frame(undistorted(fit.radial, ideal_origin), direction, fit.homography)
     bare = PlaneMap(
-        homography=framed,
+        homography=frame.framed(fit.homography),
         intrinsics=intrinsics,
         origin_px=origin,
         insertion=direction,
         image_size=size,
-        mm_per_px=_mm_per_px(framed, intrinsics, origin),
-        holdout_rms_mm=_holdout_rms(ideal, paper, found.indices, fit.kept),
+        mm_per_px=0.0,
+        holdout_rms_mm=_holdout_rms(ideal, paper, found, fit, gross_mm),
+        radial=fit.radial,
+        variations=_variations(found, fit, frame, intrinsics, paper),
     )
-    return _judged(bare, found, fit, turn)
+    placed = _with_gel(replace(bare, mm_per_px=_mm_per_px(bare)), gel)
+    return _judged(placed, found, fit, frame.turn_rad)
+
+
+def _with_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
+    """Return the map behind a gel, its origin still at the origin's pixel."""
+    if gel is None:
+        return plane
+    bent = replace(plane, gel=gel)
+    shift = np.eye(3)
+    # The frame moves with the paper's plane; where the origin's ray ends up is (0, 0) again.
+    for _ in range(_MAX_SHIFTS):
+        moved = replace(bent, homography=shift @ plane.homography)
+        shift[:2, 2] -= moved.to_mm([plane.origin_px])[0]
+    variations = tuple(replace(one, homography=shift @ one.homography) for one in plane.variations)
+    final = replace(bent, homography=shift @ plane.homography, variations=variations)
+    return replace(final, mm_per_px=_mm_per_px(final))
 
 
 def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int, int]) -> None:
@@ -125,84 +155,87 @@ def _seen(
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
 
 
-def _fitted(ideal: _FloatArray, paper: _FloatArray, gross_mm: float) -> _Fit:
-    """Fit all crossings by least squares but those that are `gross_mm` or more off."""
-    # OpenCV's sampling has a fixed seed of its own.
-    homography = _homography(ideal, paper, gross_mm)
-    kept = np.zeros(len(ideal), dtype=bool)
-    for _ in range(_MAX_REFITS):
-        residuals = np.linalg.norm(projected(homography, ideal) - paper, axis=1)
-        last, kept = kept, residuals < gross_mm
-        if (kept == last).all():
-            break
-        homography = _homography(ideal[kept], paper[kept])
-    return _Fit(homography, kept, residuals)
-
-
-def _homography(ideal: _FloatArray, paper: _FloatArray, gross_mm: float | None = None) -> _FloatArray:
-    """Return the homography from ideal pixels to paper; by least squares, or by sampling where mistakes are likely."""
-    found = None
-    if len(ideal) >= 4:
-        method = 0 if gross_mm is None else cv2.RANSAC
-        found = cv2.findHomography(ideal, paper, method, gross_mm or 0.0)[0]
-    if found is None:
-        raise CalibrationRefusedError(
-            "no plane explains the paper's lines", "lay the paper flat and fill the picture with it"
-        )
-    return np.asarray(found, dtype=np.float64)
-
-
 def _holdout_rms(
-    ideal: _FloatArray, paper: _FloatArray, indices: NDArray[np.int64], kept: NDArray[np.bool_]
+    ideal: _FloatArray, paper: _FloatArray, found: Crossings, fit: PlaneFit, gross_mm: float
 ) -> float | None:
     """Return the error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
-    odd = (indices // _BLOCK).sum(axis=1) % 2 == 1
-    if min((odd & kept).sum(), (~odd & kept).sum()) < 4:
+    odd = (found.indices // (_BLOCK * found.step)).sum(axis=1) % 2 == 1
+    if min((odd & fit.kept).sum(), (~odd & fit.kept).sum()) < _LEAST_IN_A_HALF:
         return None
     errors = []
-    for half, other in ((odd & kept, ~odd & kept), (~odd & kept, odd & kept)):
-        homography = _homography(ideal[other], paper[other])
-        errors.append(projected(homography, ideal[half]) - paper[half])
+    for half, other in ((odd & fit.kept, ~odd & fit.kept), (~odd & fit.kept, odd & fit.kept)):
+        through = fit_plane(ideal[other], paper[other], gross_mm, with_radial=fit.radial is not None)
+        errors.append(through.paper_mm(ideal[half]) - paper[half])
     return float(np.sqrt(np.mean(np.sum(np.vstack(errors) ** 2, axis=1))))
 
 
-def _framed(
-    homography: _FloatArray, ideal_origin: _FloatArray, insertion: Insertion
-) -> tuple[_FloatArray, float]:
-    """Return the homography to the steering plane frame, and the angle [rad] from `insertion` to +z there."""
-    place = projected(homography, ideal_origin)[0]
-    ahead = projected(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - ideal_origin
-    lines = ahead / np.linalg.norm(ahead, axis=1)[:, None]
-    # Rows +y and +z, columns the paper's two axes: the cosines between them in the picture.
-    along = np.array(PICTURE_AXES[insertion], dtype=np.float64) @ lines.T
-    z_line = int(np.argmax(np.abs(along[1])))
-    turn = np.zeros((2, 2))
-    for row, line in ((0, 1 - z_line), (1, z_line)):
-        turn[row, line] = np.sign(along[row, line])
-    change = np.eye(3)
-    change[:2, :2], change[:2, 2] = turn, -turn @ place
-    return change @ homography, float(np.arccos(np.clip(np.abs(along[1, z_line]), 0.0, 1.0)))
+def _variations(
+    found: Crossings, fit: PlaneFit, frame: "_Frame", lens: Intrinsics | None, paper: _FloatArray
+) -> tuple[Variation, ...]:
+    """Return what is uncertain: the homography by its crossings, and the lens, the plane fitted anew to each."""
+    blocks = np.unique(found.indices[fit.kept] // (_BLOCK * found.step), axis=0, return_inverse=True)[
+        1
+    ].ravel()
+    by_paper = [Variation(frame.framed(one), None) for one in fit.moved_homographies(blocks)]
+    by_lens = []
+    pixels = found.pixels[fit.kept]
+    for one in [] if lens is None else lens_variations(lens):
+        moved = np.asarray(cv2.findHomography(one.undistort_px(pixels), paper[fit.kept])[0], dtype=np.float64)
+        by_lens.append(Variation(frame.framed(moved), one.parameters()))
+    return (*by_paper, *by_lens)
 
 
-def _mm_per_px(homography: _FloatArray, intrinsics: Intrinsics | None, origin: tuple[float, float]) -> float:
+class _Frame:
+    """The steering plane frame: `origin` (1, 2) in ideal pixels, +z along the lines nearest to the insertion.
+
+    Which line that is, is decided once, by the fitted homography; moved ones are put into the same frame.
+    """
+
+    def __init__(self, origin: _FloatArray, insertion: Insertion, homography: _FloatArray) -> None:
+        self._origin = origin
+        place = projected(homography, origin)[0]
+        ahead = projected(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - origin
+        lines = ahead / np.linalg.norm(ahead, axis=1)[:, None]
+        # Rows +y and +z, columns the paper's two axes: the cosines between them in the picture.
+        along = np.array(PICTURE_AXES[insertion], dtype=np.float64) @ lines.T
+        z_line = int(np.argmax(np.abs(along[1])))
+        self._turn = np.zeros((2, 2))
+        for row, line in ((0, 1 - z_line), (1, z_line)):
+            self._turn[row, line] = np.sign(along[row, line])
+        self.turn_rad = float(np.arccos(np.clip(np.abs(along[1, z_line]), 0.0, 1.0)))
+
+    def framed(self, homography: _FloatArray) -> _FloatArray:
+        """Return the homography from ideal pixels to the frame."""
+        change = np.eye(3)
+        change[:2, :2] = self._turn
+        change[:2, 2] = -self._turn @ projected(homography, self._origin)[0]
+        return np.asarray(change @ homography)
+
+
+def _mm_per_px(plane: PlaneMap) -> float:
     """Return the square root of the area [mm] of the pixel at the origin."""
-    sides = np.asarray(origin) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
-    mm = projected(homography, undistorted(intrinsics, sides))
+    sides = np.asarray(plane.origin_px) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
+    mm = plane.to_mm(sides)
     return float(np.sqrt(np.abs(np.linalg.det(np.array([mm[1] - mm[0], mm[3] - mm[2]])))))
 
 
-def _judged(bare: PlaneMap, found: Crossings, fit: _Fit, turn_rad: float) -> PlaneMap:
-    pixels, residuals = found.pixels[fit.kept], fit.residuals_mm[fit.kept]
+def _judged(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> PlaneMap:
+    size = bare.image_size or (1, 1)
+    pixels, off = found.pixels[fit.kept], fit.residuals_mm[fit.kept]
+    residuals = np.hypot(*off.T)
     rms = float(np.sqrt(np.mean(residuals**2)))
+    flatness, where = _flatness(pixels, off, size)
     reasons = (
-        *_paper_reasons(pixels, float(np.mean(~fit.kept)), bare.image_size or (1, 1)),
+        *_paper_reasons(pixels, float(np.mean(~fit.kept)), size),
+        *_flat_reasons(flatness, where),
         *_fit_reasons(rms, turn_rad, bare),
     )
     return replace(
         bare,
+        flatness_mm=flatness,
         rms_mm=rms,
         worst_mm=float(residuals.max()),
-        residual_field_mm=_residual_field(pixels, residuals, bare.image_size or (1, 1)),
+        residual_field_mm=_residual_field(pixels, residuals, size),
         crossings=len(pixels),
         accepted=not reasons,
         reasons=reasons,
@@ -225,11 +258,38 @@ def _paper_reasons(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> 
         )
     if gross > _LARGEST_GROSS_SHARE:
         reasons.append(
-            f"{above(100.0 * gross, 1)} % of the crossings fit no plane, "
+            f"the paper is not flat: {above(100.0 * gross, 1)} % of the crossings fit no plane, "
             f"the limit is {100.0 * _LARGEST_GROSS_SHARE:.0f} %: "
             "lay the paper flat, and take what is not paper out of the picture"
         )
     return reasons
+
+
+def _flatness(
+    pixels: _FloatArray, off_mm: _FloatArray, size: tuple[int, int]
+) -> tuple[float, tuple[float, float]]:
+    """Return the largest mean residual [mm] over a part of the picture, and that part's middle [px]."""
+    columns, rows = np.clip((np.array(_PARTS) * (pixels + 0.5) / size).astype(int), 0, np.array(_PARTS) - 1).T
+    part = rows * _PARTS[0] + columns
+    worst, where = 0.0, (0.0, 0.0)
+    for one in np.unique(part):
+        inside = part == one
+        mean = float(np.hypot(*np.median(off_mm[inside], axis=0)))
+        if inside.sum() >= _LEAST_IN_A_PART and mean > worst:
+            u, v = pixels[inside].mean(axis=0)
+            worst, where = mean, (float(u), float(v))
+    return worst, where
+
+
+def _flat_reasons(flatness_mm: float, where: tuple[float, float]) -> list[str]:
+    """Say where the paper is bent or folded."""
+    if flatness_mm <= _LARGEST_UNEVENNESS_MM:
+        return []
+    reason = (
+        f"the paper is not flat: around ({where[0]:.0f}, {where[1]:.0f}) px it is {above(flatness_mm, 2)} mm from "
+        f"where flat paper would be, the limit is {_LARGEST_UNEVENNESS_MM} mm: glue it to a plate, without folds"
+    )
+    return [reason]
 
 
 def _fit_reasons(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:

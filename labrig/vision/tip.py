@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from labrig.errors import InputError, PictureError
 from labrig.vision.limits import below
 from labrig.vision.picture import Picture
-from labrig.vision.tip_fit import Fit, Similarity
+from labrig.vision.tip_fit import Similarity
 from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, grey_picture, half_turn, without_glints
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +63,7 @@ class TipSettings:
         For a setting out of its range, with its name.
     """
 
-    min_score: float = 0.85
+    min_score: float = 0.9
     min_distinctness: float = 0.05
     max_turn_rad: float = math.radians(15.0)
 
@@ -174,11 +174,15 @@ def locate_tip(
             reason="Nothing in what is searched is like the template: it is dark, flat or masked.",
         )
     # Of several views the one that fits best is not known before they have been fitted.
-    tried = [(place, _refined(region, place)) for place in (places if len(views) > 1 else places[:1])]
-    best, fit = max(tried, key=lambda one: -1.0 if one[1] is None else one[1].score)
-    rival = max((one.score for one in places if _apart(one, best)), default=0.0)
-    reason = _judged(fit, best, rival, rules)
-    score, distinctness = best.score if fit is None else fit.score, best.score - rival
+    several = len(views) > 1
+    tried = [(place, _refined(region, place)) for place in (places if several else places[:1])]
+    best, fit = max(tried, key=_fitted_score)
+    others = map(_fitted_score, tried) if several else (place.score for place in places)
+    apart = (_apart(place, best) for place in places)
+    rival = max((score for score, far in zip(others, apart, strict=True) if far), default=0.0)
+    reached = _fitted_score((best, fit)) if several else best.score
+    reason = _judged(fit, best, reached - rival, rules, told=heading_rad is not None)
+    score, distinctness = best.score if fit is None else fit.score, reached - rival
     if fit is None or reason is not None:
         return TipFix(accepted=False, reason=reason, score=score, distinctness=distinctness)
     (u, v), (left, top) = fit.place.lands_px, region.corner_px
@@ -212,6 +216,14 @@ class _View:
             picture, forth, (columns, rows), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return np.asarray(turned, np.uint8), forth @ (*self.template.tip_px, 1.0)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Where the template lies, and the correlation of the two there."""
+
+    place: Similarity
+    score: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,25 +366,31 @@ def _window_means(values: NDArray[np.float32], columns: int, rows: int) -> NDArr
     return np.asarray(means[: values.shape[0] - rows + 1, : values.shape[1] - columns + 1], np.float32)
 
 
-def _refined(region: _Region, place: _Place) -> Fit | None:
+def _refined(region: _Region, place: _Place) -> _Fit | None:
     """Return the place with pixel, heading and scale refined together; None where that runs away."""
     template = place.view.template
     part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
     left, top = part.corner_px
     start = Similarity((place.tip_px[0] - left, place.tip_px[1] - top), place.view.turn_rad)
-    rough = template.fitted.fit(part.without_glints(min(template.picture.shape)).picture, start)
-    close = None if rough is None else template.fitted_closely.fit(part.picture, rough.place)
-    if rough is None or close is None:
+    plain = part.without_glints(float(min(template.picture.shape))).picture
+    rough = template.fitted.fit(plain, start)
+    close = None if rough is None else template.fitted_closely.fit(part.picture, rough)
+    if close is None:
         return None
-    u, v = close.place.lands_px
-    return Fit(replace(close.place, lands_px=(u + left, v + top)), rough.score)
+    u, v = close.lands_px
+    return _Fit(replace(close, lands_px=(u + left, v + top)), template.fitted.score(plain, close))
 
 
-def _judged(fit: Fit | None, start: _Place, rival: float, rules: TipSettings) -> str | None:
+def _fitted_score(tried: tuple[_Place, _Fit | None]) -> float:
+    return 0.0 if tried[1] is None else tried[1].score
+
+
+def _judged(
+    fit: _Fit | None, start: _Place, distinctness: float, rules: TipSettings, *, told: bool
+) -> str | None:
     """Return why the refined place is not believed to be the tip, or None where it is."""
     if fit is None:
         return "The template cannot be fitted to the best place."
-    distinctness = start.score - rival
     if fit.score < rules.min_score:
         return f"The score is {below(fit.score, 3)}, and {rules.min_score:g} is the least."
     if distinctness < rules.min_distinctness:
@@ -380,9 +398,11 @@ def _judged(fit: Fit | None, start: _Place, rival: float, rules: TipSettings) ->
             f"The best place scores {below(distinctness, 3)} more than the next, "
             f"and {rules.min_distinctness:g} is the least: they cannot be told apart."
         )
-    turned_rad = abs(half_turn(fit.place.turn_rad - start.view.turn_rad))
+    # A heading that was only tried may be far from the needle's; one that was predicted may not.
+    turned_rad = abs(half_turn(fit.place.turn_rad - start.view.turn_rad)) if told else 0.0
+    most_moved = _MOST_MOVED if told else 2.0 * _MOST_MOVED
     moved_px = math.dist(fit.place.lands_px, start.tip_px)
-    if turned_rad > rules.max_turn_rad or moved_px > _MOST_MOVED * min(start.view.template.picture.shape):
+    if turned_rad > rules.max_turn_rad or moved_px > most_moved * min(start.view.template.picture.shape):
         return (
             f"The fit went {moved_px:.1f} px and {math.degrees(turned_rad):.1f} degrees away from the best place, "
             "so it is not to be trusted."

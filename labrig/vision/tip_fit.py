@@ -55,14 +55,6 @@ class Similarity:
         return Similarity((float(u), float(v)), turn_rad, scale)
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Where the template lies, and the correlation of the two there."""
-
-    place: Similarity
-    score: float
-
-
 @dataclass(frozen=True, eq=False)
 class FittedPicture:
     """A template prepared for fitting.
@@ -115,7 +107,7 @@ class FittedPicture:
         )
         return _SCALE_WEIGHT * slopes * reach_px**2 / 2.0
 
-    def fit(self, picture: Picture, start: Similarity) -> Fit | None:
+    def fit(self, picture: Picture, start: Similarity) -> Similarity | None:
         """Return the best place near a start, or None where it runs away or out of the picture.
 
         Parameters
@@ -124,13 +116,13 @@ class FittedPicture:
         start : Similarity
             Within about a tenth of the template's side and ten degrees.
         """
-        smooth, place, score = _smooth(picture), start, 0.0
+        smooth, place = _smooth(picture), start
         reach = 0.5 * max(self.picture.shape)
         for number in range(_STEPS):
             seen = self._seen(smooth, place)
             if seen is None:
                 return None
-            step, score = self._step(seen, place.scale, number)
+            step = self._step(seen, place.scale, number)
             if step is None:
                 return None
             place = place.stepped_back(step)
@@ -138,15 +130,22 @@ class FittedPicture:
                 return None
             if math.hypot(step[0], step[1]) + reach * math.hypot(step[2], step[3]) < _SETTLED_PX:
                 break
-        return Fit(place, score)
+        return place
 
-    def _step(self, seen: _Pixels, scale: float, number: int) -> tuple[FloatArray | None, float]:
-        """Return the step (4,) that brings the template nearer to what is seen, and how the two correlate before."""
+    def score(self, picture: Picture, place: Similarity) -> float:
+        """Return the correlation of the template with a picture at a place."""
+        seen = self._seen(_smooth(picture), place)
+        if seen is None:
+            return 0.0
+        gain = np.linalg.solve(self._normal[4:, 4:], (seen @ self._columns[:, 4:]).astype(np.float64))[0]
+        return self._correlation(seen, float(gain))
+
+    def _step(self, seen: _Pixels, scale: float, number: int) -> FloatArray | None:
+        """Return the step (4,) that brings the template nearer to what is seen, or None where nothing of it is seen."""
         right = (seen @ self._columns).astype(np.float64)
         gain, offset = np.linalg.solve(self._normal[4:, 4:], right[4:])
-        score = self._correlation(seen, float(gain))
-        if score <= 0.0:
-            return None, score
+        if gain <= 0.0:
+            return None
         normal = self._normal.copy()
         if self.robust:
             weighted = self._columns * self._weights(seen, float(gain), float(offset), number)[:, None]
@@ -157,7 +156,7 @@ class FittedPicture:
         normal[3, 3] += self._scale_weight
         right[3] += self._scale_weight * gain * math.log(scale)
         found = np.linalg.solve(normal, right)
-        return (found[:4] / found[4] if found[4] > 0.0 else None), score
+        return found[:4] / found[4] if found[4] > 0.0 else None
 
     def _correlation(self, seen: _Pixels, gain: float) -> float:
         """Return the correlation with the template, of which `gain` is the slope."""

@@ -123,6 +123,51 @@ class TipTemplate:
         return math.cos(roll_rad - self.roll_rad) >= 0.0
 
 
+def cut_template(
+    image: Picture,
+    tip_px: tuple[float, float],
+    heading_rad: float,
+    *,
+    side_px: int,
+    insertion: Insertion,
+    roll_rad: float = 0.0,
+) -> TipTemplate:
+    """Return the square around a tip as a template.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+    tip_px : (float, float)
+        The tip's pixel in the picture.
+    heading_rad, insertion, roll_rad
+        As `TipTemplate` has them.
+    side_px : int
+        Side of the square; an even one becomes the next odd one.
+
+    Raises
+    ------
+    PictureError
+        If the square does not lie in the picture, or is too small or flat to be a template.
+    InputError
+        If a number is not finite.
+    """
+    grey = grey_picture(image)
+    if not np.isfinite(tip_px).all():
+        raise InputError(f"the tip {tip_px} px is not a number", "point at a pixel of the picture")
+    half_px = side_px // 2
+    u, v = (round(at) for at in tip_px)
+    left, top = u - half_px, v - half_px
+    height, width = grey.shape
+    if left < 0 or top < 0 or u + half_px >= width or v + half_px >= height:
+        raise PictureError(
+            f"a square of {2 * half_px + 1} px around the tip ({u}, {v}) px does not lie in the picture, "
+            f"{width} x {height} px",
+            "take a frame in which the tip is further from the border, or a smaller square",
+        )
+    square = np.ascontiguousarray(grey[top : v + half_px + 1, left : u + half_px + 1])
+    return TipTemplate(square, (tip_px[0] - left, tip_px[1] - top), heading_rad, insertion, roll_rad)
+
+
 def without_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
     """Return a picture without what is bright and narrower than a needle in a template of that side.
 

@@ -10,7 +10,7 @@ import pytest
 
 from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote
-from labrig.devices import PlaceSpecimen
+from labrig.devices import PickTarget, PlaceSpecimen
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 REQUEST = PlaceSpecimen("gel 10 %", 10)
@@ -51,6 +51,14 @@ def test_anything_else_is_asked_again(terminal: Terminal, capsys: pytest.Capture
     terminal.type("maybe\n\nyes\n")
     assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed
     assert capsys.readouterr().err.count("gel 10 %") == 3
+
+
+def test_a_pixel_is_two_numbers(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
+    """One number, words and infinity are asked again; two numbers are the pixel."""
+    terminal.type("1020\nthere\ninf 3\n1020 290.5\n")
+    answer = TerminalOperator(SignalNote(), terminal.stream).ask(PickTarget("000003.png"), lambda: None)
+    assert (answer.confirmed, answer.pixel) == (True, (1020.0, 290.5))
+    assert capsys.readouterr().err.count("000003.png") == 4
 
 
 def test_a_signal_ends_the_question(terminal: Terminal) -> None:

@@ -123,6 +123,16 @@ _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
 _REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
 _UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE)
 
+
+def _at_the_next_question(outcome: Outcome) -> dict[Phase, Outcome]:
+    """Return what comes of a fault in an answer: axes report without being asked, until the next move is to start."""
+    return {
+        Phase.IDLE: replace(outcome, found_in_tissue=True),
+        Phase.MOVING: replace(outcome, stop=Stop.NO_DEADLINE),
+        Phase.HOMING: outcome,
+    }
+
+
 FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     # Survived and counted
     "one frame duplicated": SURVIVED,
@@ -138,8 +148,8 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
         Phase.HOMING: _DEAF,
     },
     "boot-up": _RESTARTED,
-    "SDO abort": _REFUSED,
-    "SDO timeout": _UNANSWERED,
+    "SDO abort": _at_the_next_question(_REFUSED),
+    "SDO timeout": _at_the_next_question(_UNANSWERED),
     "heartbeat of the drive lost": _fails(
         DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE
     ),

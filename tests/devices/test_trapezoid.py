@@ -1,7 +1,7 @@
 """The closed-form velocity profile of the simulated drive."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from labrig.devices.simulated.trapezoid import Limits, at_rest, braking, moving
@@ -23,6 +23,7 @@ def test_a_profile_comes_to_rest_at_its_target(
 
 
 @given(positions, st.floats(-1e5, 1e5), positions, limits)
+@example(0.0, 65536.0, 0.0, Limits(1.0, 439_351.0, 1.0))
 def test_position_never_jumps(start: float, velocity: float, target: float, bounds: Limits) -> None:
     """Each segment begins where the one before it ends, and the first where the motion began."""
     profile = moving(0.0, start, velocity, target, bounds)
@@ -30,7 +31,7 @@ def test_position_never_jumps(start: float, velocity: float, target: float, boun
     here = (start, velocity)
     for segment in profile.segments:
         assert (segment.position, segment.velocity) == pytest.approx(here, abs=1e-6 * scale)
-        here = segment.at(segment.start_s + segment.duration_s)
+        here = segment.end
     assert here[0] == pytest.approx(target, abs=1e-6 * scale)
 
 

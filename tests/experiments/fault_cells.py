@@ -132,10 +132,11 @@ class Cell:
             STRIKES[self.fault](self)
 
     def at_next_answer(self, then: Callable[[], None]) -> None:
-        """Call `then` once when the struck drive has answered, so that the next frame is one of a question."""
+        """Call `then` once when the struck drive has answered or reported, so that the next frame is one of those."""
 
         def hear(message: can.Message) -> None:
-            if message.arbitration_id == 0x580 + self.drive.node_id and self.taps:
+            answers = {0x380 + self.drive.node_id, 0x580 + self.drive.node_id}
+            if message.arbitration_id in answers and self.taps:
                 self.taps.pop().shutdown()
                 then()
 

@@ -232,8 +232,9 @@ def test_a_run_resets_no_fault() -> None:
     """Without a person who confirms, a drive in fault is refused as before."""
     with opened_rig() as opened:
         opened.plant.drives["insertion"].fail(0x8130)
-        with pytest.raises(DriveFaultError, match="0x8130"):
+        with pytest.raises(DriveFaultError, match="0x8130") as fault:
             opened.rig.connect()
+        assert "labrig devices home --axis insertion" in fault.value.hint
 
 
 def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:

@@ -13,7 +13,15 @@ from labrig.protocol import Model, model_schema, protocol_schema, schema_text
 
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 
-SUFFIX_UNITS = {"_mm_s": "[mm/s]", "px_per_mm": "[px/mm]", "_mm": "[mm]", "_rad": "[rad]", "_px": "[px]"}
+SUFFIX_UNITS = {
+    "_deg_per_root_mm": "[deg / mm^0.5]",
+    "_per_mm": "millimetre",
+    "_mm_s": "[mm/s]",
+    "px_per_mm": "[px/mm]",
+    "_mm": "[mm]",
+    "_rad": "[rad]",
+    "_px": "[px]",
+}
 
 
 def every_property(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -49,7 +57,7 @@ def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
     words = [branch["properties"]["experiment"]["const"] for branch in branches]
-    assert words == ["steerability", "camera-calibration", "import", "design"]
+    assert words == ["steerability", "insertion", "roll-zero", "camera-calibration", "import", "design"]
     assert all("experiment" in branch["required"] for branch in branches)
 
 

@@ -136,7 +136,7 @@ def line_of(text: str, part: str) -> int:
             ": 7\n",
             "experiment",
             "is 7, expected one of",
-            "known here: steerability, camera-",
+            "known here: steerability, insertion",
         ),
     ],
 )
@@ -224,7 +224,8 @@ def test_a_missing_experiment_is_told_with_the_choices():
     (problem,) = problems_of(changed("experiment: steerability\n", ""))
     assert (
         problem.message
-        == "experiment is missing, expected one of steerability, camera-calibration, import, design"
+        == "experiment is missing, expected one of steerability, insertion, roll-zero, camera-calibration, "
+        "import, design"
     )
     assert problem.hint == "add a line `experiment: steerability`"
 
@@ -242,7 +243,7 @@ def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
     value: str, key: str, message: str, hint: str
 ):
     """A list of another length is one fault of the list, a wrong entry one of the entry."""
-    (problem,) = problems_of(changed("[320, 200]", value, CALIBRATION))
+    (problem,) = problems_of(changed("[150, 310]", value, CALIBRATION))
     assert problem.where.endswith(f" {key}")
     assert message in problem.message
     assert hint in problem.hint

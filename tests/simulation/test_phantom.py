@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from labrig.simulation import Ball, DisturbancesDescription, World, WorldDescription
+from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.track import Bending, Track
 from labrig.simulation.unevenness import NODE_MM, Unevenness, even, uneven
 
@@ -129,3 +130,12 @@ def test_an_obstacle_is_seen_where_it_is_and_the_gel_shines_through() -> None:
     middle = changed.mean(axis=0)
     ratio = cast[tuple(middle.astype(int))] / plain[tuple(middle.astype(int))]
     assert 0.5 < ratio < 0.9
+
+
+def test_a_point_of_the_plane_is_where_its_pixel_is_seen() -> None:
+    """What the operator sees at a pixel lies in the plane, and is seen at that pixel."""
+    world = phantom(3)
+    lens = world.description.lens
+    seen = world.seen_at_mm((900.0, 250.0))
+    assert seen[0] == 0.0
+    assert plane_to_pixels(np.array([seen[1:]]), lens)[0] == pytest.approx((900.0, 250.0), abs=1e-3)

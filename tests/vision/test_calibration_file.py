@@ -8,6 +8,7 @@ import pytest
 
 from labrig.errors import DiskError, FileFormatError, InputError
 from labrig.vision import (
+    Gel,
     Intrinsics,
     PlaneMap,
     ViewResidual,
@@ -16,6 +17,7 @@ from labrig.vision import (
     save_intrinsics,
     save_plane,
 )
+from labrig.vision.plane import Radial, Variation
 
 LENS = Intrinsics(
     image_size=(1280, 720),
@@ -46,6 +48,9 @@ PLANE = PlaneMap(
     holdout_rms_mm=0.0071,
     residual_field_mm=((0.1, None, 0.2),) * 3,
     crossings=3800,
+    gel=Gel(1.35, 10.0, "surface"),
+    flatness_mm=0.02,
+    variations=(Variation(np.eye(3), None), Variation(2.0 * np.eye(3), (1.0,) * 10)),
 )
 PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}
 
@@ -83,7 +88,8 @@ def test_a_plane_comes_back_to_the_last_digit(plane_file):
     """A plane map survives the file with the lens it is given."""
     back = load_plane(plane_file, LENS)
     assert (back.homography == PLANE.homography).all()
-    same = [name for name in vars(PLANE) if name != "homography"]
+    same = [name for name in vars(PLANE) if name not in {"homography", "variations"}]
+    assert back.to_json() == PLANE.to_json()
     assert {name: getattr(back, name) for name in same} == {name: getattr(PLANE, name) for name in same}
     assert back.to_mm([(5.0, 6.0)]) == pytest.approx(PLANE.to_mm([(5.0, 6.0)]), abs=0.0)
 
@@ -95,6 +101,13 @@ def test_a_stated_scale_comes_back(tmp_path):
     assert back.intrinsics is None
     assert back.image_size is None
     assert back.to_mm([(1.0, 2.0)]) == pytest.approx(np.zeros((1, 2)))
+
+
+def test_a_radial_term_comes_back(tmp_path):
+    """A map whose lens was fitted with it is read with that lens."""
+    radial = replace(PlaneMap.from_scale(5.0, (1.0, 2.0), "up"), radial=Radial((320.0, 240.0), 1e-8))
+    save_plane(tmp_path / "plane.json", radial, {})
+    assert load_plane(tmp_path / "plane.json", None).radial == radial.radial
 
 
 def test_files_say_what_they_are(lens_file, plane_file):

@@ -6,15 +6,20 @@ from collections.abc import Callable, Mapping
 from labrig.devices.operator import (
     Answer,
     ClearBench,
+    ConfirmPlan,
     HoldBoard,
     LayGraphPaper,
     MountNeedle,
     OperatorRequest,
+    PickTarget,
+    PlacePhantom,
     PlaceSpecimen,
     ReadScale,
     ShiftToHole,
 )
-from labrig.simulation import World
+from labrig.simulation import Ball, World
+
+_WHO = "simulated operator"
 
 
 class SimulatedOperator:
@@ -40,6 +45,21 @@ class SimulatedOperator:
         InputError
             When the world cannot be moved so, such as a gel shifted with a needle in it.
         """
+        return self._answered(request) or self._done(request)
+
+    def _answered(self, request: OperatorRequest) -> Answer | None:
+        """Return the answer to what is asked for a number or a place; None to anything else."""
+        match request:
+            case PickTarget():
+                return Answer(confirmed=True, note=_WHO, pixel=self._world.target_mark_px())
+            case ReadScale(axis, unit):
+                truly = self._where()[axis]
+                return Answer(
+                    confirmed=True, note=_WHO, reading=math.degrees(truly) if unit == "deg" else truly
+                )
+        return None
+
+    def _done(self, request: OperatorRequest) -> Answer:
         match request:
             case MountNeedle(needle_id):
                 self._world.mount_needle(needle_id)
@@ -47,16 +67,17 @@ class SimulatedOperator:
                 self._world.place_specimen(name, gelatin_percent)
             case ShiftToHole(specimen, hole, position_mm):
                 self._world.shift_to_hole(specimen, hole, position_mm)
+            case PlacePhantom(name, gelatin_percent, obstacles):
+                balls = [Ball(self._world.seen_at_mm(pixel), radius_mm) for pixel, radius_mm in obstacles]
+                self._world.place_phantom(name, gelatin_percent, balls)
+            case ConfirmPlan(_, target_px):
+                self._world.aim_at(self._world.seen_at_mm(target_px))
             case HoldBoard(view, _, columns, rows, square_mm):
                 self._world.hold_board(view, columns, rows, square_mm)
             case LayGraphPaper(pitch_mm):
                 self._world.lay_graph_paper(pitch_mm)
             case ClearBench():
                 self._world.clear_bench()
-            case ReadScale(axis, unit):
-                truly = self._where()[axis]
-                reading = math.degrees(truly) if unit == "deg" else truly
-                return Answer(confirmed=True, note="simulated operator", reading=reading)
             case _:
                 pass  # what a person only confirms is so here: the world is new, and the axes stand at zero
-        return Answer(confirmed=True, note="simulated operator")
+        return Answer(confirmed=True, note=_WHO)

@@ -17,7 +17,18 @@ class Segment:
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Return (position, velocity) at a time, which is held within the segment."""
-        t = min(max(t_s - self.start_s, 0.0), self.duration_s)
+        return self._after(min(max(t_s - self.start_s, 0.0), self.duration_s))
+
+    @property
+    def end(self) -> tuple[float, float]:
+        """Return (position, velocity) at its end.
+
+        Not `at(start_s + duration_s)`: late on the clock a short ramp loses its last digits in that sum, and a long
+        cruise at the velocity that is left would end far from where it should.
+        """
+        return self._after(self.duration_s)
+
+    def _after(self, t: float) -> tuple[float, float]:
         return (
             self.position + self.velocity * t + 0.5 * self.acceleration * t * t,
             self.velocity + self.acceleration * t,
@@ -100,7 +111,7 @@ def running(t_s: float, position: float, velocity: float, speed: float, limits: 
     rate = math.copysign(limits.acceleration if faster else limits.deceleration, speed - velocity)
     ramp = Segment(t_s, (speed - velocity) / rate, position, velocity, rate)
     start_s = t_s + ramp.duration_s
-    cruise = Segment(start_s, math.inf, ramp.at(start_s)[0], speed, 0.0)
+    cruise = Segment(start_s, math.inf, ramp.end[0], speed, 0.0)
     return Profile((ramp, cruise), math.inf, math.copysign(math.inf, speed))
 
 
@@ -122,6 +133,6 @@ def _chain(
     starts = accumulate((duration for duration, _ in phases), initial=t_s)
     for start_s, (duration, acceleration) in zip(starts, phases, strict=False):
         segments.append(Segment(start_s, duration, position, velocity, acceleration))
-        position, velocity = segments[-1].at(start_s + duration)
+        position, velocity = segments[-1].end
     end_s = segments[-1].start_s + segments[-1].duration_s
     return Profile(tuple(segments), end_s, position if target is None else target)

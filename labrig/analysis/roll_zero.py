@@ -1,0 +1,55 @@
+"""The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
+
+import math
+from dataclasses import asdict
+
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.pictures import Progress, measure_pictures
+from labrig.analysis.result import RollZeroResult, Stamp
+from labrig.errors import MeasurementRefusedError
+from labrig.protocol import RollZeroProtocol
+from labrig.record import Run
+from labrig.steering import RollZeroFit, fit_roll_zero
+from labrig.vision import CurvatureMeasurement, CurvatureSettings
+
+
+def analyze_roll_zero(
+    run: Run, protocol: RollZeroProtocol, stamp: Stamp, workers: int, progress: Progress | None
+) -> RollZeroResult:
+    """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
+
+    Raises
+    ------
+    InputError
+        When the run has no map from pixels to mm, or too few pictures show the needle.
+    RecordError
+        When its lines are damaged.
+    """
+    pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
+    settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
+    files = [run.pictures[int(one["frame"])] for one in pictures]
+    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    seen = [
+        (float(line["rotation_rad"]), each.tip_mm[0])
+        for line, each in zip(pictures, measured, strict=True)
+        if isinstance(each, CurvatureMeasurement) and each.tip_mm is not None
+    ]
+    rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
+    steps = protocol.roll_zero
+    fit: RollZeroFit | None = None
+    reasons: list[str] = []
+    try:
+        fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.needle.design_radius_mm)
+    except MeasurementRefusedError as error:
+        reasons.append(error.message)
+    if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
+    return RollZeroResult(
+        **stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
+        accepted=not reasons,
+        reasons=tuple(reasons),
+        needle_id=protocol.needle.needle_id,
+        rolls_rad=tuple(rolls_rad),
+        deflections_mm=tuple(strays_mm),
+        fit=None if fit is None else asdict(fit),
+    )

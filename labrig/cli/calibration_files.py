@@ -1,0 +1,50 @@
+"""Calibration files as the commands write them: where, whether at all, and how they were made."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labrig.errors import InputError, OutputExistsError
+
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option(
+        "--force", help="Replace an existing file, and write a refused calibration, which then says so."
+    ),
+]
+
+
+_ANOTHER_NAME = "choose another name, or replace it with --force"
+
+
+def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -> None:
+    """Refuse a file that exists or cannot be written, before any work is done."""
+    if out is None:
+        return
+    if out.is_dir():
+        raise InputError(f"{out} is a folder", "name a file in it")
+    if not out.parent.is_dir():
+        raise InputError(f"there is no folder {out.parent} for {out.name}", "make the folder first")
+    if out.exists() and not force:
+        raise OutputExistsError(f"{out} exists", hint)
+
+
+def provenance(images: list[Path]) -> dict[str, object]:
+    """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
+    import hashlib
+
+    from labrig.devices import SystemClock
+    from labrig.record import collect_provenance
+
+    return {
+        **collect_provenance(sys.argv),
+        "created": SystemClock().utc().isoformat(timespec="seconds"),
+        "pictures": {
+            path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in images if path.is_file()
+        },
+    }

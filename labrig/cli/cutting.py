@@ -1,0 +1,112 @@
+"""A tip cut out of a recorded frame or a picture, as `labrig calibrate template` is told it."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from labrig.analysis import load_mapping, needle_in
+from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
+from labrig.errors import InputError
+from labrig.record import open_run
+from labrig.vision import (
+    Insertion,
+    Picture,
+    PlaneMap,
+    ShaftTip,
+    TipTemplate,
+    cut_template,
+    measure_shaft_tip,
+    read_picture,
+)
+
+# A template shows so many widths of the needle to each side of the tip, and is so large where no shaft was measured.
+_WIDTHS, _SIDE_PX = 1.75, 41
+_NEEDLE_ROLES = ("advance", "observe", "final", "imported")
+
+
+@dataclass(frozen=True)
+class TipSource:
+    """A picture with what is known of it: the map to mm, the bevel's roll, and what stands in it."""
+
+    file: Path
+    image: Picture
+    plane: PlaneMap | None
+    roll_rad: float
+    needle_diameter_mm: float
+    sheath_diameter_mm: float | None
+
+    def shaft_tip(self) -> ShaftTip:
+        """Measure tip and heading by the shaft."""
+        if self.plane is None:
+            raise InputError(
+                "tip and heading cannot both be measured: it is not known how the picture maps to mm",
+                "give --tip-px and --heading-deg, or the map: --intrinsics and --plane, or --px-per-mm",
+            )
+        return measure_shaft_tip(self.image, self.plane, self.needle_diameter_mm, self.sheath_diameter_mm)
+
+
+def recorded_frame(folder: Path, frame: int | None) -> TipSource:
+    """Return a frame of a run, by default the last of a needle, with what the run knows of it.
+
+    Raises
+    ------
+    InputError
+        When the run holds no such picture, or does not say how its pictures map to mm.
+    RecordError
+        When the picture or the record is damaged.
+    """
+    run = open_run(folder)
+    frames = run.frame_table
+    if frame is None:
+        shown = frames.loc[frames["role"].isin(_NEEDLE_ROLES), "frame"]
+        if shown.empty:
+            raise InputError(f"{folder} holds no picture of a needle", "name one with --frame")
+        frame = int(shown.iloc[-1])
+    image, line = run.read_frame(frame), frames.iloc[frame]
+    roll_rad = line.get("rotation_rad")
+    needle = needle_in(run.protocol)
+    return TipSource(
+        folder / str(line["file"]),
+        image,
+        load_mapping(run),
+        0.0 if roll_rad is None or math.isnan(roll_rad) else float(roll_rad),
+        DEFAULT_NEEDLE_DIAMETER_MM if needle is None else needle.diameter_mm,
+        None if needle is None else needle.sheath_diameter_mm,
+    )
+
+
+def loose_picture(picture: Path) -> TipSource:
+    """Return a picture of which nothing else is known. Raises PictureError."""
+    return TipSource(picture, read_picture(picture), None, 0.0, DEFAULT_NEEDLE_DIAMETER_MM, None)
+
+
+def cut_tip(
+    found: TipSource,
+    tip_px: tuple[float, float] | None,
+    heading_rad: float | None,
+    side_px: int | None,
+    insertion: Insertion,
+) -> TipTemplate:
+    """Return the template, what is not given of it measured by the shaft.
+
+    Raises
+    ------
+    InputError, PictureError
+        When something is missing or impossible, with its name.
+    MeasurementRefusedError
+        When the picture does not show one shaft.
+    """
+    if tip_px is None or heading_rad is None:
+        shaft = found.shaft_tip()
+        tip_px = tip_px or shaft.tip_px
+        heading_rad = shaft.heading_rad if heading_rad is None else heading_rad
+        side_px = side_px or 2 * round(_WIDTHS * shaft.width_px) + 1
+    points = insertion if found.plane is None else found.plane.insertion
+    return cut_template(
+        found.image,
+        tip_px,
+        heading_rad,
+        side_px=side_px or _SIDE_PX,
+        insertion=points,
+        roll_rad=found.roll_rad,
+    )

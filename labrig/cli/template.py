@@ -1,0 +1,116 @@
+"""`labrig calibrate template`: a picture of the tip, by which runs and `labrig measure tip` find it."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labrig.cli.calibration_files import ForceOption, provenance, require_writable
+from labrig.cli.options import (
+    IntrinsicsOption,
+    OptionalInsertion,
+    OriginOption,
+    PlaneOption,
+    PxPerMmOption,
+)
+from labrig.cli.output import AsJson, print_json
+from labrig.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `labrig calibrate`."""
+    app.command("template", help="A picture of the needle's tip, cut out of a recorded frame or a picture.")(
+        template
+    )
+
+
+def template(
+    source: Annotated[Path, typer.Argument(metavar="RUN|IMAGE", help="Folder of a run, or a picture.")],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE.png", help="Template to write, with a JSON beside it.")
+    ],
+    frame: Annotated[
+        int | None,
+        typer.Option(help="Frame of the run. Default: its last picture of a needle.", show_default=False),
+    ] = None,
+    tip_px: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="U V", help="The tip's pixel. Default: the shaft's end.", show_default=False),
+    ] = None,
+    heading_deg: Annotated[
+        float | None, typer.Option(help="The needle's heading. Default: the shaft's.", show_default=False)
+    ] = None,
+    roll_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Roll of the bevel. Default: as recorded with the frame, else 0.", show_default=False
+        ),
+    ] = None,
+    side_px: Annotated[
+        int | None,
+        typer.Option(help="Side of the square. Default: three and a half needle widths.", show_default=False),
+    ] = None,
+    intrinsics: IntrinsicsOption = None,
+    plane: PlaneOption = None,
+    px_per_mm: PxPerMmOption = None,
+    origin_px: OriginOption = None,
+    insertion: OptionalInsertion = None,
+    needle_diameter_mm: Annotated[
+        float | None,
+        typer.Option(help="Outer diameter of the needle. Default: the run's, else 1.2.", show_default=False),
+    ] = None,
+    sheath_diameter_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Outer diameter of the sheath. Default: the run's, else none is in the picture.",
+            show_default=False,
+        ),
+    ] = None,
+    force: ForceOption = False,
+    as_json: AsJson = False,
+) -> None:
+    """Cut the template out; tip and heading that are not given are measured by the shaft."""
+    from labrig.cli.cutting import cut_tip, loose_picture, recorded_frame
+    from labrig.cli.mapping import plane_map
+    from labrig.vision import save_template, template_files
+
+    for file in template_files(out):
+        require_writable(file, force)
+    mapped = plane is not None or px_per_mm is not None
+    given = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion) if mapped else None
+    if frame is not None and not source.is_dir():
+        raise InputError(f"--frame is for runs, and {source} is none", "leave it out, or name the run")
+    found = recorded_frame(source, frame) if source.is_dir() else loose_picture(source)
+    found = replace(
+        found,
+        plane=given or found.plane,
+        roll_rad=found.roll_rad if roll_deg is None else math.radians(roll_deg),
+        needle_diameter_mm=needle_diameter_mm or found.needle_diameter_mm,
+        sheath_diameter_mm=sheath_diameter_mm or found.sheath_diameter_mm,
+    )
+    heading_rad = None if heading_deg is None else math.radians(heading_deg)
+    cut = cut_tip(found, tip_px, heading_rad, side_px, insertion or "right")
+    save_template(out, cut, provenance([found.file]))
+    document = {
+        "template": str(out),
+        "side_px": cut.picture.shape[0],
+        "tip_px": list(cut.tip_px),
+        "heading_deg": math.degrees(cut.heading_rad),
+        "roll_deg": math.degrees(cut.roll_rad),
+        "insertion": cut.insertion,
+    }
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+
+
+def _print(document: dict[str, Any]) -> None:
+    side_px, (u, v) = document["side_px"], document["tip_px"]
+    typer.echo(f"template  {document['template']}, {side_px} x {side_px} px")
+    typer.echo(f"tip       ({u:.2f}, {v:.2f}) px")
+    typer.echo(
+        f"heading   {document['heading_deg']:.2f} degrees, bevel at {document['roll_deg']:.0f} degrees"
+    )

@@ -1,0 +1,40 @@
+"""The tip in one picture, as `labrig measure tip` tells it."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from labrig.vision import PlaneMap, TipTemplate, locate_tip, read_picture, require_size
+
+
+@dataclass(frozen=True)
+class TipSearch:
+    """What is known of the tip beforehand: its looks, and perhaps heading and place."""
+
+    template: TipTemplate
+    heading_deg: float | None
+    near_px: tuple[float, float] | None
+    region_px: float
+
+
+def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, object]:
+    """Return what a picture says of the tip, in pixels and mm.
+
+    Raises
+    ------
+    PictureError
+        When the picture cannot be read, is smaller than the template, or not of the plane map's size.
+    InputError
+        When what is known beforehand is no number.
+    """
+    image = read_picture(path)
+    if plane.image_size is not None:
+        require_size(image, plane.image_size, "the plane map")
+    heading_rad = None if search.heading_deg is None else math.radians(search.heading_deg)
+    fix = locate_tip(
+        image, search.template, near_px=search.near_px, heading_rad=heading_rad, region_px=search.region_px
+    )
+    tip_mm = None if fix.tip_px is None else plane.to_mm(np.array([fix.tip_px]))[0].tolist()
+    return {**fix.to_json(), "tip_mm": tip_mm}

@@ -1,0 +1,146 @@
+"""What an insertion is aimed at: places of the protocol in mm, the problem for the planner, and what rules it out."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.errors import InputError, Problem
+from labrig.protocol import InsertionProtocol, Place
+from labrig.steering import (
+    EstimatorSettings,
+    Obstacle,
+    PlanProblem,
+    PlanWeights,
+    SteeringPolicy,
+    SteeringSettings,
+)
+from labrig.vision import PlaneMap
+
+_RIM_PX = 25.0
+"""A tip nearer to the rim of the picture than this is not found any more."""
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Target and obstacles in the frame of the steering plane."""
+
+    target_mm: Point
+    obstacles: tuple[Obstacle, ...]
+
+
+def aim_of(protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float, float] | None = None) -> Aim:
+    """Return where the insertion goes, and what it keeps off.
+
+    Parameters
+    ----------
+    protocol : InsertionProtocol
+    plane : PlaneMap
+        Turns pixels of the protocol, and the one that was picked, into mm.
+    picked_px : (float, float), optional
+        The target's pixel where the protocol asks for it.
+
+    Raises
+    ------
+    InputError
+        When the protocol asks for the target and none was picked.
+    """
+    target = protocol.target
+    if target.ask and picked_px is None:
+        raise InputError("the target was asked for and not named", "name its pixel")
+    place = Place(pixel=picked_px) if target.ask else target
+    return Aim(_point(place, plane), obstacles_of(protocol, plane))
+
+
+def obstacles_of(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
+    """Return the obstacles in mm."""
+    return tuple(Obstacle(_point(one, plane), one.radius_mm) for one in protocol.obstacles)
+
+
+def steering_settings(protocol: InsertionProtocol, aim: Aim) -> SteeringSettings:
+    """Return problem, estimator and policy of an insertion from the origin of the steering plane along z.
+
+    Raises
+    ------
+    InputError
+        For what is no problem: a start or target inside an obstacle.
+    """
+    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
+    values = policy.model_dump()
+    deviation_mm = values.pop("deviation_mm")
+    return SteeringSettings(
+        problem=PlanProblem(
+            target_mm=aim.target_mm,
+            obstacles=aim.obstacles,
+            radius_mm=planner.radius_mm,
+            diameter_mm=protocol.needle.diameter_mm,
+            tolerance_mm=protocol.target.tolerance_mm,
+            clearance_mm=planner.clearance_mm,
+            max_arcs=planner.max_arcs,
+            max_length_mm=protocol.insertion.max_length_mm,
+            planar=True,
+            weights=PlanWeights(**planner.weights.model_dump()),
+        ),
+        estimator=EstimatorSettings(
+            radius_mm=planner.radius_mm,
+            observation_sd_mm=estimator.observation_sd_mm,
+            process_sd_rad_per_root_mm=math.radians(estimator.process_sd_deg_per_root_mm),
+            method=estimator.method,
+            planar=True,
+            radius_sd_mm=estimator.radius_sd_mm,
+            start_sd_rad=math.radians(estimator.start_sd_deg),
+        ),
+        policy=SteeringPolicy(
+            **values,
+            deviation_mm=math.inf if deviation_mm is None else deviation_mm,
+            observe_every_mm=protocol.insertion.frame_every_mm,
+        ),
+        method=planner.method,
+    )
+
+
+def aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield why this target cannot be aimed at: outside of the tissue or of the picture, or inside an obstacle."""
+    yield from _outside_tissue(protocol, aim.target_mm)
+    yield from _out_of_view(aim.target_mm, plane)
+    try:
+        steering_settings(protocol, aim)
+    except InputError as error:
+        yield Problem("target", error.message, error.hint)
+
+
+def _point(place: Place, plane: PlaneMap) -> Point:
+    if place.position_mm is not None:
+        return place.position_mm
+    y_mm, z_mm = plane.to_mm(np.array([place.pixel], dtype=float))[0].tolist()
+    return 0.0, y_mm, z_mm
+
+
+def _outside_tissue(protocol: InsertionProtocol, target_mm: Point) -> Iterator[Problem]:
+    _, y_mm, z_mm = target_mm
+    block, depth_mm = protocol.specimen, protocol.sheath.depth_mm
+    far_mm, half_mm = block.length_mm - depth_mm, block.width_mm / 2
+    if not (-depth_mm <= z_mm <= far_mm and abs(y_mm) <= half_mm):
+        message = (
+            f"the target at y {y_mm:.1f}, z {z_mm:.1f} mm lies outside of the tissue, which reaches from z "
+            f"{-depth_mm:g} to {far_mm:g} mm and to {half_mm:g} mm aside"
+        )
+        yield Problem(
+            "target", message, "aim at a point of the block, or correct specimen length_mm and width_mm"
+        )
+
+
+def _out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Problem]:
+    if plane.image_size is None:
+        return
+    width, height = plane.image_size
+    u, v = plane.to_px(np.array([target_mm[1:]]))[0].tolist()
+    if not (_RIM_PX <= u <= width - 1 - _RIM_PX and _RIM_PX <= v <= height - 1 - _RIM_PX):
+        message = (
+            f"the target is outside of the camera's view: it would be seen at ({u:.0f}, {v:.0f}) px, and a tip is "
+            f"found down to {_RIM_PX:g} px from the rim of {width}x{height} px"
+        )
+        yield Problem("target", message, "aim at a point in view, or move the camera and calibrate it again")

@@ -1,0 +1,115 @@
+"""The roll zero of a needle as it is clamped: short insertions at rolls spread over a turn, and how far each strays."""
+
+import math
+from dataclasses import asdict, dataclass
+
+from labrig.devices import (
+    ConfirmAxesAtZero,
+    ConfirmNeedleOut,
+    MountNeedle,
+    PlaceSpecimen,
+    RollZero,
+    ShiftToHole,
+)
+from labrig.errors import MeasurementRefusedError
+from labrig.experiments.session import Session
+from labrig.experiments.sight import load_plane_map
+from labrig.experiments.stance import Stance
+from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
+from labrig.protocol import Advance, Needle, RollZeroProtocol, RollZeroSteps, Sheath
+from labrig.steering import fit_roll_zero
+from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature
+
+
+@dataclass(frozen=True)
+class RollZeroOrder:
+    """What is needed to find a roll zero: of which needle, how, and the radius that is expected of it."""
+
+    needle: Needle
+    sheath: Sheath
+    advance: Advance
+    steps: RollZeroSteps
+    radius_mm: float
+
+    @property
+    def duration_s(self) -> float:
+        """Rig time that it takes [s]."""
+        one_s = self.steps.length_mm * (1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s)
+        return self.steps.rolls * (one_s + 2 * self.sheath.depth_mm / self.sheath.speed_mm_s)
+
+
+def order_of(protocol: RollZeroProtocol) -> RollZeroOrder:
+    """Return what a protocol of this experiment asks for."""
+    return RollZeroOrder(
+        protocol.needle,
+        protocol.sheath,
+        protocol.insertion,
+        protocol.roll_zero,
+        protocol.needle.design_radius_mm,
+    )
+
+
+def run_roll_zero(protocol: RollZeroProtocol, session: Session) -> RollZero:
+    """Find and certify the roll zero that a protocol asks for."""
+    return find_roll_zero(order_of(protocol), session)
+
+
+def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
+    """Mount the needle, insert it at each roll, fit the cosine, and certify its peak in the rig's state.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        When a picture does not show the tip, the bend is not the needle's, or the zero is too uncertain.
+    """
+    rig, steps = session.rig, order.steps
+    plane = load_plane_map(rig.description)
+    if rig.state.needle_in_tissue is not False:
+        session.ask(ConfirmNeedleOut(rig.state.doubt))
+        rig.mark_needle_out()
+    session.ask(MountNeedle(order.needle.needle_id))
+    session.ask(ConfirmAxesAtZero())
+    rig.reference_axes()
+    session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
+    rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
+    strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
+    fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
+    session.note(
+        "roll_zero",
+        needle_id=order.needle.needle_id,
+        roll_rad=rolls_rad,
+        deflection_mm=strays_mm,
+        **asdict(fit),
+    )
+    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        raise MeasurementRefusedError(
+            f"the roll zero is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and {steps.max_sd_deg:g} is the "
+            "most that is certified",
+            "insert at more rolls or further, and look at the pictures",
+        )
+    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
+    rig.certify_roll_zero(certified)
+    return certified
+
+
+def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session) -> float:
+    """Insert at one roll into a fresh hole, withdraw again, and return how far the tip was seen aside."""
+    rig, steps, advance = session.rig, order.steps, order.advance
+    session.progress(step * order.duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
+    session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
+    session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
+    rig.mark_needle_in_tissue(session.recorder.run_name)
+    session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
+    session.move("insertion", steps.length_mm, advance.speed_mm_s)
+    look = session.see("roll-zero")
+    speeds = WithdrawalSpeeds(
+        advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
+    )
+    withdraw(session, (Stance(0.0, roll_rad, order.sheath.depth_mm),), speeds)
+    settings = CurvatureSettings(order.needle.diameter_mm, order.sheath.diameter_mm)
+    measured = measure_curvature(look.image, plane, settings)
+    if measured.tip_mm is None:
+        raise MeasurementRefusedError(
+            f"picture {look.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
+        )
+    return measured.tip_mm[0]

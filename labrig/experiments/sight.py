@@ -1,0 +1,137 @@
+"""Seeing the tip: where it is expected, where a picture shows it, and which pictures show nothing."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.devices import RigDescription
+from labrig.errors import CameraError, InputError
+from labrig.steering import TipState
+from labrig.vision import (
+    Picture,
+    PlaneMap,
+    TipFix,
+    TipTemplate,
+    load_intrinsics,
+    load_plane,
+    load_template,
+    locate_tip,
+    next_region_px,
+)
+
+_DARKEST_GREY = 12.0
+_SIGMAS = 4.0
+_LEAST_REACH_PX = 12.0
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """What turns a picture into a place: the plane map, and the template with its heading told from that plane."""
+
+    plane: PlaneMap
+    template: TipTemplate
+
+    def pixel_of(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
+        u, v = self.plane.to_px(np.array([place_mm[1:]]))[0].tolist()
+        return u, v
+
+
+@dataclass(frozen=True, eq=False)
+class TipSeen:
+    """Where the tip was looked for, and what was found; `position_mm` (3,) is None where it was not.
+
+    region_px : side of the square around `near_px` that was searched.
+    """
+
+    fix: TipFix
+    position_mm: FloatArray | None
+    near_px: tuple[float, float]
+    heading_rad: float
+    region_px: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what is recorded of it."""
+        position = None if self.position_mm is None else self.position_mm.tolist()
+        asked = {"near_px": list(self.near_px), "heading_rad": self.heading_rad, "region_px": self.region_px}
+        found = self.fix.to_json()
+        return {**found, "seen_heading_rad": found["heading_rad"], **asked, "tip_mm": position}
+
+
+def load_eye(rig: RigDescription) -> Eye:
+    """Return the eye of a rig from its calibration files.
+
+    Raises
+    ------
+    InputError
+        When one is missing; `find_problems` says so before a run.
+    """
+    plane = load_plane_map(rig)
+    files = rig.template_paths()
+    if not files:
+        raise InputError(
+            "the rig file names no template of the tip",
+            "labrig calibrate template makes one; see calibration:",
+        )
+    return Eye(plane, load_template(files["template.png"]).relative_to(plane.insertion))
+
+
+def load_plane_map(rig: RigDescription) -> PlaneMap:
+    """Return the plane map of a rig from its calibration files.
+
+    Raises
+    ------
+    InputError
+        When it has none, or one that cannot be read.
+    """
+    paths = rig.calibration_paths()
+    if "plane.json" not in paths:
+        raise InputError("the rig file names no plane", "labrig run protocols/calibration.yaml finds it")
+    lens = paths.get("intrinsics.json")
+    return load_plane(paths["plane.json"], None if lens is None else load_intrinsics(lens))
+
+
+def look_for_tip(eye: Eye, image: Picture, expected: FloatArray, tip: TipState, roll_rad: float) -> TipSeen:
+    """Look for the tip where it is expected; the more pictures have shown none, the wider.
+
+    Parameters
+    ----------
+    expected : (4, 4) array
+        Predicted pose of the tip.
+    tip : TipState
+        The last estimate, whose uncertainty and misses set how far is searched.
+    roll_rad : float
+        Of the bevel.
+    """
+    u, v = eye.plane.to_px(expected[None, 1:3, 3])[0].tolist()
+    heading_rad = math.atan2(expected[1, 2], expected[2, 2])
+    reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / eye.plane.mm_per_px)
+    region_px = next_region_px(max(eye.template.picture.shape) + 2 * reach_px, tip.misses)
+    fix = locate_tip(
+        image, eye.template, near_px=(u, v), heading_rad=heading_rad, roll_rad=roll_rad, region_px=region_px
+    )
+    position = None
+    if fix.tip_px is not None:
+        position = np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
+    return TipSeen(fix, position, (u, v), heading_rad, region_px)
+
+
+def require_light(image: Picture) -> None:
+    """Refuse a picture in which nothing can be seen.
+
+    Raises
+    ------
+    CameraError
+        For a dark picture, with its mean and the limit.
+    """
+    mean = float(image.mean())
+    if mean < _DARKEST_GREY:
+        raise CameraError(
+            f"the picture is dark: its mean is {mean:.1f} of 255, and {_DARKEST_GREY:g} is the least",
+            "check the light and the lens cap; then take the needle out with labrig devices withdraw",
+        )

@@ -1,0 +1,212 @@
+"""Section V-C of the paper: a planned, image-guided insertion; and the roll zero of the needle, on which it rests."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Line, Model, NonNegativeMm, PixelUv, PositiveMm, SpeedMmS
+from labrig.protocol.protocols import Needle, Protocol, Sheath, Specimen, sheath_too_thin
+from labrig.protocol.scenario import PointMm, ScenarioWeights
+
+_WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
+
+
+class Phantom(Specimen):
+    """A block of gel with obstacles cast in."""
+
+    length_mm: float = Field(
+        140.0, gt=0, le=1000, description="Length of the block along the insertion [mm]."
+    )
+    width_mm: float = Field(
+        80.0, gt=0, le=1000, description="Width of the block, half of it to each side of the sheath [mm]."
+    )
+
+
+class Advance(Model):
+    """How fast the needle goes in and comes out."""
+
+    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
+    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
+
+
+class RollZeroSteps(Model):
+    """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each into a hole of its own."""
+
+    specimen: Specimen = Field(description="A block of gel without anything in it.")
+    rolls: int = Field(6, ge=4, le=24, description="Insertions, at rolls spread evenly over a turn.")
+    length_mm: PositiveMm = Field(20.0, description="How far the needle leaves the sheath in each [mm].")
+    hole_spacing_mm: PositiveMm = Field(16.0, description="Lateral distance from one hole to the next [mm].")
+    max_sd_deg: float = Field(
+        3.0, gt=0, le=45, description="Standard deviation of the zero beyond which it is not certified [deg]."
+    )
+
+
+class RollZeroProtocol(Protocol):
+    """Which roll of the rotation axis bends the needle towards -y; certified for the needle as it is clamped."""
+
+    experiment: Literal["roll-zero"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Roll zero", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: Advance = Field(description="How fast the needle goes in and comes out.")
+    roll_zero: RollZeroSteps = Field(description="How the zero is found.")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a sheath that the needle does not fit through."""
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle)
+
+
+class Place(Model):
+    """A point of the steering plane: in mm, or as a pixel of the camera's picture."""
+
+    position_mm: PointMm | None = Field(
+        None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
+    )
+    pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
+
+
+class Target(Place):
+    """The point to reach."""
+
+    ask: bool = Field(
+        default=False, description="Whether the operator names its pixel on a picture taken during the run."
+    )
+    tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the needle may end [mm].")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a target that is told twice, or not at all."""
+        told = (self.position_mm is not None) + (self.pixel is not None) + self.ask
+        if told != 1:
+            message = f"the target is told {told} times, expected one of position_mm, pixel and ask: true"
+            yield Conflict("position_mm", message, _WHERE)
+
+
+class InsertionObstacle(Place):
+    """A sphere that the needle keeps off."""
+
+    radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield an obstacle that stands nowhere, or at two places."""
+        if (self.position_mm is None) == (self.pixel is None):
+            yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
+
+
+class InsertionAdvance(Advance):
+    """How the needle goes in and comes out."""
+
+    frame_every_mm: PositiveMm = Field(
+        1.0, description="Inserted length between two pictures; the needle does not stop for them [mm]."
+    )
+    max_length_mm: float = Field(gt=0, le=500, description="Longest path that may be planned [mm].")
+
+
+class Planner(Model):
+    """How a path is planned."""
+
+    method: Literal["best", "paper"] = Field(
+        "best", description="The default planner, or the paper's for comparison."
+    )
+    radius_mm: PositiveMm = Field(description="Radius of the needle's arcs expected in this gel [mm].")
+    clearance_mm: NonNegativeMm = Field(
+        0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
+    )
+    max_arcs: int = Field(6, ge=1, le=12, description="Most arcs of a path.")
+    weights: ScenarioWeights = Field(
+        default_factory=ScenarioWeights, description="What makes one path better than another."
+    )
+
+
+class Estimator(Model):
+    """How the tip's pose is estimated from where it is seen."""
+
+    method: Literal["error-state", "paper"] = Field(
+        "error-state", description="The default filter, or the paper's for comparison."
+    )
+    observation_sd_mm: PositiveMm = Field(
+        0.2, description="Standard deviation of a tip seen, along each axis [mm]."
+    )
+    process_sd_deg_per_root_mm: float = Field(
+        0.3, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
+    )
+    radius_sd_mm: NonNegativeMm = Field(
+        0.6, description="Standard deviation of radius_mm; 0: the radius is not estimated [mm]."
+    )
+    start_sd_deg: float = Field(
+        1.0, ge=0, le=20, description="Standard deviation of the sheath's direction [deg]."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius to be estimated by a filter that cannot."""
+        if self.method == "paper" and self.radius_sd_mm > 0:
+            message = (
+                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
+            )
+            yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
+
+
+class Policy(Model):
+    """When the path is planned anew, when the needle is given up, and what its hinges do after a turn."""
+
+    replan_every_mm: PositiveMm = Field(20.0, description="Plan anew after so much insertion [mm].")
+    deviation_mm: NonNegativeMm | None = Field(
+        0.4, description="Plan anew where the rest of the path would miss by more; null: never for that [mm]."
+    )
+    near_mm: NonNegativeMm = Field(
+        30.0, description="Plan anew at every picture where no more than this is left [mm]."
+    )
+    final_mm: NonNegativeMm = Field(
+        12.0, description="Take what comes nearest to the target where no more than this is left [mm]."
+    )
+    backlash_mm: NonNegativeMm = Field(
+        1.5, description="Insertion in which the curvature swings over after half a turn [mm]."
+    )
+    closing_mm: NonNegativeMm = Field(
+        3.0, description="Insertion in which the hinges close at the start [mm]."
+    )
+    most_misses: int = Field(
+        8, ge=1, le=1000, description="Pictures in a row without a credible tip, and the needle is stopped."
+    )
+    stuck_mm: PositiveMm = Field(
+        4.0, description="Inserted by this without the tip advancing, the needle is stopped [mm]."
+    )
+    least_clearance_mm: NonNegativeMm = Field(
+        0.2, description="Where no path keeps clearance_mm any more, one is taken that keeps this [mm]."
+    )
+
+
+class InsertionProtocol(Protocol):
+    """Section V-C of the paper: to a target between obstacles, with the tip seen and the path planned anew."""
+
+    experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Insertion to a target", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    specimen: Phantom = Field(
+        description="The block of gel with the obstacles; each repetition takes a new one."
+    )
+    repetitions: int = Field(1, ge=1, le=500, description="Insertions.")
+    target: Target = Field(description="The point to reach.")
+    obstacles: tuple[InsertionObstacle, ...] = Field(
+        (), max_length=100, description="Spheres to keep off, any number up to a hundred."
+    )
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
+    planner: Planner = Field(description="How a path is planned.")
+    estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
+    policy: Policy = Field(default_factory=Policy, description="When the path is planned anew.")
+    roll_zero: RollZeroSteps | None = Field(
+        None,
+        description="How the needle's roll zero is found first where the rig has no certified one. null: the insertion "
+        "is refused then.",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield sizes that do not go together."""
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle)
+        if self.planner.radius_mm <= self.needle.diameter_mm:
+            message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
+            yield Conflict("planner.radius_mm", message, "are both in mm?")
+        if self.insertion.frame_every_mm > self.insertion.max_length_mm:
+            message = f"frame_every_mm is {self.insertion.frame_every_mm:g}, above max_length_mm"
+            yield Conflict("insertion.frame_every_mm", message, "1 is usual")

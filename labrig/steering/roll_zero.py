@@ -1,0 +1,89 @@
+"""The roll zero of a needle: which roll bends it towards -y, from how far it strays sideways at several rolls."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labrig.errors import InputError, MeasurementRefusedError
+from labrig.steering.tip import numbers
+
+_LEAST_INSERTIONS = 4
+_MOST_OFF = 0.25
+
+
+@dataclass(frozen=True)
+class RollZeroFit:
+    """Where the bend points towards -y, and how sure that is.
+
+    Attributes
+    ----------
+    zero_rad, sd_rad : float
+        Position of the rotation axis, between -pi and pi, and its standard deviation.
+    bend_mm, expected_mm : float
+        How far the tip strays sideways at the zero, and how far an arc of the design radius would.
+    residual_rms_mm : float
+        Of the deflections about the fitted cosine.
+    """
+
+    zero_rad: float
+    sd_rad: float
+    bend_mm: float
+    expected_mm: float
+    residual_rms_mm: float
+
+
+def fit_roll_zero(
+    roll_rad: ArrayLike, deflection_mm: ArrayLike, length_mm: float, radius_mm: float
+) -> RollZeroFit:
+    """Return the roll zero from insertions of one length at several positions of the rotation axis.
+
+    By equation (5) the tip strays by y = -r (1 - cos(l / r)) cos(delta - delta_0). With a constant for where the
+    sheath stands that is linear in (1, cos delta, sin delta); least squares, first-order propagation.
+
+    Parameters
+    ----------
+    roll_rad : (N,) array
+        Positions of the rotation axis, four or more, spread over a turn.
+    deflection_mm : (N,) array
+        y of the tip.
+    length_mm, radius_mm : float
+        Inserted beyond the sheath, and the radius that is expected.
+
+    Raises
+    ------
+    InputError
+        For fewer insertions, or a number that is not finite.
+    MeasurementRefusedError
+        Where the bend is not what it should be, or its side cannot be told.
+    """
+    rolls, places = numbers("roll_rad", roll_rad, (None,)), numbers("deflection_mm", deflection_mm, (None,))
+    if len(rolls) != len(places) or len(rolls) < _LEAST_INSERTIONS:
+        raise InputError(
+            f"{len(rolls)} rolls and {len(places)} deflections, four of each are the least",
+            "insert more often",
+        )
+    terms = np.column_stack((np.ones_like(rolls), np.cos(rolls), np.sin(rolls)))
+    solution, _, rank, _ = np.linalg.lstsq(terms, places, rcond=None)
+    expected_mm = radius_mm * (1.0 - math.cos(length_mm / radius_mm))
+    bend_mm = math.hypot(solution[1], solution[2])
+    if rank < terms.shape[1] or abs(bend_mm - expected_mm) > _MOST_OFF * expected_mm:
+        raise MeasurementRefusedError(
+            f"the needle bends by {bend_mm:.2f} mm over {length_mm:g} mm, expected {expected_mm:.2f} mm within "
+            f"{100 * _MOST_OFF:g} %",
+            "check needle and gel: a needle that bends otherwise is not steered by this plan",
+        )
+    residuals = places - terms @ solution
+    freedom = len(rolls) - terms.shape[1]
+    spread_mm = math.sqrt(float(residuals @ residuals) / freedom)
+    covariance = spread_mm**2 * np.linalg.inv(terms.T @ terms)[1:, 1:]
+    zero_rad = math.atan2(-solution[2], -solution[1])
+    across = np.array((-math.sin(zero_rad), math.cos(zero_rad)))
+    return RollZeroFit(
+        zero_rad=zero_rad,
+        sd_rad=math.sqrt(float(across @ covariance @ across)) / bend_mm,
+        bend_mm=bend_mm,
+        expected_mm=expected_mm,
+        residual_rms_mm=math.sqrt(float(np.mean(residuals**2))),
+    )

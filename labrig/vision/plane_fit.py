@@ -1,0 +1,188 @@
+"""Crossings to paper: a homography, and one radial term where no lens is known, by robust least squares.
+
+Every crossing takes part, but one that is far off counts less (soft L1, Triggs et al. 2000, Bundle adjustment, section
+3.3); what is a quarter of a pitch or more off was mistaken for something else and is left out. The covariance is the
+sandwich over blocks of neighbouring crossings, because paper that is not flat puts neighbours off alike.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
+
+from labrig.errors import CalibrationRefusedError
+from labrig.vision.plane import Radial, projected
+
+_FloatArray = NDArray[np.float64]
+
+_MAX_REFITS = 10
+_HOMOGRAPHY = 8
+# The radial term's centre may leave the picture's middle: pictures are cropped. It is held there by as much as one
+# crossing's error holds it over this many half diagonals.
+_CENTRE_REACH = 1.0
+# Residuals up to so many times their usual size count in full.
+_FULL = 2.0
+_MAD_TO_SIGMA = 1.4826
+_LEAST_SCALE_MM = 1e-9
+_LEAST_CROSSINGS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """What explains the crossings.
+
+    Attributes
+    ----------
+    homography : ndarray (3, 3)
+        From ideal pixels to paper [mm].
+    radial : Radial or None
+    kept : ndarray of bool (N,)
+        Crossings that were not mistaken for something else.
+    residuals_mm : ndarray (N, 2)
+        From a crossing's place on paper to where the fit puts it.
+    jacobian : ndarray (2 M, P)
+        Of the kept crossings' residuals by the parameters, scaled so that its square is the cost's second derivative.
+    weighted_mm : ndarray (2 M,)
+        What these residuals pull with, on that scale.
+    parameters : ndarray (P,)
+    """
+
+    homography: _FloatArray
+    radial: Radial | None
+    kept: NDArray[np.bool_]
+    residuals_mm: _FloatArray
+    jacobian: _FloatArray
+    weighted_mm: _FloatArray
+    parameters: _FloatArray
+    _frame: "_Frame"
+
+    def paper_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
+        """Return where pixels lie on the paper (N, 2) [mm]: ideal ones, or the picture's with a radial term."""
+        px = ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
+        return projected(self.homography, px)
+
+    def moved_homographies(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
+        """Return the homography moved by one standard deviation along each axis of its covariance.
+
+        `blocks` (M,) says of every kept crossing which block of neighbours it belongs to.
+        """
+        bread = np.linalg.pinv(self.jacobian.T @ self.jacobian)
+        scores = self.jacobian * self.weighted_mm[:, None]
+        clusters = np.zeros((int(blocks.max()) + 1, scores.shape[1]))
+        np.add.at(clusters, np.repeat(blocks, 2), scores)
+        covariance = bread @ (clusters.T @ clusters) @ bread
+        part = covariance[:_HOMOGRAPHY, :_HOMOGRAPHY]
+        values, vectors = np.linalg.eigh(0.5 * (part + part.T))
+        moves = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        padded = np.pad(moves, ((0, 0), (0, len(self.parameters) - _HOMOGRAPHY)))
+        return [self._frame.homography(self.parameters + move) for move in padded]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Pixels are fitted from the middle of their extent, in units of half its diagonal: all numbers are alike then."""
+
+    middle: tuple[float, float]
+    half: float
+
+    @classmethod
+    def of(cls, px: _FloatArray) -> "_Frame":
+        low, high = px.min(axis=0), px.max(axis=0)
+        middle = 0.5 * (low + high)
+        return cls((float(middle[0]), float(middle[1])), 0.5 * float(np.linalg.norm(high - low)))
+
+    def normal(self, px: _FloatArray) -> _FloatArray:
+        return np.asarray((px - self.middle) / self.half)
+
+    def homography(self, parameters: _FloatArray) -> _FloatArray:
+        to_normal = np.array(
+            [
+                [1.0 / self.half, 0.0, -self.middle[0] / self.half],
+                [0.0, 1.0 / self.half, -self.middle[1] / self.half],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        return np.asarray(np.append(parameters[:_HOMOGRAPHY], 1.0).reshape(3, 3) @ to_normal)
+
+    def radial(self, parameters: _FloatArray) -> Radial | None:
+        if len(parameters) == _HOMOGRAPHY:
+            return None
+        k, x, y = parameters[_HOMOGRAPHY:]
+        centre = (float(self.middle[0] + self.half * x), float(self.middle[1] + self.half * y))
+        return Radial(centre, float(k) / self.half**2)
+
+
+def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radial: bool) -> PlaneFit:
+    """Fit crossings at pixels (N, 2) to their places on paper (N, 2) [mm].
+
+    Parameters
+    ----------
+    px : ndarray (N, 2)
+        Ideal pixels; where `with_radial`, the picture's own.
+    gross_mm : float
+        A crossing that is further off was mistaken for something else.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If no plane explains them.
+    """
+    frame = _Frame.of(px)
+    # OpenCV's sampling has a fixed seed of its own.
+    start = cv2.findHomography(frame.normal(px), paper_mm, cv2.RANSAC, gross_mm)[0] if len(px) >= 4 else None
+    if start is None or not abs(start[2, 2]) > 0.0:
+        raise _no_plane()
+    parameters = np.concatenate(((start / start[2, 2]).ravel()[:_HOMOGRAPHY], np.zeros(3 * with_radial)))
+    normal = frame.normal(px)
+    residuals = _predicted(parameters, normal) - paper_mm
+    kept = np.zeros(len(px), dtype=bool)
+    for _ in range(_MAX_REFITS):
+        last, kept = kept, np.hypot(*residuals.T) < gross_mm
+        if (kept == last).all():
+            break
+        if kept.sum() < _LEAST_CROSSINGS:
+            raise _no_plane()
+        scale = max(_MAD_TO_SIGMA * float(np.median(np.abs(residuals[kept]))), _LEAST_SCALE_MM)
+        solved = _solved(parameters, normal[kept], paper_mm[kept], scale)
+        parameters = np.asarray(solved.x)
+        residuals = _predicted(parameters, normal) - paper_mm
+    rows = slice(0, 2 * int(kept.sum()))
+    # SciPy scales its Jacobian by (1 + z)^(-3/4); the influence of a residual falls with (1 + z)^(-1/2).
+    heavier = (1.0 + (solved.fun[rows] / (_FULL * scale)) ** 2) ** 0.25
+    return PlaneFit(
+        frame.homography(parameters),
+        frame.radial(parameters),
+        kept,
+        residuals,
+        solved.jac[rows],
+        solved.fun[rows] * heavier,
+        parameters,
+        frame,
+    )
+
+
+def _no_plane() -> CalibrationRefusedError:
+    return CalibrationRefusedError(
+        "no plane explains the paper's lines", "lay the paper flat and fill the picture with it"
+    )
+
+
+def _solved(
+    start: _FloatArray, normal: _FloatArray, paper_mm: _FloatArray, scale_mm: float
+) -> OptimizeResult:
+    def off(parameters: _FloatArray) -> _FloatArray:
+        held = scale_mm * parameters[_HOMOGRAPHY + 1 :] / _CENTRE_REACH
+        return np.concatenate(((_predicted(parameters, normal) - paper_mm).ravel(), held))
+
+    return least_squares(off, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
+
+
+def _predicted(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:
+    """Return where normalised pixels (N, 2) lie on the paper [mm]."""
+    if len(parameters) > _HOMOGRAPHY:
+        k, x, y = parameters[_HOMOGRAPHY:]
+        aside = normal - (x, y)
+        normal = normal + aside * (k * np.sum(aside**2, axis=1))[:, None]
+    return projected(np.append(parameters[:_HOMOGRAPHY], 1.0).reshape(3, 3), normal)

@@ -1,0 +1,87 @@
+"""Where a needle ends and how it heads there, by its shaft: the measurement that no template has a part in."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.errors import MeasurementRefusedError
+from labrig.vision.picture import Picture, require_size
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft import FloatArray, locate_shaft
+
+# A parabola through so much of the centre line, or that much at least, goes on to the tip: the bevel has no two edges
+# that a centre line could lie between.
+_OVER_MM, _LEAST_MM = 8.0, 1.5
+# The last rows, over so many widths of the needle, lean to the side on which the bevel is longer.
+_BEVEL_ONSET = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class ShaftTip:
+    """The end of a needle's centre line.
+
+    Attributes
+    ----------
+    tip_px, tip_mm : (float, float)
+        (u, v) and (y, z), level with the foremost point of the bevel.
+    heading_rad : float
+        Zero along the insertion, positive towards +y.
+    length_mm : float
+        From the sheath's tip, or from where the needle enters the picture.
+    width_px : float
+        Of the needle.
+    centre_line_mm, centre_line_px : ndarray (N, 2)
+    """
+
+    tip_px: tuple[float, float]
+    tip_mm: tuple[float, float]
+    heading_rad: float
+    length_mm: float
+    width_px: float
+    centre_line_mm: FloatArray
+    centre_line_px: FloatArray
+
+
+def measure_shaft_tip(
+    image: Picture, plane: PlaneMap, diameter_mm: float, sheath_diameter_mm: float | None
+) -> ShaftTip:
+    """Measure where the needle in a picture ends.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (H, W) or (H, W, 3)
+    plane : PlaneMap
+    diameter_mm : float
+        Of the needle, within a factor of about 1.5.
+    sheath_diameter_mm : float or None
+        None where no sheath is in the picture.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        If the picture does not show one shaft with its tip, or too little of it for a heading.
+    PictureError
+        If the picture has another size than the plane was calibrated for.
+    """
+    if plane.image_size is not None:
+        require_size(image, plane.image_size, "the plane map")
+    shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm)
+    end_mm = shaft.arc_mm[-1] - _BEVEL_ONSET * shaft.width_mm
+    last = (shaft.arc_mm >= end_mm - _OVER_MM) & (shaft.arc_mm <= end_mm)
+    arc_mm = shaft.arc_mm[last] - shaft.length_mm
+    seen_mm = float(arc_mm[-1] - arc_mm[0]) if len(arc_mm) else 0.0
+    if seen_mm < _LEAST_MM:
+        raise MeasurementRefusedError(
+            f"{seen_mm:.1f} mm of the needle are seen, and {_LEAST_MM:g} mm are the least for a heading"
+        )
+    (y, z), (slope_y, slope_z) = np.polynomial.polynomial.polyfit(arc_mm, shaft.centre_mm[last], 2)[:2]
+    tip_px = plane.to_px(np.array([[y, z]]))[0]
+    return ShaftTip(
+        tip_px=(float(tip_px[0]), float(tip_px[1])),
+        tip_mm=(float(y), float(z)),
+        heading_rad=float(np.arctan2(slope_y, slope_z)),
+        length_mm=shaft.length_mm,
+        width_px=shaft.width_mm / plane.mm_per_px,
+        centre_line_mm=shaft.centre_mm,
+        centre_line_px=shaft.centre_px,
+    )

@@ -1,0 +1,76 @@
+"""What it costs to watch three axes on a CAN bus: processor time of labrig over the time that passes."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from labrig.devices.rig import Rig
+from tests.benchmarks.table import print_rows
+from tests.devices.bench_rig import bench_description, bench_rig
+
+SECONDS, RATE_HZ = 10.0, 100.0
+BUSES: dict[str, tuple[list[str], dict[str, object]]] = {
+    "udp_multicast": (
+        ["--channel", "239.74.163.2", "--port", "43210"],
+        {"channel": "239.74.163.2", "port": 43210},
+    ),
+    "slcan": ([], {"sleep_after_open": 0}),
+}
+
+
+def print_table() -> None:
+    """States of three axes a hundred times a second, and a rig that idles; the drives are served by another process."""
+    rows = []
+    for interface in BUSES:
+        with _served(interface) as rig:
+            for what, limit, work in (("100 Hz status", 15, _read), ("idle", 2, _idle)):
+                rate_hz, share = _measure(rig, work)
+                rows.append([interface, what, f"{rate_hz:.1f}", f"{100 * share:.1f}", f"{limit}"])
+    print_rows(("bus", "what", "Hz", "% of a core", "limit %"), rows)
+
+
+@contextmanager
+def _served(interface: str) -> Iterator[Rig]:
+    arguments, reached_by = BUSES[interface]
+    command = [sys.executable, "-m", "labrig", "devices", "simulate", "--interface", interface]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        subprocess.Popen(
+            [*command, "--nodes", "1,2,3", *arguments], stdout=subprocess.PIPE, text=True
+        ) as serving,
+    ):
+        try:
+            assert serving.stdout is not None
+            channel = serving.stdout.readline().split()[-1]
+            bus = {"interface": interface, "channel": channel, **reached_by}
+            with bench_rig(bench_description(bus), Path(folder)) as rig:
+                rig.reference_axes()
+                rig.insertion.start_move(100.0, 1.0)
+                yield rig
+                rig.close()
+        finally:
+            serving.terminate()
+
+
+def _measure(rig: Rig, work: Callable[[Rig, float], None]) -> tuple[float, float]:
+    """Return (how often it was done a second, processor time over time)."""
+    start_s, start_cpu_s, done = time.monotonic(), time.process_time(), 0
+    while (passed_s := time.monotonic() - start_s) < SECONDS:
+        work(rig, start_s + (done + 1) / RATE_HZ)
+        done += 1
+    return done / passed_s, (time.process_time() - start_cpu_s) / passed_s
+
+
+def _read(rig: Rig, due_s: float) -> None:
+    """Wait for the next hundredth of a second, looking after the rig, and read every axis."""
+    rig.wait(max(0.0, due_s - time.monotonic()))
+    rig.read_states()
+
+
+def _idle(rig: Rig, _due_s: float) -> None:
+    """Look after the rig as it is done while a person is asked."""
+    rig.wait(0.1)

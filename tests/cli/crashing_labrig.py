@@ -1,0 +1,52 @@
+"""A labrig that puts a needle into gel, turning its bevel on the way, and is killed; arguments: RIG RUNS_DIR."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from labrig.devices import Answer, Opening, OperatorRequest, load_rig, open_rig
+from labrig.experiments import Session
+from labrig.protocol import dump_yaml, load_protocol
+from labrig.record import Recorder
+
+SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
+
+
+class Willing:
+    """Says yes to everything."""
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+        """Answer."""
+        return Answer(confirmed=True)
+
+
+def main(rig_file: Path, runs_dir: Path) -> None:
+    """Reference, insert, turn, insert, and die."""
+    description = load_rig(rig_file)
+    with open_rig(
+        description, seed=0, person=Willing(), interrupted=lambda: None, opening=Opening(camera=False)
+    ) as rig:
+        rig.mark_needle_out()
+        rig.reference_axes()
+        manifest = {"experiment": "steerability", "started": rig.clock.utc()}
+        protocol, text = dump_yaml(load_protocol(SWEEP)), dump_yaml(description)
+        recorder = Recorder.create(runs_dir, "crashed", manifest, protocol, text, {})
+        session = Session(rig, recorder, lambda _done, _doing: None)
+        session.note("trial_start", trial=0)
+        rig.mark_needle_in_tissue(recorder.run_name)
+        for axis, position, speed in (
+            ("linear", 0.5, 5.0),
+            ("insertion", 0.5, 5.0),
+            ("rotation", 0.3, 1.0),
+            ("insertion", 0.8, 5.0),
+        ):
+            session.move(axis, position, rig.axis(axis).nearest_speed(speed))
+        rig.insertion.start_move(40.0, 1.0)
+        rig.wait(0.3)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,301 @@
+"""Journeys at a bench: real commands, drives on a bus of another thread, and a person who types at a terminal."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.devices import SystemClock
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.protocol import dump_yaml, load_protocol
+from labrig.record import Recorder, open_run
+from tests.cli.conftest import ROOT, SWEEP, Labrig
+from tests.devices.served import Served, served_drives
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
+
+_KNOWN = {
+    "encoder_pulses_per_turn: null": "encoder_pulses_per_turn: 500",
+    "gear_ratio: null": "gear_ratio: 4",
+    "lead_mm: null              # travel": "lead_mm: 2 # travel",
+    "lead_mm: null              # screw": "lead_mm: 5 # screw",
+    "interface: socketcan": "interface: udp_multicast",
+    "channel: can0": "channel: 239.74.163.2",
+}
+
+
+@dataclass
+class BenchAt:
+    """A bench: its drives, its rig file, what its state file says, and the keyboard of the person before it."""
+
+    served: Served
+    rig: Path
+    keyboard: int
+
+    def types(self, *lines: str) -> None:
+        """Type ahead."""
+        os.write(self.keyboard, "".join(f"{line}\n" for line in lines).encode())
+
+    def state(self) -> dict[str, Any]:
+        """Return what the rig remembers."""
+        document: dict[str, Any] = json.loads((self.rig.parent / "bench.state.json").read_text())
+        return document
+
+    def remember(self, **fields: object) -> None:
+        """Let the rig remember something."""
+        document = {"kind": "labrig-rig-state", "schema_version": 1, "referenced": [], "note": ""}
+        document |= {"needle_in_tissue": False, "since_run": None, **fields}
+        (self.rig.parent / "bench.state.json").write_text(json.dumps(document))
+
+    def shaft_mm(self, node_id: int, lead_mm: float) -> float:
+        """Return where a shaft truly stands."""
+        return self.served.drives[node_id].shaft_quadcounts / (4 * 500 * 4) * lead_mm
+
+
+@pytest.fixture
+def at_bench(tmp_path: Path) -> Iterator[BenchAt]:
+    """Stand at a bench whose gears are known and whose drives have just been switched on."""
+    keyboard, screen = os.openpty()
+    with served_drives("udp_multicast") as served:
+        text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
+        for old, new in _KNOWN.items():
+            assert old in text
+            text = text.replace(old, new)
+        port = served.reached_by["port"]
+        text = text.replace("bitrate: 1000000 ", f"options: {{port: {port}}}\n  bitrate: 1000000 ", 1)
+        (tmp_path / "bench.yaml").write_text(text, encoding="utf-8")
+        stdin, sys.stdin = sys.stdin, os.fdopen(screen, "r", encoding="utf-8")
+        try:
+            yield BenchAt(served, tmp_path / "bench.yaml", keyboard)
+        finally:
+            sys.stdin.close()
+            sys.stdin = stdin
+            os.close(keyboard)
+
+
+def test_an_axis_is_homed_and_its_lead_found_wrong(labrig: Labrig, at_bench: BenchAt) -> None:
+    """Needle out, zero here; then 2 mm asked, 1 mm read: the lead is named, and nothing is written."""
+    at_bench.types("yes", "yes")
+    done = labrig("devices", "home", "--axis", "linear", "--rig", at_bench.rig)
+    assert (done.exit_code, done.out) == (0, "PASS  linear reference: method 35, stands at 0 mm\n")
+    assert at_bench.state()["referenced"] == ["linear"]
+    at_bench.types("12.5", "yes", "13,5")
+    before = at_bench.rig.read_bytes()
+    done = labrig(
+        "devices",
+        "jog",
+        "--axis",
+        "linear",
+        "--check",
+        "travel",
+        "--distance",
+        2,
+        "--speed",
+        5,
+        "--rig",
+        at_bench.rig,
+    )
+    assert done.exit_code == 1
+    assert "write axes.linear.lead_mm: 2.5 (it says 5)" in done.out
+    assert at_bench.rig.read_bytes() == before
+    assert abs(at_bench.shaft_mm(3, 5) - 2) < 0.02
+
+
+def test_no_at_the_prompt_moves_nothing(labrig: Labrig, at_bench: BenchAt) -> None:
+    """Said before the motion begins; exit 3."""
+    at_bench.remember()
+    at_bench.types("no")
+    done = labrig("devices", "jog", "--axis", "insertion", "--rig", at_bench.rig, "--json")
+    assert (done.exit_code, done.json()["error"]["type"]) == (3, "SafetyStopError")
+    assert at_bench.shaft_mm(1, 2) == 0
+
+
+def _left_in_tissue(folder: Path) -> Path:
+    """Leave the record of a run that was killed with its needle in tissue, its bevel turned on the way."""
+    protocol = load_protocol(SWEEP)
+    manifest = {"experiment": "steerability", "started": "2026-11-20T10:00:00+00:00"}
+    recorder = Recorder.create(folder, "killed", manifest, dump_yaml(protocol), None, {})
+    recorder.event("trial_start", 0.0, trial=0)
+    path = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, 0.0, 1.0), (0.5, 0.5, 1.0), (1.0, 0.5, 1.0))
+    for second, (insertion_mm, rotation_rad, linear_mm) in enumerate(path):
+        recorder.state(
+            float(second), insertion_mm=insertion_mm, rotation_rad=rotation_rad, linear_mm=linear_mm
+        )
+    return folder / "killed"
+
+
+def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench: BenchAt) -> None:
+    """The drives have lost their positions and one is in fault: reset, positions and way confirmed, out it comes."""
+    run = _left_in_tissue(at_bench.rig.parent)
+    at_bench.remember(
+        needle_in_tissue=True, since_run="killed", referenced=["insertion", "rotation", "linear"]
+    )
+    refused = labrig("devices", "jog", "--axis", "insertion", "--rig", at_bench.rig)
+    assert (refused.exit_code, "labrig devices withdraw --rig FILE --run killed" in refused.err) == (3, True)
+    drive = at_bench.served.drives[1]
+    drive.cut_power_stage()
+    drive.restore_power_stage()
+    at_bench.types("yes", "yes", "yes", "yes")
+    done = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig, "--json")
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    for words in (
+        "0x3220",
+        "have lost their positions",
+        "insertion to 0.5 mm; rotation to 0.0 rad",
+        "Confirm that no",
+    ):
+        assert words in done.err
+    assert (at_bench.state()["needle_in_tissue"], at_bench.state()["referenced"]) == (False, [])
+    assert [round(at_bench.shaft_mm(node, lead), 1) for node, lead in ((1, 2), (3, 5))] == [-1.0, -1.0]
+    assert not any(event.kind == "homing" for one in at_bench.served.drives.values() for event in one.journal)
+    record = open_run(done.json()["run"])
+    assert record.manifest["withdraws"] == "killed"
+    assert (record.path / "can.log").stat().st_size > 0
+    again = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig)
+    assert (again.exit_code, "no needle is in tissue" in again.err) == (2, True)
+
+
+def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench: BenchAt) -> None:
+    """The drives stopped by themselves and know where they stand: only their faults and the way out are confirmed."""
+    folder = at_bench.rig.parent
+    killed = subprocess.run(
+        [sys.executable, "-m", "tests.cli.crashing_labrig", at_bench.rig, folder], cwd=ROOT, check=False
+    )
+    assert killed.returncode == -9
+    clock = SystemClock()
+    while not all(_in_fault(drive) for drive in at_bench.served.drives.values()) and clock.now_s() < 5:
+        clock.sleep(0.05)
+    stood_mm = at_bench.shaft_mm(1, 2)
+    assert stood_mm > 0.9
+    at_bench.types("yes", "yes", "yes", "yes")
+    done = labrig("devices", "withdraw", "--runs-dir", folder, "--rig", at_bench.rig, "--json")
+    assert done.exit_code == 0, done.err
+    assert done.err.count("0x8130") == 3
+    assert "have lost their positions" not in done.err
+    assert at_bench.state()["needle_in_tissue"] is False
+    assert [round(at_bench.shaft_mm(node, lead), 1) for node, lead in ((1, 2), (3, 5))] == [0.0, 0.0]
+    turns = [event for event in at_bench.served.drives[2].journal if event.kind == "set-point"]
+    assert len(turns) == 2
+
+
+def _in_fault(drive: SimulatedDrive) -> bool:
+    return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
+
+
+def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_bench: BenchAt) -> None:
+    """The needle is not said to be out; the next withdrawal starts where the first one ended, by its own record."""
+    run = _left_in_tissue(at_bench.rig.parent)
+    at_bench.remember(needle_in_tissue=True, since_run="killed")
+    at_bench.types("yes", "yes", "no")
+    first = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig, "--json")
+    assert (first.exit_code, first.json()["exit_status"]) == (3, "aborted")
+    assert at_bench.state()["needle_in_tissue"] is True
+    stood_mm = at_bench.shaft_mm(1, 2)
+    wrong = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig)
+    assert (wrong.exit_code, "not by killed" in wrong.err) == (2, True)
+    at_bench.types("yes", "yes", "yes")
+    second = labrig("devices", "withdraw", "--runs-dir", run.parent, "--rig", at_bench.rig, "--json")
+    assert (second.exit_code, at_bench.state()["needle_in_tissue"]) == (0, False)
+    assert abs(at_bench.shaft_mm(1, 2) - stood_mm) < 0.02
+
+
+def test_stop_says_that_it_went_over_the_bus(labrig: Labrig, at_bench: BenchAt) -> None:
+    """No labrig has the rig: the bus is opened, every drive is seen to stand still, NMT stop goes to all."""
+    document = labrig("devices", "stop", "--rig", at_bench.rig, "--json").json()
+    assert (document["by"], document["done"][0]) == ("bus", "no labrig has the rig")
+    assert sum("stands still" in line for line in document["done"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code", "words"),
+    [
+        (("jog", "--axis", "insert"), 2, "the axes are insertion, rotation, linear"),
+        (
+            ("home", "--axis", "insertion", "--method", -4),
+            3,
+            "labrig devices home --axis insertion --method 35",
+        ),
+        (("home", "--method", 5), 2, "use one of"),
+        (("jog", "--axis", "linear", "--check", "limits"), 3, "labrig devices home --axis linear"),
+        (("jog", "--axis", "linear", "--distance", 100), 2, "labrig devices home --axis linear"),
+        (("jog", "--axis", "linear", "--speed", 50), 2, "slower"),
+        (("withdraw",), 2, "nothing to withdraw"),
+    ],
+)
+def test_every_refusal_says_what_to_type(
+    labrig: Labrig, arguments: tuple[object, ...], exit_code: int, words: str
+) -> None:
+    """A wrong name, a wrong order, no reference, nothing in tissue: one error and its hint."""
+    done = labrig("devices", *arguments, "--rig", ROOT / "calibration" / "rig-simulated.yaml")
+    assert done.exit_code == exit_code
+    assert words in done.err.split("hint: ")[1]
+
+
+def test_a_bus_that_is_not_there_is_told_with_the_command_that_brings_it_up(
+    labrig: Labrig, tmp_path: Path
+) -> None:
+    """First error at a new bench: no interface can0."""
+    text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
+    for old, new in tuple(_KNOWN.items())[:4]:
+        text = text.replace(old, new)
+    (tmp_path / "bench.yaml").write_text(text, encoding="utf-8")
+    done = labrig("devices", "home", "--rig", tmp_path / "bench.yaml")
+    assert done.exit_code == 3
+    assert "ip link set can0 up type can bitrate 1000000" in done.err
+
+
+def test_nobody_at_the_terminal_is_nobody_who_confirms(labrig: Labrig, at_bench: BenchAt) -> None:
+    """A pipe answers no prompt, and --yes does not either at a bench."""
+    stdin, sys.stdin = sys.stdin, open(os.devnull, encoding="utf-8")  # noqa: SIM115, PTH123 - closed below
+    try:
+        done = labrig("devices", "home", "--yes", "--rig", at_bench.rig)
+    finally:
+        sys.stdin.close()
+        sys.stdin = stdin
+    assert done.exit_code == 3
+    assert "nobody is there to answer" in done.err
+
+
+def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, tmp_path: Path) -> None:
+    """It stops its axes, says so, ends as aborted with exit 3, and remembers where its needle is."""
+    for name in ("rig-simulated.yaml", "simulated-intrinsics.json", "simulated-plane.json"):
+        shutil.copy(ROOT / "calibration" / name, tmp_path)
+    rig = tmp_path / "rig-simulated.yaml"
+    text = rig.read_text(encoding="utf-8").replace("state_file: null ", "state_file: sim.state.json ")
+    rig.write_text(text, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "labrig",
+        "run",
+        str(SWEEP),
+        "--rig",
+        str(rig),
+        "--runs-dir",
+        str(tmp_path),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+        while not _in_tissue(tmp_path / "sim.state.json"):
+            assert running.poll() is None
+        refused = labrig("devices", "home", "--rig", rig)
+        document = labrig("devices", "stop", "--rig", rig, "--json").json()
+        _, talk = running.communicate(timeout=60)
+    assert (refused.exit_code, f"process {running.pid}" in refused.err) == (3, True)
+    assert (document["by"], document["done"][1]) == ("run", "it has seen every axis stand still")
+    assert "labrig run" in document["done"][0]
+    assert running.returncode == 3
+    assert "stopped by labrig devices stop" in talk
+    assert "labrig devices withdraw" in talk
+    (run,) = (path.parent for path in tmp_path.glob("*/manifest.json"))
+    assert open_run(run).manifest["exit_status"] == "aborted"
+
+
+def _in_tissue(state_file: Path) -> bool:
+    return state_file.exists() and json.loads(state_file.read_text())["needle_in_tissue"] is True

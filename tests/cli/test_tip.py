@@ -1,0 +1,120 @@
+"""`labrig calibrate template` and `labrig measure tip`."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.cli.conftest import RIG, Labrig, Sweep
+
+CALIBRATION = RIG.parent
+MAPPING = (
+    "--intrinsics",
+    CALIBRATION / "simulated-intrinsics.json",
+    "--plane",
+    CALIBRATION / "simulated-plane.json",
+)
+SCALE = ("--px-per-mm", 10, "--origin-px", 0, 0, "--insertion", "right")
+TEMPLATE = CALIBRATION / "simulated-tip.png"
+
+
+def _finals(sweep: Sweep) -> list[Path]:
+    lines = [json.loads(line) for line in (sweep.run / "frames.jsonl").read_text().splitlines()]
+    return [sweep.run / line["file"] for line in lines if line["role"] == "final"]
+
+
+def test_a_template_of_one_frame_finds_the_tips_of_others(
+    labrig: Labrig, sweep: Sweep, tmp_path: Path
+) -> None:
+    """Cut from one insertion by its shaft, it finds the final tips of all, where the shaft says they are."""
+    template = tmp_path / "tip.png"
+    made = labrig("calibrate", "template", sweep.run, "--frame", 5, "--out", template, "--json")
+    assert made.exit_code == 0
+    assert abs(made.json()["heading_deg"]) < 90
+    finals = _finals(sweep)
+    found = labrig("measure", "tip", *finals, "--template", template, *MAPPING, "--json")
+    assert found.exit_code == 0, [one["reason"] for one in found.json()]
+    by_shaft = labrig("measure", "curvature", *finals, *MAPPING, "--sheath-diameter-mm", 2, "--json").json()
+    for one, other in zip(found.json(), by_shaft, strict=True):
+        assert one["accepted"]
+        assert math.dist(one["tip_mm"], other["tip_mm"]) < 0.4
+
+
+def test_heading_and_place_that_are_given_narrow_the_search(labrig: Labrig, sweep: Sweep) -> None:
+    """Near the tip it is found; elsewhere it is not, and the answer is no."""
+    picture = _finals(sweep)[0]
+    asked = ("measure", "tip", picture, "--template", TEMPLATE, *MAPPING, "--json")
+    tip = labrig(*asked).json()[0]
+    given = ("--heading-deg", math.degrees(tip["heading_rad"]), "--near-px")
+    near = labrig(*asked, *given, tip["tip_px"][0] + 12, tip["tip_px"][1] - 9)
+    assert near.json()[0]["tip_px"] == pytest.approx(tip["tip_px"], abs=0.2)
+    far = labrig(*asked, *given, 300, 60)
+    assert far.exit_code == 1
+    assert far.json()[0]["tip_px"] is None
+    assert far.json()[0]["reason"]
+
+
+def test_a_picture_and_both_ends_by_hand_need_no_map(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+    """With tip and heading given, no shaft is measured."""
+    out = tmp_path / "by-hand.png"
+    picture = _finals(sweep)[0]
+    asked = ("calibrate", "template", picture, "--tip-px", 300, 350, "--out", out)
+    assert labrig(*asked).exit_code == 2
+    assert labrig(*asked, "--heading-deg", -30, "--side-px", 61).exit_code == 0
+    assert json.loads(out.with_suffix(".json").read_text())["heading_rad"] == pytest.approx(math.radians(-30))
+
+
+def test_a_template_is_not_replaced_without_force(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+    """An existing file is refused, be it the picture or the JSON."""
+    out = tmp_path / "tip.png"
+    (tmp_path / "tip.json").write_text("{}")
+    asked = ("calibrate", "template", sweep.run, "--frame", 5, "--out", out)
+    refused = labrig(*asked, "--json")
+    assert refused.exit_code == 2
+    assert refused.json()["error"]["type"] == "OutputExistsError"
+    assert labrig(*asked, "--force").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--frame", 9999), ("--tip-px", 2, 2, "--heading-deg", 0), ("--tip-px", "nan", 5)]
+)
+def test_what_cannot_be_cut_out_is_refused(
+    labrig: Labrig, sweep: Sweep, tmp_path: Path, arguments: tuple[object, ...]
+) -> None:
+    """A frame that is not there, and a tip at the border or nowhere, are named; no file is written."""
+    out = tmp_path / "tip.png"
+    done = labrig("calibrate", "template", sweep.run, "--out", out, *arguments)
+    assert done.exit_code in {2, 4}
+    assert "Traceback" not in done.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_bad_pictures_are_refused_within_a_batch_that_goes_on(
+    labrig: Labrig, sweep: Sweep, tmp_path: Path
+) -> None:
+    """Dark, 16-bit, small and missing pictures are refused by name; the good one is measured."""
+    cv2.imwrite(str(tmp_path / "dark.png"), np.zeros((720, 1280), np.uint8))
+    cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((720, 1280), np.uint16))
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((20, 20), 90, np.uint8))
+    bad = [tmp_path / name for name in ("dark.png", "deep.png", "small.png", "missing.png")]
+    done = labrig("measure", "tip", *bad, _finals(sweep)[0], "--template", TEMPLATE, *SCALE, "--json")
+    assert done.exit_code == 1
+    rows = done.json()
+    assert [row["accepted"] for row in rows] == [False, False, False, False, True]
+    assert all(row["reason"] for row in rows[:4])
+    assert labrig("measure", "tip", *bad[1:], "--template", TEMPLATE, *SCALE).exit_code == 2
+
+
+def test_a_template_that_cannot_be_used_is_wrong_input(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+    """Without its JSON, or with another kind of JSON beside it, nothing is measured."""
+    picture = _finals(sweep)[0]
+    (tmp_path / "tip.png").write_bytes(TEMPLATE.read_bytes())
+    asked = ("measure", "tip", picture, "--template", tmp_path / "tip.png", *SCALE)
+    assert labrig(*asked).exit_code == 2
+    (tmp_path / "tip.json").write_text('{"kind": "labrig-plane"}')
+    done = labrig(*asked)
+    assert done.exit_code == 2
+    assert "tip.json" in done.err

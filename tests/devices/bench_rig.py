@@ -1,0 +1,101 @@
+"""A bench rig whose drives are simulated ones on a python-can bus, in real time; its camera shows one picture."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from labrig.devices import Operator, RigDescription, SystemClock, load_rig
+from labrig.devices.bus import CanLink, open_can
+from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.rig import Interrupted, Rig
+from tests.devices.rigs import BENCH, Person, Signal
+
+SCREW = ("encoder_pulses_per_turn=500", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")
+PATIENT = ("can.answer_timeout_ms=5000", "can.heartbeat.timeout_ms=10000")
+"""For tests that say nothing of time: nothing fails on a machine that is busy with something else."""
+
+
+def bench_description(reached_by: Mapping[str, object], *overrides: str) -> RigDescription:
+    """Return a complete bench rig on a bus, as `can.Bus` takes its arguments; a millimetre is 4000 quadcounts."""
+    bus = dict(reached_by)
+    interface, channel = bus.pop("interface"), bus.pop("channel")
+    bus.pop("bitrate", None)
+    axes = [f"axes.{name}.{value}" for name in ("insertion", "rotation", "linear") for value in SCREW]
+    leads = ["axes.insertion.lead_mm=2", "axes.linear.lead_mm=2"]
+    options = [f"can.options.{name}={value}" for name, value in bus.items()]
+    can = [f"can.interface={interface}", f"can.channel={channel}", *options]
+    return load_rig(BENCH, (*axes, *leads, *can, *overrides))
+
+
+class StillSource:
+    """Takes every setting, and shows one picture."""
+
+    def __init__(self, description: RigDescription) -> None:
+        self._settings: dict[str, Setting] = {}
+        self._shape = (description.camera.height_px, description.camera.width_px)
+
+    def set(self, name: str, value: Setting) -> None:
+        """Make a setting."""
+        self._settings[name] = value
+
+    def get(self, name: str) -> Setting | None:
+        """Return a setting."""
+        return self._settings.get(name)
+
+    def read(self) -> Picture | None:
+        """Return the picture."""
+        return np.zeros(self._shape, np.uint8)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class ServedPlant:
+    """A real bus and clock, and a camera that shows nothing."""
+
+    operator: Operator | None = None
+
+    def __init__(self, description: RigDescription) -> None:
+        self.clock = SystemClock()
+        self._description = description
+
+    def open_link(self) -> CanLink:
+        """Connect to the bus."""
+        return open_can(self._description.can, self.clock)
+
+    def open_source(self) -> PictureSource:
+        """Return the still picture."""
+        return StillSource(self._description)
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return nothing."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+@contextmanager
+def bench_rig(
+    description: RigDescription, folder: Path, interrupted: Interrupted | None = None
+) -> Iterator[Rig]:
+    """Open a rig over the bus, connected and with no needle in tissue; it is closed without a word about power."""
+    placed = description.placed_in(folder)
+    plant = ServedPlant(placed)
+    link = plant.open_link()
+    try:
+        rig = Rig(
+            placed,
+            plant=plant,
+            link=link,
+            source=plant.open_source(),
+            person=Person(),
+            interrupted=interrupted or Signal(),
+        )
+        rig.connect()
+        rig.mark_needle_out()
+        yield rig
+    finally:
+        link.close()

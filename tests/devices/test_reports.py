@@ -1,0 +1,68 @@
+"""States by SYNC and report: few frames, one instant, and questions where a report fails."""
+
+import pytest
+
+from labrig.devices import epos2_objects as od
+from tests.devices.rigs import OpenedRig, opened_rig
+
+SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
+
+
+def _moving(opened: OpenedRig) -> None:
+    opened.rig.connect()
+    opened.rig.reference_axes()
+    opened.rig.insertion.start_move(100.0, 5.0)
+    opened.rig.wait(1.0)
+    opened.rig.take_can_frames()
+
+
+def _frames(opened: OpenedRig) -> list[int]:
+    """Return the COB-IDs of what has passed, beats left out."""
+    return [can_id for _, can_id, _, _ in opened.rig.take_can_frames() if can_id < 0x700]
+
+
+def test_the_states_of_three_axes_take_four_frames() -> None:
+    """A SYNC, and a report of each drive; position and state are those that the drive itself has."""
+    with opened_rig() as opened:
+        _moving(opened)
+        states = opened.rig.read_states()
+        assert set(_frames(opened)) == {SYNC, *REPORTS}
+        drive = opened.plant.drives["insertion"]
+        assert states["insertion"].position == pytest.approx(drive.shaft_quadcounts / 4000, abs=1 / 4000)
+        assert states["insertion"].statusword == drive._statusword()
+
+
+def test_a_report_that_does_not_come_is_asked_for_and_counted() -> None:
+    """The move goes on; the questions show in the record's traffic and in the counts."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.drives["rotation"].mute(1)
+        states = opened.rig.read_states()
+        assert states["rotation"].position == 0.0
+        assert opened.rig.rotation.counts() == {"retries": 1, "strays": 0}
+        assert 0x602 in _frames(opened)
+
+
+def test_a_report_that_comes_late_is_not_taken_for_the_next() -> None:
+    """It is dropped and counted as a stray; the state that is told is the present one."""
+    with opened_rig() as opened:
+        _moving(opened)
+        opened.plant.wire.delay(4, 0.3)
+        opened.rig.read_states()
+        opened.rig.wait(1.0)
+        read = opened.rig.read_states()["insertion"].position
+        assert read == pytest.approx(opened.plant.drives["insertion"].shaft_quadcounts / 4000, abs=1 / 4000)
+
+
+def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
+    """Its map is left as it is, and its report stays off."""
+    with opened_rig() as opened:
+        objects = opened.plant.drives["linear"].node.objects
+        objects.put(od.TPDO_MAPS[2][0], 1)
+        _moving(opened)
+        states = opened.rig.read_states()
+        assert states["linear"].position == 0.0
+        frames = _frames(opened)
+        assert 0x603 in frames
+        assert 0x383 not in frames
+        assert objects.value(od.TPDO_MAPS[2][0]) == 1

@@ -1,0 +1,241 @@
+"""The closed loop: what it moves, asks and records, how it ends, and what stops it."""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, RollZero
+from labrig.errors import CameraError, FileFormatError, SafetyStopError, TargetMissedError
+from labrig.experiments import Outcome
+from labrig.protocol import AnyProtocol, load_protocol
+from labrig.record import Run
+from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
+
+SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
+EVEN = (
+    "world.disturbances.heading_deg_per_root_mm=0",
+    "world.disturbances.curvature_fraction=0",
+    "world.sheath.lateral_play_sd_mm=0",
+    "world.sheath.angle_play_sd_deg=0",
+)
+
+
+def insertion(*overrides: str) -> AnyProtocol:
+    """Return a short insertion without obstacles, with the needle's roll zero certified before."""
+    return load_protocol(PROTOCOLS / "insertion.yaml", [*SHORT, *overrides])
+
+
+@contextmanager
+def certified(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
+    """Open a rig on which a needle is mounted, the axes are referenced, and its roll zero is certified."""
+    with bench(tmp_path, protocol, overrides) as opened:
+        rig = opened.opened.rig
+        opened.opened.plant.world.mount_needle("N1")
+        rig.reference_axes()
+        rig.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before"))
+        yield opened
+
+
+def conducted(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = EVEN) -> tuple[Outcome, Run]:
+    """Conduct an insertion."""
+    with certified(tmp_path, protocol, overrides) as opened:
+        return opened.conduct(protocol)
+
+
+def events(run: Run, kind: str) -> list[dict[str, Any]]:
+    """Return the events of one kind, as they were written."""
+    lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    return [one for one in map(json.loads, lines) if one["kind"] == kind]
+
+
+def truth(run: Run) -> dict[str, Any]:
+    """Return what is true of the only insertion."""
+    return json.loads((run.path / "truth.jsonl").read_text(encoding="utf-8").splitlines()[0])
+
+
+@pytest.fixture(scope="module")
+def arrived(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, Run]:
+    """An insertion that arrived."""
+    return conducted(tmp_path_factory.mktemp("insertion"), insertion())
+
+
+def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, Run]) -> None:
+    """In even gel the tip ends within 0.3 mm of the target, and every axis is back at zero afterwards."""
+    outcome, run = arrived
+    assert (outcome.exit_status, outcome.error) == ("success", None)
+    assert truth(run)["true_target_error_mm"] < 0.3
+    last = run.states.iloc[-1]
+    assert abs(last["insertion_mm"]) < 0.05
+    assert abs(last["linear_mm"]) < 0.05
+
+
+def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> None:
+    """While it is inserted it advances at the set speed, but where the bevel is turned, at the start and at the end."""
+    _, run = arrived
+    stops_s = [one["t_s"] for one in events(run, "flip")]
+    looks = events(run, "observation")
+    for before, after in pairwise(looks):
+        turned = any(before["t_s"] <= stop <= after["t_s"] for stop in stops_s)
+        advanced_mm = after["depth_mm"] - before["depth_mm"]
+        if not turned and after is not looks[-1] and before["depth_mm"] > 1.5 and advanced_mm > 0.5:
+            assert advanced_mm / (after["t_s"] - before["t_s"]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived: tuple[Outcome, Run]) -> None:
+    """Two pictures are at most 1.3 mm apart, and each line says where the needle stood when it was taken."""
+    _, run = arrived
+    frames = run.frame_table[run.frame_table["role"] == "observe"]
+    depths = frames["insertion_mm"].to_numpy()
+    assert np.diff(depths).max() < 1.3
+    noted = {one["frame"]: one["depth_mm"] for one in events(run, "observation")}
+    assert all(noted[int(frame)] == depth for frame, depth in zip(frames["frame"], depths, strict=True))
+
+
+def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tuple[Outcome, Run]) -> None:
+    """Each flip ends half a turn from where it began, within a turn of where the bevel was mounted."""
+    _, run = arrived
+    for flip in events(run, "flip"):
+        assert abs(flip["to_rad"] - flip["from_rad"]) == pytest.approx(math.pi)
+        assert abs(flip["to_rad"]) < 2 * math.pi
+
+
+def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
+    """The first at the start, later ones on schedule, deviation or nearness; each with its path."""
+    _, run = arrived
+    plans = events(run, "plan")
+    assert plans[0]["because"] == "start"
+    assert {one["because"] for one in plans[1:]} <= {"schedule", "deviation", "near"}
+    assert all(one["found"] or one["refusal"] for one in plans)
+
+
+def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
+    """The operator is asked with a picture on disk, in colour, while the needle stands flush with the sheath."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, EVEN) as opened:
+        rig, shown = opened.opened.rig, []
+
+        def look(request: object) -> None:
+            if isinstance(request, ConfirmPlan):
+                shown.append((Path(request.picture).is_file(), rig.read_states()["insertion"].position))
+
+        rig.operator = Watched(rig.operator, look)
+        opened.conduct(protocol)
+    assert shown == [(True, 0.0)]
+
+
+def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) -> None:
+    """No means no: the run is aborted, and the needle has not left the sheath."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, EVEN) as opened:
+        opened.opened.rig.operator = Watched(opened.opened.rig.operator, declines=ConfirmPlan)
+        outcome, run = opened.conduct(protocol)
+    assert outcome.exit_status == "aborted"
+    assert isinstance(outcome.error, SafetyStopError)
+    assert run.states["insertion_mm"].max() < 0.01
+
+
+def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
+    """Nothing moves, and the hint names the command that makes one."""
+    protocol = insertion()
+    with bench(tmp_path, protocol) as opened:
+        outcome, run = opened.conduct(protocol)
+    assert isinstance(outcome.error, TargetMissedError)
+    assert outcome.reason == "no_roll_zero"
+    assert "labrig run protocols/roll-zero.yaml" in outcome.error.hint
+    assert run.states.empty
+
+
+def test_the_roll_zero_of_another_needle_does_not_count(tmp_path: Path) -> None:
+    """It is certified for the needle that was mounted."""
+    protocol = insertion("needle.needle_id=N2")
+    outcome, _ = conducted(tmp_path, protocol)
+    assert outcome.reason == "no_roll_zero"
+
+
+def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -> None:
+    """With the bevel at 40 degrees where the axis reads zero, the zero found is -40 degrees and the target reached."""
+    steps = "{specimen: {name: plain, gelatin_percent: 13}, rolls: 4}"
+    protocol = insertion(f"roll_zero={steps}")
+    with bench(tmp_path, protocol, (*EVEN, "world.needle.clamp_roll_deg=40")) as opened:
+        outcome, run = opened.conduct(protocol)
+        known = opened.opened.rig.state.roll_zero
+    assert outcome.exit_status == "success"
+    assert known is not None
+    assert math.degrees(known.zero_rad) == pytest.approx(-40.0, abs=1.5)
+    assert truth(run)["true_target_error_mm"] < 0.5
+
+
+def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
+    """With a tolerance that nothing can keep the reason is target_missed; the needle is out all the same."""
+    protocol = insertion("target.tolerance_mm=0.001")
+    with certified(tmp_path, protocol) as opened:
+        outcome, run = opened.conduct(protocol)
+        assert opened.opened.rig.state.needle_in_tissue is False
+    assert (outcome.exit_status, outcome.reason) == ("failed", "target_missed")
+    assert isinstance(outcome.error, TargetMissedError)
+    assert outcome.error.exit_code == 1
+    assert events(run, "trial_stop")[0]["outcome"] == "missed"
+
+
+def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    """There is no path, with the planner's reason; the sheath has stayed where it was."""
+    outcome, run = conducted(tmp_path, insertion("target.position_mm=[0,20,10]"))
+    assert outcome.reason == "no_path"
+    assert outcome.error is not None
+    assert "turning circles" in outcome.error.message
+    assert run.states.empty
+
+
+def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
+    """The light has gone: the error names the mean grey and its limit, and the axes stand."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, (*EVEN, "world.light.level=8", "world.light.glint=0")) as opened:
+        outcome, _ = opened.conduct(protocol)
+    assert isinstance(outcome.error, CameraError)
+    assert "the picture is dark" in outcome.error.message
+
+
+def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> None:
+    """In a picture drowned in noise the tip is lost after the misses allowed; the operator is told, then it is out."""
+    protocol = insertion("policy.most_misses=3")
+    with certified(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
+        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
+        outcome, run = opened.conduct(protocol)
+    assert outcome.reason == "needle_lost"
+    assert any(isinstance(one, ConfirmStopped) for one in watched.asked)
+    assert run.states["insertion_mm"].max() < 5.0
+    assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
+
+
+def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
+    """The operator names a pixel; what is aimed at is where that pixel lies in the plane."""
+    protocol = insertion("target={ask: true}")
+    with certified(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-5,35]")) as opened:
+        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
+        outcome, run = opened.conduct(protocol)
+    assert outcome.exit_status == "success"
+    assert any(isinstance(one, PickTarget) for one in watched.asked)
+    assert events(run, "trial_start")[0]["target_mm"] == pytest.approx([0.0, -5.0, 35.0], abs=0.1)
+
+
+def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
+    """What is asked during the run is judged as what stands in the protocol."""
+    protocol = insertion("target={ask: true}", "specimen.width_mm=20")
+    with certified(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-15,35]")) as opened:
+        outcome, _ = opened.conduct(protocol)
+    assert isinstance(outcome.error, FileFormatError)
+    assert "outside of the tissue" in outcome.error.message
+
+
+def test_repetitions_are_all_made(tmp_path: Path) -> None:
+    """Each takes a block of its own, and is a trial."""
+    outcome, run = conducted(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
+    assert outcome.exit_status == "success"
+    assert list(run.trials["exit_status"]) == ["success", "success"]

@@ -1,0 +1,48 @@
+"""The roll zero of a needle from how far it strays aside at several rolls."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labrig.errors import InputError, MeasurementRefusedError
+from labrig.steering import fit_roll_zero
+
+RADIUS_MM, LENGTH_MM = 28.0, 20.0
+BEND_MM = RADIUS_MM * (1.0 - math.cos(LENGTH_MM / RADIUS_MM))
+ROLLS = np.arange(6) * math.pi / 3
+
+
+@given(zero_rad=st.floats(-3.1, 3.1), sheath_mm=st.floats(-1.0, 1.0))
+def test_the_zero_is_found_wherever_it_is(zero_rad: float, sheath_mm: float) -> None:
+    """Equation (5) at any clamping, with the sheath anywhere: the zero comes back, and its bend."""
+    strays = sheath_mm - BEND_MM * np.cos(ROLLS - zero_rad)
+    fit = fit_roll_zero(ROLLS, strays, LENGTH_MM, RADIUS_MM)
+    assert math.remainder(fit.zero_rad - zero_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert fit.bend_mm == pytest.approx(BEND_MM)
+
+
+def test_its_standard_deviation_is_that_of_the_zeros_found() -> None:
+    """Over 400 noisy repetitions the spread of the zero agrees with the mean of what is stated, within a quarter."""
+    rng = np.random.default_rng(1)
+    fits = [
+        fit_roll_zero(ROLLS, -BEND_MM * np.cos(ROLLS) + rng.normal(0.0, 0.1, 6), LENGTH_MM, RADIUS_MM)
+        for _ in range(400)
+    ]
+    spread = np.std([fit.zero_rad for fit in fits])
+    stated = math.sqrt(np.mean([fit.sd_rad**2 for fit in fits]))
+    assert spread == pytest.approx(stated, rel=0.25)
+
+
+def test_a_needle_that_does_not_bend_as_it_should_is_refused() -> None:
+    """A straight needle, or one in a far softer gel, has no roll zero; the message has value and limit."""
+    with pytest.raises(MeasurementRefusedError, match=r"bends by 1\.00 mm over 20 mm, expected 6\.84 mm"):
+        fit_roll_zero(ROLLS, -np.cos(ROLLS), LENGTH_MM, RADIUS_MM)
+
+
+def test_three_rolls_are_too_few() -> None:
+    """Three unknowns take four insertions, or nothing is known of the uncertainty."""
+    with pytest.raises(InputError, match="3 rolls and 3 deflections"):
+        fit_roll_zero(ROLLS[:3], ROLLS[:3], LENGTH_MM, RADIUS_MM)

@@ -473,8 +473,7 @@ class Rig:
                     step(axis)
                 except MachineError as error:
                     failures.append(error)
-            if not failures:
-                failures += self._shared_cob_ids()
+            failures += self._shared_cob_ids()
             raise_together(failures)
         self._recall_references()
         for axis in self.axes:
@@ -497,11 +496,18 @@ class Rig:
         axis.reset_fault()
 
     def _shared_cob_ids(self) -> list[MachineError]:
-        """Return an error for each COB-ID of process data that two drives would both send or both obey."""
+        """Return an error for each COB-ID of process data that two drives would both send or both obey.
+
+        A drive that does not tell is left out: it has failed otherwise, or will be found silent by the next step.
+        """
         owners: dict[tuple[int, int], str] = {}
         failures: list[MachineError] = []
         for axis in self.axes:
-            for way, cob_ids in enumerate(axis.cob_ids()):
+            try:
+                both_ways = axis.cob_ids()
+            except MachineError:
+                continue
+            for way, cob_ids in enumerate(both_ways):
                 for cob_id in sorted(cob_ids):
                     other = owners.setdefault((way, cob_id), axis.name)
                     if other != axis.name:
@@ -512,6 +518,8 @@ class Rig:
         """Believe an axis to be referenced when both the state file and its drive say so."""
         for axis in self.axes:
             axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
+            if axis.referenced:
+                axis.set_limits()
         lost = {axis.name for axis in self.axes if not axis.referenced}
         referenced = tuple(name for name in self.state.referenced if name not in lost)
         if referenced != self.state.referenced:

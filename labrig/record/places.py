@@ -14,7 +14,8 @@ from pathlib import Path, PurePosixPath
 import fsspec
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
-from labrig.record.durable import disk_errors, sync_directory
+from labrig.posix import sync_directory
+from labrig.record.durable import disk_errors
 
 # A Path keeps one of the two slashes; one letter and a colon are a drive of Windows.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")

@@ -5,12 +5,14 @@ import sys
 from tests.benchmarks import (
     can_load,
     catalogue,
+    crash,
     estimator,
     faults,
     hinge,
     intrinsics,
     planner,
     real_insertions,
+    rot,
     ruled_paper,
     start_up,
     sweep,
@@ -29,6 +31,8 @@ TABLES = {
     "tip": tip.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,
+    "crash": crash.print_table,
+    "rot": rot.print_table,
     "sweep": sweep.print_table,
 }
 

@@ -6,6 +6,7 @@
     ├── AnswerIsNoError       (1)  it ran, and the answer is no
     │   ├── CalibrationRefusedError
     │   ├── MeasurementRefusedError
+    │   ├── ReplayDiffersError     a replay is not its record
     │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
     ├── InputError            (2)  what was given cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
@@ -26,6 +27,7 @@
     │   ├── LockedError            a rig or a run that another labrig uses
     │   └── SafetyStopError        stopped because going on was not known to be safe
     ├── RecordError           (4)  a run on disk that is damaged, or is no run
+    │   └── RecordEndsError        a replay has come to where its record ends
     └── InterruptedRunError (130)  INT, TERM or HUP
 
 A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
@@ -76,6 +78,10 @@ class CalibrationRefusedError(AnswerIsNoError):
 
 class MeasurementRefusedError(AnswerIsNoError):
     """A picture from which the quantity asked for cannot be stated."""
+
+
+class ReplayDiffersError(AnswerIsNoError):
+    """A replay does what its record has not."""
 
 
 class TargetMissedError(AnswerIsNoError):
@@ -228,6 +234,10 @@ class RecordError(LabrigError):
     """A run on disk that is damaged, of a newer schema, or no run at all."""
 
     exit_code = 4
+
+
+class RecordEndsError(RecordError):
+    """A replay has come to where its record, of an interrupted run, ends."""
 
 
 class InterruptedRunError(LabrigError):

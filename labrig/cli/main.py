@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, resume, run, runs
+from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, replay, resume, run, runs
 from labrig.cli.output import print_failure
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
@@ -23,6 +23,7 @@ app = typer.Typer(
 )
 run.register(app)
 resume.register(app)
+replay.register(app)
 protocols.register(app)
 plan.register(app)
 record.register(app)

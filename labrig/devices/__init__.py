@@ -2,6 +2,8 @@
 
 What is decided here
 --------------------
+- A replayed rig (`open_replayed`) is one whose bus, camera, clock and operator are those of a record; axes and drivers
+  are the real ones there too, and what they send is compared with what was sent.
 - Real or simulated is what the rig file says, and only `plant.make_plant` asks. The seam is at the wire: a
   simulated EPOS2 is a CANopen node on a bus inside the process, and the driver that talks to it is the one
   for real drives.
@@ -54,8 +56,13 @@ from labrig.devices.operator import (
     ReadScale,
     ShiftToHole,
     WithdrawNeedle,
+    request_details,
 )
 from labrig.devices.past import PastInsertion
+from labrig.devices.replayed.comparison import Comparison, ReplayDifference
+from labrig.devices.replayed.opening import open_replayed, recorded_rig
+from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
 from labrig.devices.rig import AXES, Opening, Rig, open_rig
 from labrig.devices.rig_file import (
     AxisDescription,
@@ -84,6 +91,7 @@ __all__ = [
     "CheckResult",
     "CheckStatus",
     "ClearBench",
+    "Comparison",
     "ConfirmAxesAtZero",
     "ConfirmFaultReset",
     "ConfirmFree",
@@ -108,6 +116,9 @@ __all__ = [
     "PlacePhantom",
     "PlaceSpecimen",
     "ReadScale",
+    "Recording",
+    "ReplayDifference",
+    "ReplayedPlant",
     "Rig",
     "RigDescription",
     "RigState",
@@ -123,7 +134,12 @@ __all__ = [
     "check_calibration",
     "check_rig",
     "load_rig",
+    "open_replayed",
     "open_rig",
+    "recorded_rig",
+    "recording_without_rig",
+    "recordings",
+    "request_details",
     "rig_schema",
     "rig_state",
     "serve_drives",

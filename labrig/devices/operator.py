@@ -1,7 +1,8 @@
 """What a person does at the rig, as requests that can be asked, answered and recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Protocol
 
 
@@ -336,6 +337,14 @@ OperatorRequest = (
     | ConfirmStance
     | ConfirmWithdrawal
 )
+
+
+def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
+    """Return what a request says, for a record; files of the run are named relative to its folder."""
+    return {
+        key: value.removeprefix(f"{run}/") if isinstance(value, str) else value
+        for key, value in asdict(request).items()
+    }
 
 
 @dataclass(frozen=True)

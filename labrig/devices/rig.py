@@ -90,6 +90,8 @@ class Rig:
         Where another labrig asks this one to stop.
     opening : Opening
         What of it is opened, and how.
+    store : StateStore or None
+        What the rig knows of itself; by default what its state file says.
     """
 
     def __init__(
@@ -103,6 +105,7 @@ class Rig:
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
+        store: StateStore | None = None,
     ) -> None:
         self.description = description
         self._opening = opening
@@ -113,7 +116,7 @@ class Rig:
         self._plant = plant
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self._store = StateStore(description.state_path)
+        self._store = store or StateStore(description.state_path)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
@@ -483,8 +486,7 @@ class Rig:
                     step(axis)
                 except MachineError as error:
                     failures.append(error)
-            if not failures:
-                failures += self._shared_cob_ids()
+            failures += self._shared_cob_ids()
             raise_together(failures)
         self._recall_references()
         for axis in self.axes:
@@ -507,11 +509,18 @@ class Rig:
         axis.reset_fault()
 
     def _shared_cob_ids(self) -> list[MachineError]:
-        """Return an error for each COB-ID of process data that two drives would both send or both obey."""
+        """Return an error for each COB-ID of process data that two drives would both send or both obey.
+
+        A drive that does not tell is left out: it has failed otherwise, or will be found silent by the next step.
+        """
         owners: dict[tuple[int, int], str] = {}
         failures: list[MachineError] = []
         for axis in self.axes:
-            for way, cob_ids in enumerate(axis.cob_ids()):
+            try:
+                both_ways = axis.cob_ids()
+            except MachineError:
+                continue
+            for way, cob_ids in enumerate(both_ways):
                 for cob_id in sorted(cob_ids):
                     other = owners.setdefault((way, cob_id), axis.name)
                     if other != axis.name:
@@ -522,6 +531,8 @@ class Rig:
         """Believe an axis to be referenced when both the state file and its drive say so."""
         for axis in self.axes:
             axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
+            if axis.referenced:
+                axis.set_limits()
         lost = {axis.name for axis in self.axes if not axis.referenced}
         referenced = tuple(name for name in self.state.referenced if name not in lost)
         if referenced != self.state.referenced:

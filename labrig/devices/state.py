@@ -78,11 +78,13 @@ class StateStore:
     ----------
     path : Path or None
         The file; None for a rig that is new in every run.
+    state : RigState
+        What is known without a file.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, state: RigState = NEW) -> None:
         self._path = path
-        self.state = NEW if path is None else _load(path)
+        self.state = state if path is None else _load(path)
 
     def update(self, **changes: object) -> None:
         """Change the state and put it on disk before returning.

@@ -29,7 +29,7 @@ from labrig.protocol import (
     RollZeroProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Recorder
+from labrig.record import Journal
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
 
 
 def _close(
-    recorder: Recorder, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+    recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
         recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
@@ -106,7 +106,7 @@ def _close(
     return outcome
 
 
-def conduct_without_rig(protocol: DesignProtocol, recorder: Recorder, clock: Clock) -> Outcome:
+def conduct_without_rig(protocol: DesignProtocol, recorder: Journal, clock: Clock) -> Outcome:
     """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
     try:
         recorder.event("run_start", 0.0, experiment=protocol.experiment)

@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
-from labrig.devices import Answer, AxisReadback, OperatorRequest, Rig
+from labrig.devices import Answer, AxisReadback, OperatorRequest, Rig, request_details
 from labrig.errors import SafetyStopError
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Recorder, picture_file
+from labrig.record import Journal, picture_file
 from labrig.vision import Picture
 
 
@@ -37,7 +37,7 @@ class Session:
     """The opened rig, the record of this run, and where progress is told."""
 
     rig: Rig
-    recorder: Recorder
+    recorder: Journal
     progress: Progress
 
     def note(self, kind: str, **fields: object) -> None:
@@ -66,12 +66,14 @@ class Session:
 
     def _asked(self, request: OperatorRequest) -> Answer:
         answer = self.rig.ask(request)
+        given = {"reading": answer.reading, "pixel": answer.pixel}
         self.note(
             "operator",
             request=type(request).__name__,
-            details=asdict(request),
+            details=request_details(request, self.recorder.path),
             confirmed=answer.confirmed,
             answer=answer.note,
+            **{key: value for key, value in given.items() if value is not None},
         )
         return answer
 
@@ -88,12 +90,13 @@ class Session:
         before = stance_of(self.rig.read_states())
         frame, states = self.rig.look()
         stance = before.halfway_to(stance_of(states))
+        self.recorder.can_frames(self.rig.take_can_frames())
         number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **asdict(stance))
         return Look(number, frame.image, stance)
 
     def draw(self, image: Picture, role: str, trial: int | None = None) -> Path:
         """Record a picture that was drawn on, and return its file."""
-        number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role)
+        number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
         return self.picture_path(number)
 
     def picture_path(self, frame: int) -> Path:

@@ -58,7 +58,8 @@ from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
 from labrig.record.check import Verdict, check_run
 from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
-from labrig.record.json_lines import encode_document
+from labrig.record.journal import Journal
+from labrig.record.json_lines import as_recorded, encode_document
 from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
@@ -74,6 +75,7 @@ __all__ = [
     "FileLock",
     "FoundRun",
     "Frames",
+    "Journal",
     "Judgement",
     "LockOwner",
     "Note",
@@ -82,6 +84,7 @@ __all__ = [
     "Run",
     "RunSummary",
     "Verdict",
+    "as_recorded",
     "check_run",
     "collect_code_diff",
     "collect_provenance",

@@ -58,6 +58,11 @@ def decode_line(line: bytes) -> dict[str, object]:
     return fields
 
 
+def as_recorded(fields: Mapping[str, object]) -> dict[str, object]:
+    """Return what a line of these fields says once it has been written and read. Raises as `encode_line`."""
+    return decode_line(encode_line(fields).rstrip(b"\n"))
+
+
 def check_lines(path: Path) -> tuple[Problem, ...]:
     """Check the CRC-32 of every line of a file.
 

@@ -1,11 +1,12 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
 import hashlib
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
@@ -111,11 +112,45 @@ class Run:
         manifest: dict[str, object],
         damage: tuple[Problem, ...],
         torn: tuple[Problem, ...] = (),
+        *,
+        until_s: float = math.inf,
     ) -> None:
         self.path = path
         self.manifest = manifest
         self.damage = damage
         self.problems = (*damage, *torn)
+        self._torn = torn
+        self._until_s = until_s
+
+    def until(self, t_s: float) -> "Run":
+        """Return this run as it was before rig time `t_s` [s]; its pictures and truths stay."""
+        return Run(self.path, self.manifest, self.damage, self._torn, until_s=t_s)
+
+    @property
+    def sessions(self) -> tuple[Mapping[str, Any], ...]:
+        """Each time that the run was resumed: when, from which rig time `t0_s` on [s], with which code and devices."""
+        sessions = self.manifest.get("sessions", [])
+        if not isinstance(sessions, list) or not all(isinstance(one, dict) for one in sessions):
+            raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", _COPY_HINT)
+        return tuple(sessions)
+
+    def lines(self, stream: str) -> list[dict[str, Any]]:
+        """Return the lines of `states`, `events`, `frames` or `truth` as they were recorded.
+
+        Raises
+        ------
+        RecordError
+            When a line is damaged, or the clock goes backwards; names file and line.
+        """
+        name = f"{stream}.jsonl"
+        path = self._lines.get(name)
+        lines = [] if path is None else read_lines(path)
+        if "t_s" not in _COLUMNS[name]:
+            return lines
+        first = next(clock_problems(name, tuple(enumerate(lines, start=1))), None)
+        if first is not None:
+            raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
+        return [line for line in lines if float(str(line["t_s"])) < self._until_s]
 
     @cached_property
     def protocol(self) -> AnyProtocol:
@@ -211,7 +246,7 @@ class Run:
         `final_frame` and the further fields of the two events. Of a trial that was begun again, the last
         beginning counts.
         """
-        rows = _joined_trials(read_lines(self._lines[EVENT_LINES]))
+        rows = _joined_trials(self.lines("events"))
         return _as_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
 
     @cached_property
@@ -271,13 +306,7 @@ class Run:
         return _line_files(self.path)
 
     def _table(self, name: str) -> pd.DataFrame:
-        path = self._lines.get(name)
-        lines = [] if path is None else read_lines(path)
-        if "t_s" in _COLUMNS[name]:
-            first = next(clock_problems(name, tuple(enumerate(lines, start=1))), None)
-            if first is not None:
-                raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
-        return _as_table(lines, _COLUMNS[name], self.path / name)
+        return _as_table(self.lines(name.removesuffix(".jsonl")), _COLUMNS[name], self.path / name)
 
     def _unchanged(self, relative: str) -> Path:
         path = inside(self.path, relative)

@@ -80,7 +80,12 @@ def bench(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) 
         recorder = Recorder.create(
             tmp_path,
             "run",
-            {"experiment": protocol.experiment, "started": opened.rig.clock.utc(), "trials_planned": 1},
+            {
+                "experiment": protocol.experiment,
+                "started": opened.rig.clock.utc(),
+                "trials_planned": 1,
+                "devices": opened.rig.describe(),
+            },
             dump_yaml(protocol),
             dump_yaml(description),
             {},

@@ -1,0 +1,218 @@
+"""The CAN bus of a record: compares what is sent, and delivers what was received."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+
+import can
+
+from labrig.devices import epos2_objects as od
+from labrig.devices.bus import BusNetwork, CanLink
+from labrig.devices.cia402 import HALT
+from labrig.devices.replayed.clock import ReplayedClock
+from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.comparison import Comparison
+from labrig.devices.simulated.bus import InProcessBus, InProcessWire
+from labrig.record import CanFrame
+
+_UPLOAD = 0x40
+_CONTROLWORD = od.CONTROLWORD.index.to_bytes(2, "little") + b"\0"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A CAN frame of the record, in microseconds of its session."""
+
+    t_us: int
+    can_id: int
+    data: bytes
+    sent: bool
+
+    @property
+    def is_read(self) -> bool:
+        """Whether it only asks a drive for a value."""
+        return 0x600 < self.can_id < 0x680 and self.data[:1] == bytes([_UPLOAD])
+
+    @property
+    def is_answer(self) -> bool:
+        """Whether it answers a question."""
+        return 0x580 < self.can_id < 0x600
+
+
+class RecordedBus:
+    """Goes through a record frame by frame.
+
+    Parameters
+    ----------
+    frames : sequence of CanFrame
+        What passed, in order, in rig time of the session.
+    clock : ReplayedClock
+        Taken along.
+    heartbeat_id : int
+        COB-ID of the computer's own heartbeat, which is no command.
+    comparison : Comparison
+        Told of every command.
+    words : CommandWords
+        Says what a command is in words.
+    """
+
+    def __init__(
+        self,
+        frames: Sequence[CanFrame],
+        clock: ReplayedClock,
+        *,
+        heartbeat_id: int,
+        comparison: Comparison,
+        words: CommandWords,
+    ) -> None:
+        self.network = BusNetwork(clock)
+        self._clock = clock
+        self._comparison = comparison
+        self._words = words
+        self._heartbeat_id = heartbeat_id
+        self._entries = [
+            _Entry(round(one.t_s * 1e6), one.can_id, one.data, one.way == "T")
+            for one in frames
+            if one.way == "R" or one.can_id != heartbeat_id
+        ]
+        self._next = 0
+        self._answers: dict[tuple[int, bytes], bytes] = {}
+        clock.on_sleep(self._arrive_until)
+
+    # What the driver sends
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Compare a frame with the record, and deliver what answered it then.
+
+        Raises
+        ------
+        ReplayDiffersError
+            When the record has another command here.
+        RecordEndsError
+            When a record that was cut short has nothing more.
+        """
+        self._comparison.require_going()
+        if can_id == self._heartbeat_id:
+            return
+        now = _Entry(self._clock.now_us, can_id, data, sent=True)
+        place = self._place_of(now)
+        if place is None:
+            self._answer_again(now)
+            return
+        self._consume(place)
+        if not now.is_read:
+            self._comparison.same("commands")
+        self._arrive_until(self._clock.now_us)
+
+    def _place_of(self, now: _Entry) -> int | None:
+        """Return where the record has this frame; None for a read that it does not have before its next command."""
+        for place in range(self._next, len(self._entries)):
+            entry = self._entries[place]
+            if entry.sent and (entry.can_id, entry.data) == (now.can_id, now.data):
+                return place
+            if entry.sent and not entry.is_read:
+                if not now.is_read:
+                    self._comparison.differs("command", self._said(entry), self._said(now))
+                return None
+        return self._comparison.ends("command", self._said(now))
+
+    def _consume(self, place: int) -> None:
+        """Go on behind a frame that was sent; what had arrived before it arrives now, answers to skipped reads not."""
+        skips = any(entry.sent for entry in self._entries[self._next : place])
+        for entry in self._entries[self._next : place]:
+            if not entry.sent and not (skips and entry.is_answer):
+                self._deliver(entry)
+        self._clock.reach(self._entries[place].t_us)
+        self._next = place + 1
+
+    def _answer_again(self, read: _Entry) -> None:
+        """Answer a read that the record has not, with what the drive answered last."""
+        answer = self._answer_to(read)
+        if answer is None:
+            self._comparison.differs("command", "nothing", self._said(read))
+        self.network.notify(0x580 + (read.can_id & 0x7F), bytearray(answer), 0.0)
+
+    def _answer_to(self, read: _Entry) -> bytes | None:
+        return self._answers.get((0x580 + (read.can_id & 0x7F), read.data[1:4]))
+
+    # What arrives
+
+    def arrive_next(self, until_us: int) -> bool:
+        """Deliver the next frame that arrived by then, before anything else was sent; tell whether there is one."""
+        entry = self._entries[self._next] if self._next < len(self._entries) else None
+        if entry is None or entry.sent or entry.t_us > until_us:
+            return False
+        self._next += 1
+        self._deliver(entry)
+        return True
+
+    def _arrive_until(self, until_us: int) -> None:
+        while self.arrive_next(until_us):
+            pass
+
+    def _deliver(self, entry: _Entry) -> None:
+        self._clock.reach(entry.t_us)
+        if entry.is_answer:
+            self._answers[entry.can_id, entry.data[1:4]] = entry.data
+        self.network.notify(entry.can_id, bytearray(entry.data), 0.0)
+
+    # Where the record stands
+
+    def next_is_halt(self, within_us: int) -> bool:
+        """Return whether the next that the record sends is a halt, as by a signal, at this time."""
+        for entry in self._entries[self._next :]:
+            if entry.sent:
+                is_halt = entry.data[1:4] == _CONTROLWORD and bool(
+                    int.from_bytes(entry.data[4:6], "little") & HALT
+                )
+                return not entry.is_read and is_halt and entry.t_us <= self._clock.now_us + within_us
+        return False
+
+    def left(self) -> str | None:
+        """Return the next command of the record in words; None where it has come to its end."""
+        for entry in self._entries[self._next :]:
+            if entry.sent and not entry.is_read:
+                return self._said(entry)
+        return None
+
+    def _said(self, entry: _Entry) -> str:
+        return self._words(entry.can_id, entry.data)
+
+
+@dataclass(frozen=True)
+class ReplayedLink(CanLink):
+    """A link to the bus of a record: while it awaits an answer, what the record has arrives."""
+
+    bus: RecordedBus | None = None
+
+    def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
+        """Return the next of `answers`; None, and the deadline reached, where the record has none by then."""
+        bus, clock = self.bus, self.clock
+        assert bus is not None
+        assert isinstance(clock, ReplayedClock)
+        until_us = round(deadline_s * 1e6)
+        while True:
+            try:
+                return answers.get_nowait()
+            except Empty:
+                if not bus.arrive_next(until_us):
+                    clock.reach(until_us)
+                    return None
+
+
+class _RecordedWire(InProcessWire):
+    """A wire at whose other end stands a record."""
+
+    def __init__(self, bus: RecordedBus) -> None:
+        super().__init__()
+        self._bus = bus
+
+    def carry(self, sender: InProcessBus, message: can.Message) -> None:  # noqa: ARG002 - there is one sender
+        """Hand a frame over."""
+        self._bus.send(message.arbitration_id, bytes(message.data))
+
+
+def attach(bus: RecordedBus, clock: ReplayedClock, answer_timeout_s: float) -> ReplayedLink:
+    """Return a link to the bus of a record."""
+    bus.network.bus = InProcessBus(_RecordedWire(bus), lambda _message: None, is_adapter=True)
+    return ReplayedLink(bus.network, clock, answer_timeout_s, in_process=True, bus=bus)

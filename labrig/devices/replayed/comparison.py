@@ -1,0 +1,96 @@
+"""Where a replay leaves its record: the first difference, with both values and the picture at which it happens."""
+
+from dataclasses import dataclass
+from typing import NoReturn
+
+from labrig.devices.replayed.clock import ReplayedClock
+from labrig.devices.replayed.recording import Recording
+from labrig.errors import LabrigError, RecordEndsError, ReplayDiffersError
+
+
+@dataclass(frozen=True)
+class ReplayDifference:
+    """The first thing in which a replay is not its record.
+
+    Attributes
+    ----------
+    what : str
+        `command`, `question`, `event`, `state`, `frame` or `truth`.
+    recorded, now : str
+        What the record has, and what the replay did; "nothing" where one of them had come to its end.
+    t_s : float
+        Rig time of the record [s].
+    frame : int or None
+        The last picture that had been taken.
+    trial : int or None
+        The insertion.
+    """
+
+    what: str
+    recorded: str
+    now: str
+    t_s: float
+    frame: int | None
+    trial: int | None
+
+
+class Comparison:
+    """What has been compared so far, and where it was; once something differs, nothing goes on.
+
+    Parameters
+    ----------
+    recording : Recording
+        The session that is replayed.
+
+    Attributes
+    ----------
+    clock : ReplayedClock
+        Its rig time.
+    frame, trial : int or None
+        The last picture, the insertion.
+    counts : dict
+        How many things of each kind were the same.
+    found : ReplayDifference or None
+        The first difference.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.clock = ReplayedClock(recording.started)
+        self.frame: int | None = None
+        self.trial: int | None = None
+        self.counts: dict[str, int] = {}
+        self.found: ReplayDifference | None = None
+        self._recording = recording
+        self._over: LabrigError | None = None
+
+    def same(self, what: str) -> None:
+        """Count one more thing that was the same."""
+        self.counts[what] = self.counts.get(what, 0) + 1
+
+    def require_going(self) -> None:
+        """Raise again what ended the replay: a procedure that is ended stops its axes, which is no part of it."""
+        if self._over is not None:
+            raise self._over
+
+    def difference(self, what: str, recorded: str, now: str) -> ReplayDifference:
+        """Return a difference that stands here."""
+        t_s = self._recording.span.t0_s + self.clock.now_s()
+        return ReplayDifference(what, recorded, now, t_s, self.frame, self.trial)
+
+    def differs(self, what: str, recorded: str, now: str) -> NoReturn:
+        """End the replay with `ReplayDiffersError`, which carries the difference."""
+        self.require_going()
+        self.found = self.difference(what, recorded, now)
+        self._over = ReplayDiffersError(f"{what}: the record has {recorded}; the replay has {now}")
+        raise self._over
+
+    def ends(self, what: str, now: str) -> NoReturn:
+        """Take note that the record has nothing more of a kind: an end for one that was cut, else a difference."""
+        self.require_going()
+        if self._recording.to_the_end:
+            self.differs(what, "nothing", now)
+        t0_s = self._recording.span.t0_s
+        self._over = RecordEndsError(
+            f"the session that began at t = {t0_s:.3f} s was interrupted at t = {t0_s + self.clock.now_s():.3f} s"
+        )
+        raise self._over

@@ -1,0 +1,62 @@
+"""Opens the rig of a record."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from labrig.devices.replayed.comparison import Comparison
+from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.recording import Recording
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.state import StateStore
+from labrig.errors import InputError
+from labrig.record import Run
+
+
+def recorded_rig(run: Run) -> RigDescription:
+    """Return the rig of a run, with the calibration that the run holds.
+
+    Raises
+    ------
+    InputError
+        When the run had no rig.
+    RecordError
+        When its rig file is missing or was changed.
+    """
+    if run.rig_path is None:
+        raise InputError(f"{run.path} had no rig", "it moved nothing")
+    description = load_rig(run.rig_path)
+    named = {key: value for key, value in description.calibration if value is not None}
+    held = {key: f"{key}{Path(value).suffix}" for key, value in named.items()}
+    calibration = description.calibration.model_copy(update=held)
+    placed = description.model_copy(update={"calibration": calibration})
+    return placed.placed_in(run.calibration_path("rig").parent)
+
+
+@contextmanager
+def open_replayed(
+    description: RigDescription, recording: Recording, comparison: Comparison
+) -> Iterator[tuple[Rig, ReplayedPlant]]:
+    """Open the rig of a recorded session; nothing outside of the process is touched, and no state file.
+
+    It is not stopped when the block is left: what was sent to close it is no part of the record.
+
+    Raises
+    ------
+    ReplayDiffersError, RecordEndsError
+        When connecting already differs, or the record ends in it.
+    """
+    plant = ReplayedPlant(description, recording, comparison)
+    with closing(plant.open_link()) as link:
+        rig = Rig(
+            description,
+            plant=plant,
+            link=link,
+            source=plant.open_source(),
+            person=plant.operator,
+            interrupted=plant.interrupted,
+            store=StateStore(None, recording.state),
+        )
+        rig.connect()
+        yield rig, plant

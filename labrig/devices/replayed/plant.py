@@ -1,0 +1,134 @@
+"""What stands where a rig has its hardware when a record is replayed."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from labrig.devices.bus import CanLink
+from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.operator import Answer, OperatorRequest, request_details
+from labrig.devices.past import PastInsertion
+from labrig.devices.replayed.bus import RecordedBus, attach
+from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.comparison import Comparison
+from labrig.devices.replayed.recording import Recording
+from labrig.devices.rig_file import RigDescription
+
+_REAL_SLACK_US = 100_000
+"""How much a replay may lag behind a record of real time, in which every wait was a little longer than asked."""
+
+
+class ReplayedPlant:
+    """Clock, bus, camera and operator of a recorded session.
+
+    Parameters
+    ----------
+    rig : RigDescription
+        The rig file of the record.
+    recording : Recording
+        The session.
+    comparison : Comparison
+        Told of what is the same, and of what is not.
+    """
+
+    def __init__(self, rig: RigDescription, recording: Recording, comparison: Comparison) -> None:
+        self.clock = comparison.clock
+        self.operator = ReplayedOperator(recording, comparison)
+        self._comparison = comparison
+        self.bus = RecordedBus(
+            recording.can_frames,
+            self.clock,
+            heartbeat_id=0x700 + rig.can.heartbeat.computer_node_id,
+            comparison=comparison,
+            words=CommandWords(rig),
+        )
+        self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
+        self._recording = recording
+        self._truth = iter(recording.truth)
+
+    def open_link(self) -> CanLink:
+        """Return a link to the bus of the record."""
+        return attach(self.bus, self.clock, self._answer_timeout_s)
+
+    def open_source(self) -> PictureSource:
+        """Return the camera of the record."""
+        return ReplayedSource(self._recording, self._comparison)
+
+    def truth(self) -> tuple[dict[str, object], ...]:
+        """Return what the record has next of the simulated world; nothing of a bench."""
+        told = next(self._truth, None)
+        return () if told is None else (told,)
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Do nothing: the pictures have been taken."""
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def interrupted(self) -> str | None:
+        """Return the signal that ended the session, where the record goes on with nothing but stopping."""
+        slack_us = 0 if self._recording.exact else _REAL_SLACK_US
+        stops = self._recording.stopped_by is not None and self.bus.next_is_halt(slack_us)
+        return self._recording.stopped_by if stops else None
+
+
+class ReplayedSource:
+    """The camera of a record: takes the settings that were taken then, and gives its pictures in order."""
+
+    exposures_a_picture = 1
+
+    def __init__(self, recording: Recording, comparison: Comparison) -> None:
+        self._settings: Mapping[str, Setting] = recording.camera
+        self._pictures = iter(recording.pictures)
+        self._comparison = comparison
+
+    def set(self, name: str, value: Setting) -> None:
+        """Nothing is set: what was asked is compared with what the record's camera read back."""
+
+    def get(self, name: str) -> Setting | None:
+        """Return what the record's camera read back."""
+        return self._settings.get(name)
+
+    def read(self) -> Picture | None:
+        """Return the next picture; its SHA-256 is verified."""
+        self._comparison.require_going()
+        number, picture = next(self._pictures, (None, None))
+        if number is None:
+            self._comparison.ends("frame", "one more picture")
+        self._comparison.frame = number
+        return picture
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class ReplayedOperator:
+    """Whoever answered then: the question has to be the recorded one, the answer is."""
+
+    def __init__(self, recording: Recording, comparison: Comparison) -> None:
+        self._questions = iter(recording.questions)
+        self._run = recording.run
+        self._comparison = comparison
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
+        """Compare a question, let the time pass that its answer took, and return that."""
+        self._comparison.require_going()
+        now = f"{type(request).__name__}: {request.text}"
+        question = next(self._questions, None)
+        if question is None:
+            self._comparison.ends("question", now)
+        if (question.request, _plain(question.details)) != (
+            type(request).__name__,
+            _plain(request_details(request, self._run)),
+        ):
+            self._comparison.differs("question", f"{question.request} {dict(question.details)}", now)
+        self._comparison.same("questions")
+        self._comparison.clock.pass_until(round(question.t_s * 1e6))
+        return question.answer
+
+
+def _plain(value: object) -> object:
+    """Return a value as a record has it: tuples are lists there."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,196 @@
+"""One session of a recorded run, as devices see it: from when a rig was opened until it was closed."""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from labrig.devices.operator import Answer
+from labrig.devices.state import NEW, RigState, RollZero
+from labrig.errors import RecordError
+from labrig.record import CanFrame, Run
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the operator was asked, and the answer."""
+
+    request: str
+    details: Mapping[str, Any]
+    answer: Answer
+    t_s: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """From when, and until when (exclusive), a session stands in the record [s]."""
+
+    t0_s: float
+    end_s: float
+
+    def __contains__(self, t_s: float) -> bool:
+        return self.t0_s <= t_s < self.end_s
+
+    def of(self, lines: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Return the lines of this session."""
+        return [line for line in lines if line["t_s"] in self]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What devices did in one session of a run; all times are its own.
+
+    Attributes
+    ----------
+    run : Path
+        The folder of the run.
+    started : datetime
+        Calendar time.
+    span : Span
+        Where it stands in the record.
+    can_frames, questions, truth : tuple
+        What passed on the bus, what the operator was asked, what was told of the simulated world.
+    pictures : iterable of (int, array)
+        What the camera saw, each with its number; read when it is asked for.
+    first_frame : int
+        Number of the first picture, be it of the camera or drawn.
+    camera : Mapping
+        What the camera said that it is set to.
+    state : RigState
+        What the rig knew of itself when it was opened.
+    stopped_by : str or None
+        The signal that ended it.
+    exact : bool
+        Whether its time was simulated, so that everything comes again to the last bit.
+    to_the_end : bool
+        Whether it came to a successful end.
+    is_first : bool
+        Whether it began the run; the others resumed it.
+    trials : frozenset of int
+        The insertions that were begun in it.
+    """
+
+    run: Path
+    started: datetime
+    span: Span
+    can_frames: tuple[CanFrame, ...]
+    questions: tuple[Question, ...]
+    truth: tuple[dict[str, object], ...]
+    pictures: Iterable[tuple[int, npt.NDArray[np.uint8]]]
+    first_frame: int
+    camera: Mapping[str, str | float]
+    state: RigState
+    stopped_by: str | None
+    exact: bool
+    to_the_end: bool
+    is_first: bool
+    trials: frozenset[int]
+
+
+def recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
+    """Return the sessions of a run in order: the first, and one for each time that it was resumed.
+
+    Raises
+    ------
+    RecordError
+        When the record is damaged, or does not say what devices it had.
+    """
+    sessions = [run.manifest, *run.sessions]
+    starts_s = [0.0, *(float(one["t0_s"]) for one in run.sessions)]
+    frames = tuple(run.can_frames)
+    return tuple(
+        _session(run, session, Span(start_s, end_s), frames, exact=exact)
+        for session, start_s, end_s in zip(sessions, starts_s, [*starts_s[1:], math.inf], strict=True)
+    )
+
+
+def recording_without_rig(run: Run) -> Recording:
+    """Return the one session of a run that moved nothing."""
+    return _of_devices(run, run.manifest, Span(0.0, math.inf), (), _NO_DEVICES, exact=True)
+
+
+_NO_DEVICES: dict[str, Any] = {"camera": {"readback": {}}}
+
+
+def _session(
+    run: Run, session: Mapping[str, Any], span: Span, frames: tuple[CanFrame, ...], *, exact: bool
+) -> Recording:
+    devices = session.get("devices")
+    if not isinstance(devices, Mapping) or "camera" not in devices:
+        raise RecordError(
+            f"the manifest of {run.path} does not say what devices it had", "it cannot be replayed"
+        )
+    return _of_devices(run, session, span, frames, devices, exact=exact)
+
+
+def _of_devices(
+    run: Run,
+    session: Mapping[str, Any],
+    span: Span,
+    frames: tuple[CanFrame, ...],
+    devices: Mapping[str, Any],
+    *,
+    exact: bool,
+) -> Recording:
+    events = span.of(run.lines("events"))
+    lines = span.of(run.lines("frames"))
+    seen = [int(line["frame"]) for line in lines if not line.get("drawn")]
+    trials = {event["trial"] for event in events if event["kind"] == "trial_start"}
+    ending = events[-1] if events and events[-1]["kind"] == "run_stop" else {}
+    return Recording(
+        run=run.path,
+        started=datetime.fromisoformat(str(session["started"])),
+        span=span,
+        can_frames=tuple(one._replace(t_s=one.t_s - span.t0_s) for one in frames if one.t_s in span),
+        questions=tuple(_question(event, span.t0_s) for event in events if event["kind"] == "operator"),
+        truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
+        pictures=((number, run.read_frame(number)) for number in seen),
+        first_frame=int(lines[0]["frame"]) if lines else 0,
+        camera=dict(devices["camera"]["readback"]),
+        state=_state(devices.get("state")),
+        stopped_by=_signal(str(ending.get("reason", ""))),
+        exact=exact,
+        to_the_end=ending.get("exit_status") == "success",
+        is_first=session is run.manifest,
+        trials=frozenset(trials),
+    )
+
+
+def _question(event: Mapping[str, Any], t0_s: float) -> Question:
+    pixel = event.get("pixel")
+    answer = Answer(
+        confirmed=bool(event["confirmed"]),
+        note=str(event["answer"]),
+        reading=event.get("reading"),
+        pixel=None if pixel is None else (pixel[0], pixel[1]),
+    )
+    return Question(str(event["request"]), event["details"], answer, event["t_s"] - t0_s)
+
+
+def _truth(line: Mapping[str, Any]) -> dict[str, object]:
+    """Return what the world told; the trial was added by the procedure."""
+    return {key: value for key, value in line.items() if key != "trial"}
+
+
+def _state(recorded: object) -> RigState:
+    if not isinstance(recorded, Mapping):
+        return NEW
+    roll_zero = recorded.get("roll_zero")
+    return RigState(
+        needle_in_tissue=recorded.get("needle_in_tissue"),
+        since_run=recorded.get("since_run"),
+        referenced=tuple(recorded.get("referenced", ())),
+        note=str(recorded.get("note", "")),
+        roll_zero=None if roll_zero is None else RollZero(**roll_zero),
+    )
+
+
+def _signal(reason: str) -> str | None:
+    found = re.match(r"interrupted by (\w+)", reason)
+    return None if found is None else found.group(1)

@@ -1,0 +1,80 @@
+"""`labrig replay`."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from labrig.record import encode_document
+from labrig.record.json_lines import checksum, decode_line, encode_line
+from tests.cli.conftest import ROOT, Labrig, Sweep
+
+
+def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
+    """A simulated sweep comes again to the last bit; commands, pictures and lines are counted."""
+    done = labrig("replay", sweep.run, "--json")
+    assert done.exit_code == 0
+    document = done.json()
+    assert (document["identical"], document["first_difference"], document["bit_exact"]) == (True, None, True)
+    assert document["compared"]["frames"] == 40
+    assert "identical, to the last bit" in labrig("replay", sweep.run).out
+
+
+@pytest.mark.parametrize("protocol", sorted((ROOT / "protocols").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_example_protocol_is_identical(protocol: Path, labrig: Labrig, tmp_path: Path) -> None:
+    """Each protocol that labrig comes with, shortened where it is long, is replayed to the last bit."""
+    shorter = {
+        "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
+        "calibration": ("views=5",),
+        "design": ("grid_points=3",),
+    }
+    sets = [word for setting in shorter.get(protocol.stem, ()) for word in ("--set", setting)]
+    rig = () if protocol.stem == "design" else ("--rig", ROOT / "calibration" / "rig-simulated.yaml")
+    labrig("run", protocol, *rig, "--runs-dir", tmp_path, "--json", *sets)
+    (run,) = tmp_path.iterdir()
+    done = labrig("replay", run, "--json")
+    document = done.json()
+    assert (done.exit_code, document["identical"], document["bit_exact"]) == (0, True, True), document
+
+
+def edited(sweep: Sweep, tmp_path: Path) -> Path:
+    """Return the sweep as an open run in which one event says another position than was sent."""
+    run = Path(shutil.copytree(sweep.run, tmp_path / "edited"))
+    (run / "SHA256SUMS").unlink()
+    lines = [decode_line(line) for line in (run / "events.jsonl").read_bytes().splitlines()]
+    moved = next(number for number, line in enumerate(lines) if line.get("asked_position") == 40.0)
+    lines[moved] = lines[moved] | {"asked_position": 41.0}
+    (run / "events.jsonl").write_bytes(b"".join(map(encode_line, lines)))
+    document = json.loads((run / "manifest.json").read_text()) | {"exit_status": "incomplete"}
+    del document["crc32"]
+    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
+    return run
+
+
+def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
+    """The first difference is named with what the record has, what the replay has, the picture and the trial."""
+    run = edited(sweep, tmp_path)
+    done = labrig("replay", run, "--json")
+    assert done.exit_code == 1
+    document = done.json()
+    assert document["identical"] is False
+    assert document["first_difference"] | {"t_s": None} == {
+        "what": "event", "recorded": "move: asked_position = 41.0", "now": "move: asked_position = 40.0",
+        "t_s": None, "frame": 1, "trial": 0,
+    }  # fmt: skip
+    told = labrig("replay", run)
+    assert told.exit_code == 1
+    assert "event in the record: move: asked_position = 41.0" in told.out
+
+
+def test_a_damaged_run_is_not_replayed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
+    """A record that has lost a picture, or whose CAN frames were changed, exits with 4; so does what is no run."""
+    run = Path(shutil.copytree(sweep.run, tmp_path / "damaged"))
+    log = (run / "can.log").read_bytes()
+    (run / "can.log").write_bytes(log.replace(b" T\n", b" R\n", 1))
+    assert labrig("replay", run).exit_code == 4
+    (run / "can.log").write_bytes(log)
+    (run / "frames" / "000003.png").unlink()
+    assert labrig("replay", run).exit_code == 4
+    assert labrig("replay", tmp_path / "none").exit_code == 4

@@ -1,0 +1,132 @@
+"""The bus of a record: what counts as the same."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from queue import SimpleQueue
+
+import pytest
+
+from labrig.devices import Comparison, Recording, RigState
+from labrig.devices.replayed.bus import RecordedBus, ReplayedLink, attach
+from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.recording import Span
+from labrig.errors import RecordEndsError, ReplayDiffersError
+from labrig.record import CanFrame
+from tests.devices.rigs import simulated_rig
+
+READ_STATUS, STATUS = bytes.fromhex("4041600000000000"), bytes.fromhex("4B41600037020000")
+READ_POSITION, POSITION = bytes.fromhex("4064600000000000"), bytes.fromhex("4364600010270000")
+TARGET, OTHER_TARGET = bytes.fromhex("237A600000E20400"), bytes.fromhex("237A600001E20400")
+TAKEN = bytes.fromhex("607A600000000000")
+BEAT = b"\x05"
+
+RECORD = (
+    CanFrame(0.0, 0x77F, BEAT, "T"),
+    CanFrame(0.1, 0x601, READ_STATUS, "T"),
+    CanFrame(0.101, 0x581, STATUS, "R"),
+    CanFrame(0.15, 0x701, BEAT, "R"),
+    CanFrame(0.2, 0x601, READ_POSITION, "T"),
+    CanFrame(0.201, 0x581, POSITION, "R"),
+    CanFrame(0.3, 0x601, TARGET, "T"),
+    CanFrame(0.302, 0x581, TAKEN, "R"),
+    CanFrame(0.5, 0x701, BEAT, "R"),
+)
+
+
+class Bus:
+    """A replayed bus with somebody who listens to node 1."""
+
+    def __init__(self, *, to_the_end: bool = True) -> None:
+        recording = Recording(
+            run=Path("run"), started=datetime(2026, 3, 2, tzinfo=UTC), span=Span(0.0, 1e9), can_frames=RECORD,
+            questions=(), truth=(), pictures=(), first_frame=0, camera={}, state=RigState(False),
+            stopped_by=None, exact=True, to_the_end=to_the_end, is_first=True, trials=frozenset(),
+        )  # fmt: skip
+        self.comparison = Comparison(recording)
+        self.clock = self.comparison.clock
+        self.bus = RecordedBus(
+            RECORD,
+            self.clock,
+            heartbeat_id=0x77F,
+            comparison=self.comparison,
+            words=CommandWords(simulated_rig()),
+        )
+        self.link: ReplayedLink = attach(self.bus, self.clock, 0.2)
+        self.answers: SimpleQueue[bytes] = SimpleQueue()
+        self.beats: list[float] = []
+        self.link.network.subscribe(0x581, lambda _id, data, _t: self.answers.put(bytes(data)))
+        self.link.network.subscribe(0x701, lambda _id, _data, _t: self.beats.append(self.clock.now_s()))
+
+    def ask(self, data: bytes) -> bytes | None:
+        """Send a question to node 1 and return the answer."""
+        self.link.send(0x601, data)
+        return self.link.receive(self.answers, self.clock.now_s() + 0.2)
+
+
+def test_the_recorded_conversation_gives_the_recorded_answers_and_times() -> None:
+    """Each answer comes when it came, what a drive sent by itself arrives in between, and time never goes back."""
+    bus = Bus()
+    assert (bus.ask(READ_STATUS), bus.clock.now_s()) == (STATUS, 0.101)
+    bus.clock.sleep(0.099)
+    assert (bus.beats, bus.clock.now_s()) == ([0.15], 0.2)
+    assert (bus.ask(READ_POSITION), bus.ask(TARGET)) == (POSITION, TAKEN)
+    bus.clock.sleep(1.0)
+    assert bus.beats == [0.15, 0.5]
+    assert bus.bus.left() is None
+    assert bus.comparison.counts == {"commands": 1}
+
+
+def test_reads_may_be_more_or_fewer_and_beats_do_not_count() -> None:
+    """A poll more gets the last answer again, a poll less is passed over; the computer's beats are no commands."""
+    bus = Bus()
+    assert bus.ask(READ_STATUS) == STATUS
+    assert bus.ask(READ_STATUS) == STATUS
+    for _ in range(3):
+        bus.link.send(0x77F, BEAT)
+    assert bus.ask(TARGET) == TAKEN
+    assert bus.beats == [0.15]
+
+
+def test_another_command_differs_in_words_of_the_axis() -> None:
+    """The recorded and the present target are told in quadcounts and mm; from then on nothing is answered."""
+    bus = Bus()
+    with pytest.raises(ReplayDiffersError, match="the record has insertion: target position"):
+        bus.ask(OTHER_TARGET)
+    found = bus.comparison.found
+    assert found is not None
+    assert found.recorded == "insertion: target position (0x607A:00) = 320000 quadcounts, 80.0000 mm"
+    assert found.now == "insertion: target position (0x607A:00) = 320001 quadcounts, 80.0002 mm"
+    with pytest.raises(ReplayDiffersError):
+        bus.ask(READ_STATUS)
+
+
+def test_a_command_that_the_record_has_and_the_replay_not_is_left_over() -> None:
+    """What was not sent again is told."""
+    bus = Bus()
+    bus.ask(READ_STATUS)
+    assert bus.bus.left() == "insertion: target position (0x607A:00) = 320000 quadcounts, 80.0000 mm"
+
+
+@pytest.mark.parametrize(("to_the_end", "error"), [(True, ReplayDiffersError), (False, RecordEndsError)])
+def test_going_on_behind_the_end_differs_unless_the_record_was_cut(
+    to_the_end: bool, error: type[Exception]
+) -> None:
+    """A run that came to its end sent no more; of one that was interrupted nobody knows."""
+    bus = Bus(to_the_end=to_the_end)
+    bus.ask(TARGET)
+    with pytest.raises(error):
+        bus.ask(TARGET)
+
+
+def test_a_read_that_the_record_never_had_differs() -> None:
+    """There is no answer that could be given."""
+    with pytest.raises(ReplayDiffersError, match="position"):
+        Bus().ask(bytes.fromhex("4062600000000000"))
+
+
+def test_an_answer_that_never_came_does_not_come() -> None:
+    """A question that the record has no answer to runs into its time-out, as it did then."""
+    bus = Bus()
+    bus.ask(TARGET)
+    assert bus.link.receive(bus.answers, bus.clock.now_s() + 0.1) is None
+    assert bus.clock.now_s() == pytest.approx(0.402)

@@ -1,0 +1,223 @@
+"""Replaying a record through the same procedure."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import ShiftToHole
+from labrig.errors import InputError
+from labrig.experiments import Replay, Session, conduct, conduct_rest, past_of, replay_run
+from labrig.protocol import AnyProtocol, SteerabilityProtocol, load_protocol
+from labrig.record import Recorder, Run, as_recorded, open_run
+from labrig.record.json_lines import decode_line, encode_line
+from tests.experiments.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
+from tests.record.faults import killed_run
+
+
+def replay(run: Run) -> Replay:
+    """Replay a run of which nothing has been read yet."""
+    return replay_run(open_run(run.path), Told())
+
+
+def recorded(tmp_path: Path, protocol: AnyProtocol, *overrides: str) -> Run:
+    """Record a run on the simulated rig."""
+    with bench(tmp_path, protocol, overrides) as at:
+        _, run = at.conduct(protocol)
+    return run
+
+
+@pytest.fixture(scope="module")
+def insertion(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A sweep of one insertion."""
+    return recorded(tmp_path_factory.mktemp("runs"), sweep())
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [sweep(), load_protocol(PROTOCOLS / "calibration.yaml", ["views=6"])],
+    ids=["steerability", "camera-calibration"],
+)
+def test_a_simulated_run_comes_again_to_the_last_bit(tmp_path: Path, protocol: AnyProtocol) -> None:
+    """Every command, question, event, state, picture and CAN frame is the recorded one, times included."""
+    run = recorded(tmp_path, protocol)
+    found = replay(run)
+    assert (found.identical, found.bit_exact, found.ended_early) == (True, True, "")
+    assert found.counts["events"] == len(run.events)
+    assert found.counts["frames"] == len(run.frame_table)
+    assert found.counts["questions"] == sum(run.events["kind"] == "operator")
+
+
+def test_nothing_is_written_by_a_replay(insertion: Run) -> None:
+    """Neither the record nor a state file is touched."""
+    before = {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()}
+    replay(insertion)
+    assert {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()} == before
+
+
+def with_protocol(run: Run, *overrides: str) -> Run:
+    """Return a run whose procedure is told to do something else than it did."""
+    changed = open_run(run.path)
+    changed.__dict__["protocol"] = sweep(*overrides)
+    return changed
+
+
+def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run) -> None:
+    """A procedure that would go 39 mm deep instead of 40 is found at the target of that move, after two pictures."""
+    found = replay_run(with_protocol(insertion, "insertion.length_mm=39"), Told())
+    difference = found.first_difference
+    assert difference is not None
+    assert (difference.what, difference.frame, difference.trial) == ("command", 1, 0)
+    assert difference.recorded.startswith("insertion: target position (0x607A:00) = ")
+    assert difference.recorded.endswith("quadcounts, 40.0000 mm")
+    assert difference.now.endswith("quadcounts, 39.0000 mm")
+    moves = insertion.events[insertion.events["kind"] == "move"]
+    assert 0 <= float(moves["t_s"].iloc[2]) - difference.t_s < 0.1
+
+
+def test_a_question_that_differs_is_named(insertion: Run) -> None:
+    """Another needle is another question; nothing has moved by then."""
+    difference = replay_run(with_protocol(insertion, "needle.needle_id=N2"), Told()).first_difference
+    assert difference is not None
+    assert (difference.what, difference.frame) == ("question", None)
+    assert "N1" in difference.recorded
+    assert "N2" in difference.now
+
+
+@pytest.mark.parametrize(
+    ("override", "what", "recorded", "now"),
+    [
+        ("insertions_per_specimen=2", "question", "nothing", "ShiftToHole"),
+        ("insertion.frame_every_mm=20", "state", "insertion_mm = 5.", "insertion_mm = 5."),
+        ("insertion.frame_every_mm=3", "frame", "frame: t_s = 9.", "frame: t_s = 7."),
+    ],
+)
+def test_a_procedure_that_does_more_or_less_differs(
+    insertion: Run, override: str, what: str, recorded: str, now: str
+) -> None:
+    """Another insertion, a picture that is missing and one too many are found where they happen."""
+    difference = replay_run(with_protocol(insertion, override), Told()).first_difference
+    assert difference is not None
+    assert (difference.what, recorded in difference.recorded, now in difference.now) == (what, True, True)
+
+
+def edited(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
+    """Return an open copy of a run in which events were changed, with checksums that fit."""
+    copy = tmp_path / "edited"
+    copy.mkdir()
+    for path in run.path.rglob("*"):
+        if path.is_file():
+            (copy / path.relative_to(run.path)).parent.mkdir(parents=True, exist_ok=True)
+            (copy / path.relative_to(run.path)).write_bytes(path.read_bytes())
+    lines = [decode_line(line) for line in (copy / "events.jsonl").read_bytes().splitlines()]
+    (copy / "events.jsonl").write_bytes(b"".join(encode_line(change(as_recorded(line))) for line in lines))
+    return Run(copy, run.manifest, ())
+
+
+def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run, tmp_path: Path) -> None:
+    """An event that was edited, its checksum too, differs from what the procedure says."""
+
+    def change(event: dict[str, object]) -> dict[str, object]:
+        return event | {"asked_position": 41.0} if event.get("asked_position") == 40.0 else event
+
+    difference = replay_run(edited(insertion, tmp_path, change), Told()).first_difference
+    assert difference is not None
+    assert (difference.recorded, difference.now) == (
+        "move: asked_position = 41.0",
+        "move: asked_position = 40.0",
+    )
+
+
+def _signal_while_withdrawing(at: Bench) -> Session:
+    def then(doing: str) -> None:
+        if "withdrawing" in doing:
+            at.opened.signal.name = "TERM"
+
+    return Session(at.opened.rig, at.recorder, Told(then))
+
+
+def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -> None:
+    """The replayed signal arrives where the recorded one did, and the axes are stopped by the same commands."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as at:
+        assert conduct(protocol, _signal_while_withdrawing(at)).exit_status == "aborted"
+    run = open_run(at.recorder.path)
+    found = replay(run)
+    assert (found.identical, found.bit_exact) == (True, True)
+    assert found.counts["events"] == len(run.events)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "{fault: boot-up, axis: linear, at_s: 20}",
+        "{fault: lost-frames, at_s: 30, count: 2}",
+        "{fault: late-frames, at_s: 30, count: 3}",
+        "{fault: emergency, axis: insertion, at_s: 25, code: 0x8611}",
+        "{fault: unplugged, at_s: 25}",
+        "{fault: bus-off, at_s: 25}",
+    ],
+)
+def test_faults_of_devices_come_again(tmp_path: Path, fault: str) -> None:
+    """A drive that restarts, frames that get lost, an adapter that goes: the record is followed as far as it goes."""
+    run = recorded(tmp_path, sweep(), f"faults=[{fault}]")
+    found = replay(run)
+    assert found.identical, found.first_difference
+    assert found.counts["states"] == len(run.states)
+
+
+def test_an_operator_who_said_no_says_it_again(tmp_path: Path) -> None:
+    """The answers are the recorded ones: the run is aborted at the same question."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as at:
+        at.opened.rig.operator = Watched(at.opened.rig.operator, declines=ShiftToHole)
+        _, run = at.conduct(protocol)
+    assert run.manifest["exit_status"] == "aborted"
+    found = replay(run)
+    assert (found.identical, found.bit_exact) == (True, True)
+    assert found.counts["events"] == len(run.events)
+
+
+def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
+    """Of a run that was killed the replay says where its record ends, and that all is the same up to there."""
+    protocol = sweep()
+    with bench(tmp_path, protocol) as at:
+        copy = tmp_path / "killed"
+
+        def then(doing: str) -> None:
+            if "withdrawing" in doing:
+                for path in at.recorder.path.rglob("*"):
+                    if path.is_file() and path.name != ".lock":
+                        (copy / path.relative_to(at.recorder.path)).parent.mkdir(parents=True, exist_ok=True)
+                        (copy / path.relative_to(at.recorder.path)).write_bytes(path.read_bytes())
+
+        conduct(protocol, Session(at.opened.rig, at.recorder, Told(then)))
+    run = open_run(copy)
+    found = replay(run)
+    assert found.identical, found.first_difference
+    assert found.ended_early.startswith("the session that began at t = 0.000 s was interrupted at t = ")
+    assert found.counts["states"] == len(run.states)
+
+
+def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
+    """The interrupted session and the one that went on, needle withdrawn first, both come again."""
+    protocol = sweep()
+    assert isinstance(protocol, SteerabilityProtocol)
+    with bench(tmp_path, protocol) as at:
+        conduct(protocol, _signal_while_withdrawing(at))
+    run = open_run(at.recorder.path)
+    with bench(tmp_path / "again", protocol) as again:
+        recorder = Recorder.reopen(run.path, "test")
+        devices = open_run(again.recorder.path).manifest["devices"]
+        recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
+        outcome = conduct_rest(protocol, Session(again.opened.rig, recorder, Told()), past_of(run))
+    assert outcome.exit_status == "success"
+    found = replay(run)
+    assert (found.identical, found.bit_exact) == (True, True), found.first_difference
+    assert found.counts["events"] == len(open_run(run.path).events)
+
+
+def test_imported_pictures_cannot_be_replayed(tmp_path: Path) -> None:
+    """A run that no procedure made is refused by name."""
+    with pytest.raises(InputError, match="no procedure made it"):
+        replay(open_run(killed_run(tmp_path)))

@@ -29,7 +29,7 @@ def check(
 ) -> int:
     """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.rigs import rig_for
-    from labrig.experiments import estimate, find_problems
+    from labrig.experiments import estimate, find_problems, foreseen_refusal
     from labrig.protocol import load_protocol
 
     protocol_settings, rig_settings = split_overrides(settings)
@@ -44,6 +44,8 @@ def check(
         _print_check(error.problems, None, None)
         return error.exit_code
     problems = find_problems(loaded, description)
+    if not problems and (refusal := foreseen_refusal(loaded, description)) is not None:
+        problems = (refusal,)
     needs = estimate(loaded, description)
     if as_json:
         _print_check(problems, needs.duration_s, needs.disk_bytes)

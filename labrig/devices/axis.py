@@ -437,7 +437,7 @@ class Axis:
         self._drive.finish_homing(homing)
         self.referenced = True
         self._target = None
-        self._set_limits()
+        self.set_limits()
 
     def believe_position(self, position: float) -> None:
         """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
@@ -461,8 +461,11 @@ class Axis:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
         self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
 
-    def _set_limits(self) -> None:
-        """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""
+    def set_limits(self) -> None:
+        """Give the drive the limits of the rig file, wider by the position window: one count beyond is a fault to it.
+
+        They mean something only while the axis is referenced. Raises `DriveError`, `BusError`.
+        """
         low, high = sorted(map(self._scale.to_quadcounts, self.limits))
         limits = {
             od.LOWER_LIMIT: low - self._window_quadcounts,

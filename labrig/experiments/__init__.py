@@ -1,9 +1,13 @@
 """experiments: the procedures that move the rig.
 
 A procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and where progress is told. It
-moves, asks, takes pictures and appends to the record; it measures nothing, prints nothing and decides nothing from a
-picture (a later closed loop will, through `steering`). What it is going to do is known before it starts, as a list of
-`PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
+moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
+starts, as a list of `PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
+
+An insertion alone decides from pictures what it does next, through `vision` and `steering`, which know no rig. It rests
+on the needle's roll zero, which the rig's state holds while the needle is clamped as it was. A picture in which
+nothing is seen stops the axes and leaves the needle where it is; a target that is missed, or a tip that is lost, ends
+with the needle withdrawn.
 
 `replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
 nothing but what protocol, rig file, calibration and devices tell it.
@@ -35,6 +39,7 @@ from labrig.experiments.plan import (
     PlannedMove,
     estimate,
     find_problems,
+    foreseen_refusal,
     planned_moves,
     trials_planned,
 )
@@ -77,6 +82,7 @@ __all__ = [
     "conduct_without_rig",
     "estimate",
     "find_problems",
+    "foreseen_refusal",
     "home_axes",
     "jog",
     "judge_backlash",

@@ -18,7 +18,7 @@ from labrig.experiments.session import Look, Session
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
-from labrig.protocol import InsertionProtocol
+from labrig.protocol import InsertionProtocol, RollZeroSteps
 from labrig.steering import (
     SteeringCommand,
     SteeringSettings,
@@ -72,9 +72,17 @@ def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZ
             "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
             reason="no_roll_zero",
         )
-    steps, radius_mm = protocol.roll_zero, protocol.planner.radius_mm
-    return find_roll_zero(
-        RollZeroOrder(needle, protocol.sheath, protocol.insertion, steps, radius_mm), session
+    return find_roll_zero(_order(protocol, protocol.roll_zero), session)
+
+
+def roll_zero_s(protocol: InsertionProtocol) -> float:
+    """Return the rig time [s] that finding the roll zero takes; none where the protocol does not say how."""
+    return 0.0 if protocol.roll_zero is None else _order(protocol, protocol.roll_zero).duration_s
+
+
+def _order(protocol: InsertionProtocol, steps: RollZeroSteps) -> RollZeroOrder:
+    return RollZeroOrder(
+        protocol.needle, protocol.sheath, protocol.insertion, steps, protocol.planner.radius_mm
     )
 
 
@@ -139,8 +147,8 @@ def _aim(protocol: InsertionProtocol, session: Session, eye: Eye, trial: int) ->
 
 def _done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:
     """Return how much of the estimate is behind [s]."""
-    one_s = protocol.insertion.max_length_mm / protocol.insertion.speed_mm_s
-    return trial * one_s + inserted_mm / protocol.insertion.speed_mm_s
+    speed_mm_s = protocol.insertion.speed_mm_s
+    return roll_zero_s(protocol) + (trial * protocol.insertion.max_length_mm + inserted_mm) / speed_mm_s
 
 
 @dataclass

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
 from labrig.errors import LabrigError, LimitError, Problem
-from labrig.experiments.aim import aim_of, aim_problems
+from labrig.experiments.aim import aim_of, aim_problems, steering_settings
 from labrig.experiments.design import design_problems
+from labrig.experiments.insertion import roll_zero_s
 from labrig.experiments.roll_zero import order_of
-from labrig.experiments.sight import load_eye
+from labrig.experiments.sight import load_eye, load_plane_map
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
@@ -19,6 +20,7 @@ from labrig.protocol import (
     RollZeroSteps,
     SteerabilityProtocol,
 )
+from labrig.steering import start_steering
 
 MovingProtocol = SteerabilityProtocol | InsertionProtocol | RollZeroProtocol
 
@@ -136,6 +138,17 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
     return tuple(problems)
 
 
+def foreseen_refusal(protocol: AnyProtocol, rig: RigDescription | None) -> Problem | None:
+    """Return why no path leads to an insertion's target, as the run would end; None where one does, or nobody knows."""
+    if not isinstance(protocol, InsertionProtocol) or rig is None or protocol.target.ask:
+        return None
+    aim = aim_of(protocol, load_plane_map(rig))
+    _, command = start_steering(steering_settings(protocol, aim))
+    if command.stop is None:
+        return None
+    return Problem("target", f"there is no path: {command.detail}", "move target or obstacles")
+
+
 def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield what the camera cannot see of an insertion, and what cannot be aimed at."""
     try:
@@ -164,11 +177,10 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE)
         steps = 1 + len(protocol.specimens) + trials
     elif isinstance(protocol, InsertionProtocol):
-        trials, zero = protocol.repetitions, protocol.roll_zero
-        duration_s = trials * sum(move.duration_s for move in planned_moves(protocol))
-        pictures = trials * (
-            math.ceil(protocol.insertion.max_length_mm / protocol.insertion.frame_every_mm) + 4
-        )
+        trials, zero, found_first_s = protocol.repetitions, protocol.roll_zero, roll_zero_s(protocol)
+        duration_s = found_first_s + trials * sum(move.duration_s for move in planned_moves(protocol))
+        looks = math.ceil(protocol.insertion.max_length_mm / protocol.insertion.frame_every_mm)
+        pictures = trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE) + (0 if zero is None else zero.rolls)
         steps = 2 * trials + (0 if zero is None else 3 + zero.rolls)
     elif isinstance(protocol, RollZeroProtocol):
         pictures, duration_s = protocol.roll_zero.rolls, order_of(protocol).duration_s

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.state import StateStore
+from labrig.devices.state import RollZero, StateStore
 from labrig.errors import DiskError
 
 
@@ -79,3 +79,35 @@ def test_a_state_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     """A needle does not go into tissue on a rig that could not remember it."""
     with pytest.raises(DiskError):
         StateStore(tmp_path / "missing" / "state.json").update(needle_in_tissue=True)
+
+
+def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None:
+    """It is on disk with the needle that it is of, and comes back as it was."""
+    store = StateStore(tmp_path / "rig.state.json")
+    zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
+    store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
+    assert StateStore(tmp_path / "rig.state.json").state.roll_zero == zero
+
+
+@pytest.mark.parametrize("left", [(), ("insertion", "linear")])
+def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
+    tmp_path: Path, left: tuple[str, ...]
+) -> None:
+    """Power loss and a new zero of the axes take the reference; what was told from it means nothing any more."""
+    store = StateStore(tmp_path / "rig.state.json")
+    zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
+    store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
+    store.update(referenced=left)
+    store.update(referenced=("insertion", "rotation", "linear"))
+    assert StateStore(tmp_path / "rig.state.json").state.roll_zero is None
+
+
+@pytest.mark.parametrize("value", ['"none"', '{"needle_id": "N1"}', '{"needle_id": "N1", "zero_rad": "x"}'])
+def test_a_damaged_roll_zero_makes_the_whole_state_doubtful(tmp_path: Path, value: str) -> None:
+    """What cannot be read is not believed: a needle may be in tissue then."""
+    path = tmp_path / "rig.state.json"
+    StateStore(path).update(needle_in_tissue=False, referenced=("rotation",))
+    path.write_text(path.read_text().replace('"roll_zero": null', f'"roll_zero": {value}'))
+    state = StateStore(path).state
+    assert state.needle_in_tissue is None
+    assert state.roll_zero is None

@@ -1,0 +1,75 @@
+"""The closed loop with camera, bus and record: `labrig run protocols/insertion.yaml` for twenty seeds."""
+
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.table import Measured, measure, print_rows
+
+ROOT = Path(__file__).parents[2]
+SEEDS = range(1, 21)
+LARGEST_ERROR_MM = 1.0
+LONGEST_S = 15.0
+
+
+def print_table(seeds: Sequence[int] = SEEDS) -> None:
+    """Run every seed, and print each one's figures and how many keep the limits."""
+    rows, errors_mm, walls_s = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in seeds:
+            measured, document = _run(Path(folder), seed)
+            result = document.get("result") or {}
+            error_mm = result.get("true_target_error_mm")
+            errors_mm.append(float("inf") if error_mm is None else error_mm)
+            walls_s.append(measured.wall_s)
+            rows.append(_row(seed, measured, document, result))
+    heads = (
+        "seed",
+        "exit status",
+        "reason",
+        "true error mm",
+        "measured mm",
+        "true clearance mm",
+        "turns",
+        "wall s",
+    )
+    print_rows(heads, rows)
+    known = [error for error in errors_mm if error < float("inf")]
+    print_rows(
+        ("figure", "measured", "limit"),
+        [
+            [f"within {LARGEST_ERROR_MM:g} mm", sum(e <= LARGEST_ERROR_MM for e in errors_mm), len(seeds)],
+            ["mean true error, mm", f"{sum(known) / max(len(known), 1):.3f}", "0.4"],
+            ["longest wall time, s", f"{max(walls_s):.1f}", f"{LONGEST_S:g}"],
+        ],
+    )
+
+
+def _run(runs_dir: Path, seed: int) -> tuple[Measured, dict[str, Any]]:
+    protocol, rig = ROOT / "protocols" / "insertion.yaml", ROOT / "calibration" / "rig-simulated.yaml"
+    where = ["--rig", str(rig), "--runs-dir", str(runs_dir), "--run-name", f"seed-{seed}"]
+    command = [sys.executable, "-m", "labrig", "run", str(protocol), *where, "--seed", str(seed), "--json"]
+    measured = measure(command)
+    return measured, json.loads(measured.out)
+
+
+def _row(seed: int, measured: Measured, document: dict[str, Any], result: dict[str, Any]) -> list[str]:
+    figures = ("true_target_error_mm", "target_error_mm", "true_min_clearance_mm")
+    return [
+        str(seed),
+        str(document.get("exit_status")),
+        str(document.get("reason") or "-"),
+        *("-" if result.get(name) is None else f"{result[name]:.3f}" for name in figures),
+        str(_turns(Path(document["run"]))) if "run" in document else "-",
+        f"{measured.wall_s:.1f}",
+    ]
+
+
+def _turns(run: Path) -> int:
+    """Return how often the bevel was turned in tissue."""
+    lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    events = (json.loads(line) for line in lines)
+    return sum(one["kind"] == "flip" and one["depth_mm"] > 0 for one in events)

@@ -1,0 +1,89 @@
+"""What rules an insertion out before anything moves."""
+
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import FileFormatError
+from labrig.experiments import find_problems, foreseen_refusal
+from labrig.protocol import AnyProtocol, load_protocol
+from tests.devices.rigs import load_rig, simulated_rig
+from tests.experiments.sessions import PROTOCOLS
+
+SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
+
+
+def insertion(*overrides: str) -> AnyProtocol:
+    """Return the example with some values changed."""
+    return load_protocol(PROTOCOLS / "insertion.yaml", overrides)
+
+
+def test_the_example_suits_the_simulated_rig() -> None:
+    """Nothing of it is refused, and a path leads to its target."""
+    assert find_problems(insertion(), simulated_rig()) == ()
+    assert foreseen_refusal(insertion(), simulated_rig()) is None
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("target.position_mm=[0,6,36]", "the target lies inside obstacle 1"),
+        ("obstacles=[{position_mm: [0, 1, 0], radius_mm: 3}]", "the start lies inside obstacle 1"),
+        ("target.position_mm=[0,4,130]", "lies outside of the tissue, which reaches from z -15 to 125 mm"),
+        ("target.position_mm=[0,45,90]", "lies outside of the tissue"),
+        ("target.position_mm=[0,36,90]", "outside of the camera's view"),
+        ("target={pixel: [1279, 300]}", "outside of the camera's view"),
+        ("insertion.max_length_mm=400", "400 mm is beyond its limits"),
+    ],
+)
+def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
+    """Each with the number and its limit, before anything is opened."""
+    problems = find_problems(insertion(override), simulated_rig())
+    assert any(message in problem.message for problem in problems)
+
+
+def test_a_target_named_by_its_pixel_is_aimed_at() -> None:
+    """A pixel in view is as good as millimetres."""
+    assert find_problems(insertion("target={pixel: [1100, 290]}"), simulated_rig()) == ()
+
+
+def test_a_target_without_a_path_is_told_by_the_check() -> None:
+    """The planner's reason stands beside the target's key."""
+    refusal = foreseen_refusal(insertion("target.position_mm=[0,25,12]"), simulated_rig())
+    assert refusal is not None
+    assert refusal.where == "target"
+    assert "turning circles" in refusal.message
+
+
+def test_a_rig_without_a_template_is_refused_with_the_command_that_makes_one() -> None:
+    """Nothing could be seen."""
+    problems = find_problems(insertion(), simulated_rig("calibration.template=null"))
+    assert [problem.where for problem in problems] == ["calibration.template"]
+    assert "labrig calibrate template" in problems[0].hint
+
+
+def test_a_template_that_is_not_there_is_refused() -> None:
+    """A name that leads nowhere is told before anything moves."""
+    problems = find_problems(insertion(), load_rig(SIMULATED, ["calibration.template=none.png"]))
+    assert [problem.where for problem in problems] == ["calibration.template"]
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "planner.radius_mm=0",
+        "planner.radius_mm=-27",
+        "planner.radius_mm=.nan",
+        "planner.radius_mm=.inf",
+        "target={tolerance_mm: 2}",
+        "target={position_mm: [0, 4, 90], pixel: [3, 4]}",
+        "obstacles=[{radius_mm: 3}]",
+        "obstacles=[{position_mm: [0, 0, 50], radius_mm: 0}]",
+        "estimator={method: paper}",
+        "sheath.diameter_mm=1",
+    ],
+)
+def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> None:
+    """NaN, zero or negative radii, a target told twice or not at all, a filter that cannot do what is asked."""
+    with pytest.raises(FileFormatError):
+        insertion(override)

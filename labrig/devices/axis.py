@@ -339,7 +339,8 @@ class Axis:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
         self._drive.hold_off()
         self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-        self.written = self._configure(self._settings() | self._gentle() | self._drive.report_settings())
+        self.written = self._configure(self._settings() | self._gentle())
+        self._drive.let_report()
 
     def _gentle(self) -> dict[od.Entry, int]:
         """Return the current limit of this opening, where it has one below the drive's own."""
@@ -437,7 +438,7 @@ class Axis:
         self._drive.finish_homing(homing)
         self.referenced = True
         self._target = None
-        self._set_limits()
+        self.set_limits()
 
     def believe_position(self, position: float) -> None:
         """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
@@ -461,8 +462,11 @@ class Axis:
         """Take limits of an earlier reference off the drive: they would refer to another zero."""
         self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
 
-    def _set_limits(self) -> None:
-        """Give the drive our limits, wider by the position window: one count beyond is a fault to it."""
+    def set_limits(self) -> None:
+        """Give the drive the limits of the rig file, wider by the position window: one count beyond is a fault to it.
+
+        They mean something only while the axis is referenced. Raises `DriveError`, `BusError`.
+        """
         low, high = sorted(map(self._scale.to_quadcounts, self.limits))
         limits = {
             od.LOWER_LIMIT: low - self._window_quadcounts,

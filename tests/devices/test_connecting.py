@@ -1,0 +1,177 @@
+"""What connecting verifies, writes and reads back."""
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import epos2_objects as od
+from labrig.devices.homing import DIRECTIONS, HERE, Homing
+from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
+from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
+
+QUADCOUNTS_PER_MM = 4000
+READ_BACK = (
+    od.LOWER_LIMIT,
+    od.UPPER_LIMIT,
+    od.MAX_FOLLOWING_ERROR,
+    od.POSITION_WINDOW,
+    od.POSITION_WINDOW_TIME,
+    od.QUICK_STOP_DECELERATION,
+    od.CONSUMER_HEARTBEAT,
+    od.LIMIT_EXECUTION_MASK,
+)
+
+
+def _rig(*overrides: str) -> AbstractContextManager[OpenedRig]:
+    settings = (
+        "axes.insertion.limit_switches=[negative, positive]",
+        "axes.insertion.max_following_error=0.4",
+    )
+    return opened_rig(simulated_rig(*settings, *overrides))
+
+
+def _connect_and_reference(opened: OpenedRig) -> None:
+    opened.rig.connect()
+    opened.rig.reference_axes()
+
+
+def _value(opened: OpenedRig, entry: od.Entry) -> int:
+    return opened.plant.drives["insertion"].node.objects.value(entry)
+
+
+def test_the_drive_holds_what_the_rig_file_says() -> None:
+    """Windows, decelerations, heartbeat and switches after connecting; software limits once the axis is referenced."""
+    with _rig() as opened:
+        opened.rig.connect()
+        assert (_value(opened, od.LOWER_LIMIT), _value(opened, od.UPPER_LIMIT)) == (-(2**31), 2**31 - 1)
+        opened.rig.reference_axes()
+        window = round(0.005 * QUADCOUNTS_PER_MM)
+        assert {entry: _value(opened, entry) for entry in READ_BACK} == {
+            od.LOWER_LIMIT: -2 * QUADCOUNTS_PER_MM - window,
+            od.UPPER_LIMIT: 120 * QUADCOUNTS_PER_MM + window,
+            od.MAX_FOLLOWING_ERROR: round(0.4 * QUADCOUNTS_PER_MM),
+            od.POSITION_WINDOW: window,
+            od.POSITION_WINDOW_TIME: 20,
+            od.QUICK_STOP_DECELERATION: 200 * 120,
+            od.CONSUMER_HEARTBEAT: 127 << 16 | 500,
+            od.LIMIT_EXECUTION_MASK: 0x0008 | 3,
+        }
+
+
+@pytest.mark.parametrize("entry", READ_BACK, ids=lambda entry: entry.place)
+def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: od.Entry) -> None:
+    """Each is read back after it has been written, and the object is named."""
+    with _rig() as opened:
+        opened.plant.drives["insertion"].node.objects._live[entry] = lambda: entry.default
+        with pytest.raises(DriveError, match=f"kept {entry.name} .{entry.place}. at {entry.default} when"):
+            _connect_and_reference(opened)
+
+
+def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
+    """A second connection writes no setting; the first ends with both halves of 0x1020."""
+    with _rig() as opened:
+        opened.rig.connect()
+        written = opened.rig.insertion.written
+        assert od.POSITION_WINDOW.place in written
+        requests = [
+            data for _, can_id, data, way in opened.rig.take_can_frames() if can_id == 0x601 and way == "T"
+        ]
+        places = [int.from_bytes(data[1:3], "little") for data in requests if data[0] & 0xE0 == 0x20]
+        settings = [place for place in places if place not in {0x6040, 0x607A, 0x6060}]
+        assert settings[-2:] == [0x1020, 0x1020]
+        opened.rig.connect()
+        assert opened.rig.insertion.written == ()
+
+
+def test_all_failures_of_all_drives_are_told_at_once() -> None:
+    """A silent drive, a wrong encoder and fingerprint of one drive, and a COB-ID that it shares with another."""
+    with _rig(
+        "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.encoder_pulses_per_turn=512"
+    ) as opened:
+        drives = opened.plant.drives
+        drives["insertion"].unplug()
+        drives["rotation"].set_encoder(500)
+        drives["rotation"].node.objects.put(od.RECEIVE_PDO_COB_IDS[0], 0x203)
+        with pytest.raises(DriveError) as refusal:
+            opened.rig.connect()
+        for words in (
+            "(node 1) did not answer",
+            "(node 2) is set to 500 encoder pulses a turn, the rig file says 512",
+            "(node 2) has the configuration fingerprint [0, 0]",
+            "the drives of rotation and linear share the COB-ID 0x203",
+        ):
+            assert words in refusal.value.message
+
+
+def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_drive(tmp_path: Path) -> None:
+    """The drive has kept its reference and the old limits; the rig file's hold."""
+    with _rig("state_file=state.json") as opened:
+        opened.rig.connect()
+        opened.rig.mark_needle_out()
+        opened.rig.reference_axes()
+        drive = opened.plant.drives["insertion"]
+        drive.node.objects.put(od.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
+        opened.rig.connect()
+        assert opened.rig.insertion.referenced
+        assert _value(opened, od.UPPER_LIMIT) == 120 * QUADCOUNTS_PER_MM + 20
+    assert not list(tmp_path.iterdir())
+
+
+# Homing
+
+
+@pytest.mark.parametrize("method", [method for method in DIRECTIONS if method != HERE])
+def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
+    """Methods -1 and -3 positive, -2 and -4 negative, switches by their side; home is where it ends."""
+    with _rig() as opened:
+        opened.rig.connect()
+        drive: SimulatedDrive = opened.plant.drives["insertion"]
+        went: list[float] = []
+        opened.plant.clock.on_advance(lambda: went.append(drive.shaft_quadcounts))
+        opened.rig.home(
+            "insertion",
+            Homing(
+                method,
+                offset=-1000 * DIRECTIONS[method],
+                switch_rpm=2000,
+                index_rpm=500,
+                rpm_per_s=20_000,
+                timeout_s=60.0,
+            ),
+        )
+        first = next(place for place in went if place)
+        assert first * DIRECTIONS[method] > 0
+        assert opened.rig.insertion.referenced
+        assert opened.rig.read_states()["insertion"].position == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_signal_ends_a_homing() -> None:
+    """The axis is halted, stands still, is without a reference, and the run is told to be interrupted."""
+    with _rig() as opened:
+        opened.rig.connect()
+        opened.plant.clock.on_advance(
+            lambda: (
+                setattr(opened.signal, "name", "SIGTERM")
+                if opened.plant.drives["insertion"].is_homing
+                else None
+            )
+        )
+        with pytest.raises(InterruptedRunError, match="SIGTERM"):
+            opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
+        homing = opened.plant.drives["insertion"].journal.last("homing")
+        assert homing is not None
+        assert homing.text == "stopped"
+        assert not opened.rig.insertion.referenced
+        assert "insertion" not in opened.rig.state.referenced
+
+
+def test_a_homing_method_that_the_drive_has_not_is_refused() -> None:
+    """By the drive, with its code; nothing has moved."""
+    with _rig() as opened:
+        opened.rig.connect()
+        with pytest.raises(DriveRefusedError) as refusal:
+            opened.rig.home("insertion", Homing(5))
+        assert refusal.value.code == 0x06090030
+        assert opened.plant.drives["insertion"].shaft_quadcounts == 0

@@ -164,6 +164,21 @@ class TrialOrigin(Model):
     reason: str | None = None
 
 
+class Sentinel(Model):
+    """What the grid pictures before and after a run say; None where that is unknown.
+
+    `drift` is the largest relative change of scale, which is in the error bar of every radius; `bending_mm` by how much
+    the grid lost its shape. A run whose sentinel is not accepted states no radius.
+    """
+
+    drift: float | None = None
+    bending_mm: float | None = None
+    scale_before: float | None = None
+    scale_after: float | None = None
+    accepted: bool
+    reason: str | None = None
+
+
 class CurvatureResult(_Common):
     """Of steerability runs and imported pictures."""
 
@@ -173,6 +188,7 @@ class CurvatureResult(_Common):
     measurements: tuple[PictureResult, ...]
     truth: TruthComparison | None
     origins: tuple[TrialOrigin, ...] = ()
+    sentinel: Sentinel | None = None
 
 
 class CalibrationResult(_Common):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.calibration import analyze_calibration
-from labrig.analysis.curvature import analyze_curvature, curvature_settings
+from labrig.analysis.curvature import analyze_curvature
 from labrig.analysis.design import analyze_design
 from labrig.analysis.insertion import analyze_insertion
 from labrig.analysis.pictures import Progress
@@ -86,8 +86,7 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        settings = curvature_settings(protocol)
-        content, lines = analyze_curvature(run, stamp, settings, workers, progress, mask=mask)
+        content, lines = analyze_curvature(run, protocol, stamp, workers, progress, mask=mask)
         folder = run.new_result_dir()
         if mask is not None:
             write_atomically(folder / mask.kept_as, mask.content)

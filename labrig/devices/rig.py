@@ -13,7 +13,7 @@ from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity
-from labrig.devices.homing import HERE, Homing, require_homing_allowed
+from labrig.devices.homing import BY_CURRENT, HERE, Homing, require_homing_allowed
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
@@ -24,6 +24,7 @@ from labrig.errors import (
     DriveError,
     InputError,
     InterruptedRunError,
+    LimitError,
     MachineError,
     SafetyStopError,
 )
@@ -388,7 +389,12 @@ class Rig:
         self._store.update(referenced=tuple(name for name in AXES if name in kept))
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
-        """Refuse a homing that is not allowed as the rig stands. Raises `SafetyStopError`."""
+        """Refuse a homing that is not allowed, or cannot end, as the rig is open.
+
+        Raises
+        ------
+        SafetyStopError, LimitError
+        """
         self._refuse_in_tissue(f"axis {name} is not homed")
         require_homing_allowed(
             name,
@@ -397,6 +403,13 @@ class Rig:
             needle_mounted=needle_mounted,
             referenced=self.state.referenced,
         )
+        threshold_ma, limit_ma = self.axis(name).homing.current_threshold_ma, self._opening.max_current_ma
+        if method in BY_CURRENT and limit_ma is not None and threshold_ma >= limit_ma:
+            raise LimitError(
+                f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
+                f"{limit_ma} mA",
+                f"--current-ma {threshold_ma + threshold_ma // 2}, or a lower homing.current_threshold_ma",
+            )
 
     def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Give one axis its reference as the rig file has it, by this method; the operator has confirmed it.

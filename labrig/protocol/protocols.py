@@ -144,11 +144,26 @@ class AnalysisWindow(Model):
     max_radius_sigma_mm: PositiveMm = Field(
         description="Standard deviation of the radius beyond which it is not accepted [mm]."
     )
+    roll_sd_deg: float = Field(
+        2.0,
+        ge=0,
+        le=30,
+        description="How sure the bevel's roll is, standard deviation [deg]; 2 where it was set by eye. A bevel out of "
+        "the plane makes the radius seen too large, so the lower end of intervals is moved.",
+    )
 
     @property
     def least_length_mm(self) -> float:
         """The shortest needle outside the sheath that can be measured [mm]."""
         return self.window_start_mm + self.min_window_mm + self.window_end_mm
+
+
+class GridSentinel(Model):
+    """Graph paper that is photographed before and after the run, so that a camera that was bumped is noticed."""
+
+    pitch_mm: float = Field(
+        gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
+    )
 
 
 class SteerabilityProtocol(Protocol):
@@ -166,6 +181,9 @@ class SteerabilityProtocol(Protocol):
     sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
     insertion: Insertion = Field(description="How the needle goes in and comes out.")
     analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
 
     @property
     def lateral_reach_mm(self) -> float:

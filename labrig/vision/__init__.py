@@ -14,6 +14,7 @@ from labrig.vision.calibration_file import (
     save_plane,
 )
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
+from labrig.vision.grid_check import GridCheck, GridDrift, check_grid, compare_grids
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.mask import Mask, load_mask
 from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
@@ -35,6 +36,8 @@ __all__ = [
     "CurvatureSettings",
     "DrawnPlan",
     "Gel",
+    "GridCheck",
+    "GridDrift",
     "Insertion",
     "Intrinsics",
     "LensModel",
@@ -53,6 +56,8 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "calibration_created",
+    "check_grid",
+    "compare_grids",
     "cut_template",
     "draw_measurement",
     "draw_plan",

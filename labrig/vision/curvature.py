@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry import Circle, fit_circle
+from labrig.geometry import Arc, Circle, fit_arcs, fit_circle
 from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
@@ -31,6 +31,8 @@ _BLOCK_MM = 3.0
 # Fewer leave Student's t too little to go by; this also bounds the window from below.
 _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
+# Points through which the arcs of a path are fitted.
+_ARC_POINTS = 150
 # Points of the window at which lens and plane map are varied.
 _CALIBRATION_POINTS = 40
 # A row lies on the circle when it is off by no more than this part of the needle's diameter; so many rows must, and
@@ -111,6 +113,8 @@ class CurvatureMeasurement:
     residual_rms_mm : float or None
         Of the centre line about the circle.
     bend : "+y", "-y" or None
+    arcs : tuple of Arc
+        Of a needle that lies on no single circle: the arcs of its path, from the window's start on, (y, z).
     centre_line_mm, centre_line_px : ndarray (N, 2)
         Columns (y, z) and (u, v), from the entry to the tip; empty unless found.
     window : (int, int)
@@ -135,6 +139,7 @@ class CurvatureMeasurement:
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
     bend: Bend | None = None
+    arcs: tuple[Arc, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `labrig measure curvature --json` prints for a picture; the centre line is left out."""
@@ -154,6 +159,18 @@ class CurvatureMeasurement:
             "arc_length_mm": self.arc_length_mm,
             "residual_rms_mm": self.residual_rms_mm,
             "bend": self.bend,
+            "arcs": [
+                {
+                    "radius_mm": _finite(arc.radius),
+                    "bend": "+y" if arc.curvature > 0.0 else "-y",
+                    "length_mm": arc.length,
+                    "curvature_per_mm": arc.curvature,
+                    "sigma_curvature_per_mm": arc.sigma_curvature,
+                    "start_mm": list(arc.start),
+                }
+                for arc in self.arcs
+            ],
+            "flip_points_mm": [list(arc.start) for arc in self.arcs[1:]],
         }
 
 
@@ -253,7 +270,25 @@ def _fitted(
         centre_mm=circle.centre,
         residual_rms_mm=circle.residual_rms,
         bend=_bend(points, circle),
+        arcs=_arcs(circle, points, settings),
     )
+
+
+def _arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
+    """Return the arcs of a needle that lies on no single circle, none where it does."""
+    if _share_on_circle(circle, points, settings) >= _LEAST_ON_CIRCLE:
+        return ()
+    sample = points[:: max(1, len(points) // _ARC_POINTS)]
+    try:
+        arcs = fit_arcs(sample).arcs
+    except MeasurementRefusedError:
+        return ()
+    return arcs if len(arcs) > 1 else ()
+
+
+def _share_on_circle(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> float:
+    largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
+    return float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
 
 
 def _window(shaft: Shaft, settings: CurvatureSettings) -> tuple[int, int]:
@@ -336,7 +371,7 @@ def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: Curv
             "is the most: the arc is too gentle, too short or too rough."
         )
     largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
-    on_circle = float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
+    on_circle = _share_on_circle(circle, points, settings)
     if on_circle < _LEAST_ON_CIRCLE:
         return (
             f"{below(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, and "
@@ -363,6 +398,10 @@ def _sentence(message: str) -> str:
 
 def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _listed(pair: tuple[float, float] | None) -> list[float] | None:

@@ -118,6 +118,14 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
         assert all(not drive.is_moving for drive in opened.plant.drives.values())
 
 
+def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
+    """A current limit below the threshold at which a stop is felt would push for ever: refused before it moves."""
+    with _bare() as (opened, _):
+        opened.rig._opening = Opening(max_current_ma=400)
+        with pytest.raises(LimitError, match="felt at 500 mA, and no drive exceeds 400 mA"):
+            opened.rig.home_axis("linear", -4, needle_mounted=False)
+
+
 def test_nothing_is_homed_or_jogged_with_a_needle_in_tissue() -> None:
     """Both are refused, with the command that takes it out."""
     with _bare() as (opened, _):

@@ -11,8 +11,10 @@ from labrig.steering.step import (
     SteeringState,
     StopReason,
     TipSighting,
+    sighted,
     start_steering,
     step_steering,
+    turned,
 )
 from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
@@ -39,8 +41,10 @@ __all__ = [
     "plan_path",
     "radius_sd_within",
     "sample_path",
+    "sighted",
     "start_steering",
     "start_tip",
     "step_steering",
     "step_tip",
+    "turned",
 ]

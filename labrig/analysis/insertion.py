@@ -145,13 +145,11 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
     events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
     steps = tuple(_steps(events, settings, eye, true))
     end, unmeasured = _end(line.get("final_frame"), eye)
+    error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
     return InsertionTrial(
         trial=number,
         start_t_s=float(line["start_t_s"]),
-        outcome=_said(line.get("outcome"), "stopped"),
-        stop=_said(line.get("stop"), "interrupted"),
-        cause=_said(line.get("cause"), "the run ended before the insertion did"),
-        reached=line.get("outcome") == "reached",
+        **_verdict(line, error_mm, settings.problem.tolerance_mm),
         target_mm=target_mm,
         tolerance_mm=settings.problem.tolerance_mm,
         obstacles=tuple(
@@ -161,7 +159,7 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         final_frame=None if _number(line.get("final_frame")) is None else int(line["final_frame"]),
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _points(end.centre_line_mm),
-        target_error_mm=None if end is None else math.dist(end.tip_mm, target_mm[1:]),
+        target_error_mm=error_mm,
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm[1:]) if steps else None,
         true_target_error_mm=None if truth is None else _number(truth.get("true_target_error_mm")),
@@ -174,6 +172,20 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         steps=steps,
         plans=tuple(_plan(one, settings) for one in events if one["kind"] == "plan"),
     )
+
+
+def _verdict(line: _Line, error_mm: float | None, tolerance_mm: float) -> dict[str, Any]:
+    """Return how an insertion ended: as it was steered, unless the shaft says that it missed."""
+    outcome = _said(line.get("outcome"), "stopped")
+    if outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
+        cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
+        return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
+    return {
+        "outcome": outcome,
+        "stop": _said(line.get("stop"), "interrupted"),
+        "cause": _said(line.get("cause"), "the run ended before the insertion did"),
+        "reached": outcome == "reached",
+    }
 
 
 def _steps(

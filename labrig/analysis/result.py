@@ -258,6 +258,7 @@ class InsertionObstacle(Model):
 class InsertionTrial(Model):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
+    `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
     is no tip. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
     to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees

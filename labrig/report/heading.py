@@ -82,8 +82,9 @@ def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
     """Return what has to be said of a run that did not come to its end; nothing of one that did."""
     if status == "success":
         return ()
-    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".")
-    planned, done = run.manifest.get("trials_planned"), _trials_done(run)
+    # Reasons that programs read are words with underscores.
+    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".").replace("_", " ")
+    planned, done = run.manifest.get("trials_planned"), _trials_ended(run)
     made = (
         f" {done} of {count_of(planned, 'planned insertion')} ended."
         if isinstance(planned, int) and planned
@@ -112,6 +113,11 @@ def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
             f"and the linear axis, which carries the sheath, at {axes['linear_mm']:.2f} mm."
         ),
     )
+
+
+def _trials_ended(run: Run) -> int:
+    """Return how many came to an end of their own, whatever it was."""
+    return int((~run.trials["exit_status"].isin(["incomplete", "interrupted"])).sum())
 
 
 def _trials_done(run: Run) -> int:

@@ -1,5 +1,7 @@
 """What is said of an insertion run: errors by the shaft, and the way to it estimated again."""
 
+import hashlib
+import re
 import shutil
 from pathlib import Path
 
@@ -79,3 +81,20 @@ def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path
     assert content.target_error_mm is None
     assert content.insertions[0].unmeasured
     assert content.insertions[0].steps
+
+
+def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
+    """Steered within the tolerance and measured outside of it, it counts as missed, and the cause says so."""
+    run = recorded()
+    error_mm = analysed(run).target_error_mm
+    assert error_mm is not None
+    copy = shutil.copytree(run.path, tmp_path / "strict")
+    protocol = (copy / "protocol.yaml").read_text(encoding="utf-8")
+    strict = re.sub(r"tolerance_mm: [\d.]+", f"tolerance_mm: {0.9 * error_mm:.4f}", protocol)
+    (copy / "protocol.yaml").write_text(strict, encoding="utf-8")
+    manifest = (copy / "manifest.json").read_text(encoding="utf-8")
+    was, becomes = (hashlib.sha256(text.encode()).hexdigest() for text in (protocol, strict))
+    (copy / "manifest.json").write_text(manifest.replace(was, becomes), encoding="utf-8")
+    content = analysed(open_run(copy))
+    assert (content.reached, content.causes) == (False, {"target_missed": 1})
+    assert "measured" in content.insertions[0].cause

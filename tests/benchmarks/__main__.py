@@ -5,6 +5,7 @@ import sys
 from tests.benchmarks import (
     can_load,
     catalogue,
+    crash,
     estimator,
     faults,
     hinge,
@@ -12,6 +13,7 @@ from tests.benchmarks import (
     intrinsics,
     planner,
     real_insertions,
+    rot,
     ruled_paper,
     start_up,
     sweep,
@@ -31,6 +33,8 @@ TABLES = {
     "insertion": insertion.print_table,
     "faults": faults.print_table,
     "catalogue": catalogue.print_table,
+    "crash": crash.print_table,
+    "rot": rot.print_table,
     "sweep": sweep.print_table,
 }
 

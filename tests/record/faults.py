@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from labrig.errors import LabrigError
-from labrig.record import Run, open_run
+from labrig.record import Run, check_run, open_run
 from tests.record.runs import ENDED, begin, fill
 
 CAN_FRAMES = [(0.0, 0x601, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), "T"), (0.001, 0x581, bytes(8), "R")]
@@ -95,3 +95,11 @@ def _same(found: object, original: object) -> bool:
     if isinstance(found, list) and isinstance(original, list):
         return found == original[: len(found)]
     return found == original
+
+
+def told(run: Path) -> str:
+    """Return what a check says, be it by refusing; nothing but a named error may leave it."""
+    try:
+        return "\n".join(f"{problem.where}: {problem.message}" for problem in check_run(run).damage)
+    except LabrigError as error:
+        return error.message

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.errors import LabrigError, LockedError, RecordError
+from labrig.errors import LockedError, RecordError
 from labrig.record import FileLock, Recorder, Verdict, check_run, open_run, repair_run
 from labrig.record.json_lines import decode_line, encode_line
-from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, values
+from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, told, values
 from tests.record.runs import ENDED, begin, closed_run, picture
 
 
@@ -19,14 +19,6 @@ def edit_line(path: Path, number: int, **changes: object) -> None:
     lines = path.read_bytes().splitlines()
     lines[number - 1] = encode_line(decode_line(lines[number - 1]) | changes).rstrip(b"\n")
     path.write_bytes(b"\n".join(lines) + b"\n")
-
-
-def told(run: Path) -> str:
-    """Return what a check says, be it by refusing; nothing but a named error may leave it."""
-    try:
-        return "\n".join(f"{problem.where}: {problem.message}" for problem in check_run(run).damage)
-    except LabrigError as error:
-        return error.message
 
 
 def places(verdict: Verdict) -> list[str]:

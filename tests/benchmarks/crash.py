@@ -1,0 +1,167 @@
+"""SIGKILL at random moments of a sweep: does the record open, is anything lost, and does the sweep go on?"""
+
+import os
+import random
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+
+from labrig.analysis import analyze_run
+from labrig.devices import open_rig
+from labrig.experiments import Session, conduct_rest, past_of, trials_left
+from labrig.record import Recorder, Run, check_run, open_run
+from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, never, rig, short_sweep
+from tests.benchmarks.table import print_rows
+from tests.devices.rigs import Person
+
+MOMENTS = 200
+_STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
+_STREAMS = ("states", "events", "frames")
+
+
+@dataclass(frozen=True)
+class Survived:
+    """What is true of a run after one SIGKILL."""
+
+    opened: bool
+    nothing_lost: bool
+    lines_unchanged: bool
+    resumed: bool
+    results_equal: bool
+
+
+class Forge:
+    """A process that forks sweeps, each to be killed.
+
+    Attributes
+    ----------
+    sweep_s : float
+        How long a whole sweep takes.
+    reference : Run
+        One that was not killed.
+    radii : dict
+        Its results: trial to radius [mm].
+    """
+
+    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
+        self._process = process
+        self._folder = folder
+        self._numbers = iter(range(1_000_000))
+        started = perf_counter()
+        self.killed(None)
+        self.sweep_s = perf_counter() - started
+        self.reference = open_run(folder / "0" / RUN)
+        self.radii = radii_of(self.reference)
+
+    def killed(self, after_s: float | None) -> Path | None:
+        """Return the folder of a sweep killed after so long; None where it had not begun, or had ended by then."""
+        folder = self._folder / str(next(self._numbers))
+        folder.mkdir()
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{folder}\n")
+        process.stdin.flush()
+        child = int(process.stdout.readline())
+        ended = bool(select.select([process.stdout], [], [], after_s)[0])
+        if not ended:
+            os.kill(child, signal.SIGKILL)
+        assert process.stdout.readline() == "ended\n"
+        return None if ended or not (folder / RUN / "manifest.json").exists() else folder
+
+
+@contextmanager
+def forge(folder: Path) -> Iterator[Forge]:
+    """Start the process that forks sweeps."""
+    command = [sys.executable, "-m", "tests.benchmarks.crashing"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield Forge(process, folder)
+        process.kill()
+
+
+def survivors(count: int, seed: int, folder: Path) -> Iterator[Survived]:
+    """Kill sweeps at `count` random moments, and yield what became of each."""
+    source = random.Random(seed)
+    with forge(folder) as source_of_runs:
+        found = 0
+        while found < count:
+            killed = source_of_runs.killed(source.uniform(0.0, source_of_runs.sweep_s))
+            if killed is not None:
+                found += 1
+                yield after_a_kill(killed, source_of_runs)
+                shutil.rmtree(killed)
+
+
+def after_a_kill(folder: Path, unkilled: Forge) -> Survived:
+    """Open what a killed sweep left, compare it with one that was not killed, and go on with it."""
+    path = folder / RUN
+    acknowledged = (
+        Counter((folder / ACKNOWLEDGED).read_text().split())
+        if (folder / ACKNOWLEDGED).exists()
+        else Counter()
+    )
+    run = open_run(path)
+    opened = not run.damage and not check_run(path).damage
+    lines = {stream: run.lines(stream) for stream in _STREAMS}
+    nothing_lost = all(len(lines[stream]) >= acknowledged[stream] for stream in _STREAMS)
+    theirs = {stream: unkilled.reference.lines(stream) for stream in _STREAMS}
+    unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
+    _resume(path)
+    again = open_run(path)
+    planned, radii = unkilled.radii, radii_of(again)
+    finished = [int(trial) for trial in again.trials["trial"][again.trials["exit_status"] == "success"]]
+    resumed = again.manifest["exit_status"] == "success" and len(finished) == len(planned)
+    same = all(radii[trial] == planned[trial] for trial in finished if trial in planned)
+    sound = resumed and not check_run(path).damage
+    return Survived(opened, nothing_lost, unchanged, sound, same and set(finished) <= set(radii))
+
+
+def _resume(path: Path) -> None:
+    """Go on with a killed run, as `labrig resume` does; one that had only to be closed is closed."""
+    protocol, run = short_sweep(), open_run(path)
+    if run.manifest["exit_status"] == "success":
+        return
+    past = past_of(run)
+    if not trials_left(protocol, past):
+        recorder = Recorder.reopen(path, "benchmark")
+        recorder.close("success", "", _STARTED)
+        return
+    with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
+        recorder = Recorder.reopen(path, "benchmark")
+        recorder.begin_session(opened.clock.utc(), devices=opened.describe())
+        conduct_rest(protocol, Session(opened, recorder, lambda _done, _doing: None), past)
+
+
+def radii_of(run: Run) -> dict[int, float]:
+    """Measure a run and return the radius of each trial's final picture."""
+    result = analyze_run(run, created=_STARTED, provenance={}, workers=1)
+    return {
+        int(one["trial"]): float(one["radius_mm"])
+        for one in result.document["measurements"]
+        if one["role"] == "final" and one["trial"] is not None and one["radius_mm"] is not None
+    }
+
+
+def print_table(count: int = MOMENTS) -> None:
+    """Print of how many killed sweeps each thing is true."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = list(survivors(count, seed=6, folder=Path(folder)))
+    rows = [
+        [one.name.replace("_", " "), sum(getattr(each, one.name) for each in found), f"{count} of {count}"]
+        for one in fields(Survived)
+    ]
+    print_rows(("after SIGKILL at a random moment", "runs", "limit"), rows)
+
+
+if __name__ == "__main__":
+    print_table(int(sys.argv[1]) if len(sys.argv) > 1 else MOMENTS)

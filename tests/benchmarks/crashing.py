@@ -1,0 +1,110 @@
+"""Runs a short sweep for each line that it is given, in a process of its own that somebody else kills.
+
+Importing takes longer than the sweep: this process imports once and forks. Each call of the recorder that has returned
+is acknowledged in a file beside the run, which a killed process leaves behind as it leaves the record.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.devices import RigDescription, open_rig
+from labrig.experiments import Session, conduct
+from labrig.protocol import SteerabilityProtocol, dump_yaml, load_protocol
+from labrig.record import Recorder
+from tests.devices.rigs import CALIBRATION, Person, simulated_rig
+
+PROTOCOLS = Path(__file__).parents[2] / "protocols"
+RUN, ACKNOWLEDGED = "run", "acknowledged"
+
+
+def short_sweep() -> SteerabilityProtocol:
+    """Return a sweep of two insertions that takes half a second."""
+    protocol = load_protocol(
+        PROTOCOLS / "steerability.yaml",
+        [
+            "insertions_per_specimen=2",
+            "specimens=[{name: gel, gelatin_percent: 13}]",
+            "insertion.length_mm=26",
+            "insertion.speed_mm_s=5",
+            "insertion.frame_every_mm=26",
+        ],
+    )
+    assert isinstance(protocol, SteerabilityProtocol)
+    return protocol
+
+
+def rig() -> RigDescription:
+    """Return the simulated rig on which it runs."""
+    return simulated_rig()
+
+
+class AcknowledgingRecorder(Recorder):
+    """A recorder that says in a file which calls have returned."""
+
+    def acknowledge(self, stream: str) -> None:
+        """Say that a line is recorded."""
+        descriptor = os.open(self.path.parent / ACKNOWLEDGED, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        os.write(descriptor, f"{stream}\n".encode())
+        os.close(descriptor)
+
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
+        """Record and acknowledge."""
+        number = super().frame(image, t_s, **fields)
+        self.acknowledge("frames")
+        return number
+
+    def state(self, t_s: float, **fields: object) -> None:
+        """Record and acknowledge."""
+        super().state(t_s, **fields)
+        self.acknowledge("states")
+
+    def event(self, kind: str, t_s: float, **fields: object) -> None:
+        """Record and acknowledge."""
+        super().event(kind, t_s, **fields)
+        self.acknowledge("events")
+
+
+def never() -> str | None:
+    """Return no signal: what kills this process cannot be caught."""
+    return None
+
+
+def run_sweep(folder: Path) -> None:
+    """Run the sweep from opening the rig to closing it."""
+    protocol, description = short_sweep(), rig()
+    with open_rig(description, seed=protocol.seed, person=Person(), interrupted=never) as opened:
+        recorder = AcknowledgingRecorder.create(
+            folder,
+            RUN,
+            {
+                "experiment": protocol.experiment,
+                "started": opened.clock.utc(),
+                "trials_planned": 2,
+                "seed": protocol.seed,
+                "devices": opened.describe(),
+            },
+            dump_yaml(protocol),
+            dump_yaml(description),
+            {name: CALIBRATION / f"simulated-{name}" for name in ("intrinsics.json", "plane.json")},
+        )
+        conduct(protocol, Session(opened, recorder, lambda _done, _doing: None))
+
+
+def main() -> None:
+    """Fork a sweep for each folder that is named on standard input; say its process id, then that it has ended."""
+    for line in sys.stdin:
+        child = os.fork()
+        if child == 0:
+            run_sweep(Path(line.rstrip("\n")))
+            os._exit(0)
+        print(child, flush=True)
+        os.waitpid(child, 0)
+        print("ended", flush=True)
+
+
+if __name__ == "__main__":
+    main()

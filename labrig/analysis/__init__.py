@@ -39,8 +39,8 @@ from labrig.analysis.design import (
     hinge_table,
     study_design,
 )
-from labrig.analysis.insertion_settings import insertion_settings
 from labrig.analysis.divergence import Divergence, first_divergence
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
@@ -76,9 +76,9 @@ __all__ = [
     "DesignOrder",
     "DesignResult",
     "DesignStudy",
+    "Divergence",
     "InsertionObstacle",
     "InsertionPlan",
-    "Divergence",
     "InsertionResult",
     "InsertionStep",
     "InsertionTrial",

@@ -5,6 +5,7 @@ import sys
 from tests.benchmarks import (
     can_load,
     catalogue,
+    closed_loop,
     crash,
     cycle,
     estimator,
@@ -30,6 +31,7 @@ TABLES = {
     "hinge": hinge.print_table,
     "planner": planner.print_table,
     "estimator": estimator.print_table,
+    "closed-loop": closed_loop.print_table,
     "can-load": can_load.print_table,
     "tip": tip.print_table,
     "cycle": cycle.print_table,

@@ -69,7 +69,7 @@ STILL_TIME_S = 0.05
 """An axis stands still when it moves no more than this in this time; a servo at rest dithers a little."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
-_NMT_START, _NMT_RESET_COMMUNICATION = 0x01, 0x82
+_NMT_START, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x80, 0x82
 _RESET_COMMUNICATION_FIRST = frozenset({0x8120, 0x81FD})
 """Faults of the bus whose reset the drive takes only after its communication has been reset."""
 
@@ -191,8 +191,10 @@ class Epos2:
         DriveError
             When it is no EPOS2: other generations have other objects and signs; or when two drives answer.
         """
+        vendor = self._first_answer()
+        # Answers to whoever asked before do not count.
         strays = self._sdo.strays
-        vendor, device_type = self.read(od.VENDOR_ID), self.read(od.DEVICE_TYPE)
+        device_type = self.read(od.DEVICE_TYPE)
         if vendor != od.VENDOR_ID.default or device_type != od.DEVICE_TYPE.default:
             raise self._not_an_epos2(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
         hardware = self.read(od.HARDWARE_VERSION)
@@ -207,6 +209,14 @@ class Epos2:
                 "give every drive a node id of its own",
             )
         return identity
+
+    def _first_answer(self) -> int:
+        """Return the vendor id; a node that `labrig devices stop` has stopped answers nothing until it is woken."""
+        try:
+            return self.read(od.VENDOR_ID)
+        except DriveSilentError:
+            self.send_nmt(_NMT_PRE_OPERATIONAL)
+            return self.read(od.VENDOR_ID)
 
     def _not_an_epos2(self, found: str) -> DriveError:
         return DriveError(

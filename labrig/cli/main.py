@@ -7,7 +7,20 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli import calibrate, design, devices, measure, plan, protocols, record, replay, resume, run, runs
+from labrig.cli import (
+    calibrate,
+    design,
+    devices,
+    exporting,
+    measure,
+    plan,
+    protocols,
+    record,
+    replay,
+    resume,
+    run,
+    runs,
+)
 from labrig.cli.output import print_failure
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
@@ -27,6 +40,7 @@ replay.register(app)
 protocols.register(app)
 plan.register(app)
 record.register(app)
+exporting.register(app)
 design.register(app)
 app.add_typer(runs.app, name="runs")
 app.add_typer(calibrate.app, name="calibrate")

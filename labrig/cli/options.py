@@ -20,7 +20,21 @@ RigOption = Annotated[
         show_default=False,
     ),
 ]
-RunsDirOption = Annotated[Path, typer.Option("--runs-dir", metavar="DIR", help="Folder that holds the runs.")]
+
+
+def _local(folder: Path) -> Path:
+    """Refuse a URL: a live run writes on the local disk."""
+    if ":" in str(folder):
+        from labrig.record import require_local
+
+        require_local(folder, "--runs-dir")
+    return folder
+
+
+RunsDirOption = Annotated[
+    Path,
+    typer.Option("--runs-dir", metavar="DIR", help="Folder that holds the runs.", callback=_local),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

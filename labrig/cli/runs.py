@@ -171,19 +171,19 @@ def verdict(
 
 @app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
 def diff(
-    a: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Folder of another.")],
+    a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or its URL.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="Folder of another, or its URL.")],
     as_json: AsJson = False,
 ) -> None:
     """Say each value in which they differ."""
     from dataclasses import asdict
 
-    from labrig.record import compare_runs
+    from labrig.record import compare_runs, open_run
 
-    differences = compare_runs(a, b)
+    differences = compare_runs(open_run(a).path, open_run(b).path)
     if as_json:
         found = [asdict(each) for each in differences]
-        print_json({"a": str(a), "b": str(b), "identical": not found, "differences": found})
+        print_json({"a": a, "b": b, "identical": not found, "differences": found})
         return
     if not differences:
         typer.echo("no difference")

@@ -15,7 +15,9 @@ What is decided here
   only where a rig is opened for commissioning or recovery and a person has confirmed it.
 - Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
   where the axes stand. Backlash stands in the rig file; moves end from one side.
-- Whatever goes wrong, every axis is stopped, and standing still is read back. A closed rig has its power
+- States of all axes are of one instant, that of a SYNC. The set-up of a drive (0x1020) may be pinned in the rig file.
+- Whatever goes wrong, every axis is stopped, and standing still is read back; a halt goes out to all before any
+  answer is awaited. What comes of each fault stands in a table that the tests hold. A closed rig has its power
   stages off.
 - One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
   through a socket that it looks at between two bus transactions.

@@ -339,7 +339,8 @@ class Axis:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
         self._drive.hold_off()
         self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-        self.written = self._configure(self._settings() | self._gentle() | self._drive.report_settings())
+        self.written = self._configure(self._settings() | self._gentle())
+        self._drive.let_report()
 
     def _gentle(self) -> dict[od.Entry, int]:
         """Return the current limit of this opening, where it has one below the drive's own."""

@@ -6,7 +6,7 @@ What is decided here
   power and reads signs of homing methods by itself, wrongly for maxon.
 - While axes move, statusword and position come at each SYNC as TxPDO 3, one frame a drive instead of four; a
   report that does not come is asked for by SDO, and counted. Its map is not written: where it is not the
-  default one, SDO does it all.
+  default one, or the drive refuses to switch the report on, SDO does it all.
 - Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
   both edges, the position at the end of a move, standing still after a stop.
 - Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
@@ -17,7 +17,10 @@ What is decided here
 - A question without an answer is asked once more, and that is counted.
 - Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
   init state may show bit 14; that bit 12 falls when a homing starts, which a fresh attained bit needs (where
-  it does not, homing ends in its timeout with the axis halted).
+  it does not, homing ends in its timeout with the axis halted); that TxPDO 3 carries statusword and position by
+  default and may be switched on while the node is operational (where not, SDO does it all); which objects clear
+  0x1020 when they are written (it is renewed after each that labrig writes in operation); that two nodes of one id
+  both answer (on a wire they may as well destroy each other's frames, and are silent then).
 """
 
 import math
@@ -379,8 +382,8 @@ class Epos2:
         self._note_state(statusword)
         return statusword
 
-    def report_settings(self) -> dict[od.Entry, int]:
-        """Return what lets the drive report at each SYNC; nothing where its TxPDO 3 carries something else.
+    def let_report(self) -> None:
+        """Let the drive report at each SYNC, where its TxPDO 3 carries statusword and position and may be switched on.
 
         Raises
         ------
@@ -389,11 +392,14 @@ class Epos2:
         found = tuple(self.read(entry) for entry in od.TPDO_MAPS[_REPORT_PDO][: len(_REPORT_MAP)])
         self._has_reports = found == _REPORT_MAP
         if not self._has_reports:
-            return {}
-        return {
-            od.TPDO_TYPES[_REPORT_PDO]: _AT_EACH_SYNC,
-            od.TRANSMIT_PDO_COB_IDS[_REPORT_PDO]: _NO_REMOTE | _REPORT_COB_ID + self.node_id,
-        }
+            return
+        cob_id = _NO_REMOTE | _REPORT_COB_ID + self.node_id
+        try:
+            self.adjust(
+                {od.TPDO_TYPES[_REPORT_PDO]: _AT_EACH_SYNC, od.TRANSMIT_PDO_COB_IDS[_REPORT_PDO]: cob_id}
+            )
+        except DriveRefusedError:
+            self._has_reports = False
 
     def expect_report(self) -> None:
         """Forget what has been reported: the next `report` is of the SYNC that is about to be sent."""

@@ -63,9 +63,11 @@ from labrig.record.json_lines import as_recorded, encode_document
 from labrig.record.layout import picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
+from labrig.record.places import is_url, output_folder, require_local
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Frames, Run, open_run
 from labrig.record.repair import repair_run
+from labrig.record.tables import with_numbers_apart
 from labrig.record.writer import Recorder
 
 __all__ = [
@@ -92,15 +94,19 @@ __all__ = [
     "differing_values",
     "encode_document",
     "find_runs",
+    "is_url",
     "judge_run",
     "list_runs",
     "lock_owner",
     "note_on_run",
     "open_run",
+    "output_folder",
     "picture_file",
     "read_annotations",
     "repair_run",
     "require_free_bytes",
+    "require_local",
     "tag_run",
+    "with_numbers_apart",
     "write_atomically",
 ]

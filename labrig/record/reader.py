@@ -1,7 +1,10 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
+import atexit
 import hashlib
 import math
+import shutil
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -15,6 +18,7 @@ from numpy.typing import NDArray
 from labrig.errors import Problem, RecordError
 from labrig.protocol import AnyProtocol, load_protocol
 from labrig.record.can_log import CanFrame, read_can_log
+from labrig.record.durable import disk_errors
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
     CALIBRATION,
@@ -35,8 +39,10 @@ from labrig.record.layout import (
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, raw_pictures_bytes, recorded_picture
+from labrig.record.places import fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
+from labrig.record.tables import with_axis_units
 
 _COPY_HINT = "take the file from a copy of the run"
 _CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
@@ -59,7 +65,8 @@ def open_run(path: Path | str) -> "Run":
     Parameters
     ----------
     path : Path or str
-        Its folder.
+        Its folder, or as text a URL that fsspec knows; that run is copied into a temporary folder, which is kept
+        until the process ends.
 
     Returns
     -------
@@ -71,6 +78,8 @@ def open_run(path: Path | str) -> "Run":
     RecordError
         When it is no run, is of a newer schema, or has a damaged line; names file and line.
     """
+    if is_url(path):
+        return open_run(_fetched(str(path)))
     folder = Path(path)
     manifest = read_manifest(folder)
     lines = _line_files(folder)
@@ -88,6 +97,12 @@ def open_run(path: Path | str) -> "Run":
     cut = tuple(replace(problem, hint=_COPY_HINT) for problem in torn)
     written = lines | {name: folder / name for name in (CAN_LOG, CAN_SUMS) if (folder / name).exists()}
     return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, written)))
+
+
+def _fetched(url: str) -> Path:
+    folder = tempfile.TemporaryDirectory(prefix="labrig-")
+    atexit.register(folder.cleanup)
+    return fetch_run(url, Path(folder.name))
 
 
 class Run:
@@ -194,8 +209,13 @@ class Run:
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time."""
-        return self._table(EVENT_LINES)
+        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time.
+
+        Positions and speeds have the unit of their axis in the name: `position_mm`, `position_rad`.
+        """
+        lines = self.lines("events")
+        rows = [with_axis_units(line) for line in lines]
+        return _as_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
 
     @cached_property
     def truth(self) -> pd.DataFrame:
@@ -300,6 +320,21 @@ class Run:
             When it is damaged.
         """
         return latest_result(self.path)
+
+    def copy_to(self, folder: Path) -> None:
+        """Copy the run as it stands, results and notes included, into an existing folder; links stay behind.
+
+        Raises
+        ------
+        DiskError
+            When it cannot be written.
+        """
+        for path in sorted(self.path.rglob("*")):
+            relative = path.relative_to(self.path)
+            if path.is_file() and not path.is_symlink() and not relative.name.startswith("."):
+                with disk_errors(folder / relative):
+                    (folder / relative).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(path, folder / relative)
 
     @cached_property
     def _lines(self) -> dict[str, Path]:

@@ -61,7 +61,7 @@ def test_the_same_seed_gives_the_same_bytes(sweep: Sweep, labrig: Labrig, tmp_pa
     """Protocol, rig and seed decide frames, states and events byte for byte."""
     again = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *SHORT_SWEEP)
     run = Path(again.json()["run"])
-    for name in ("states.jsonl", "events.jsonl", "frames.jsonl", "truth.jsonl"):
+    for name in ("states.jsonl", "events.jsonl", "frames.jsonl", "truth.jsonl", "can.log"):
         assert (run / name).read_bytes() == (sweep.run / name).read_bytes(), name
     assert {path.name: path.read_bytes() for path in (run / "frames").iterdir()} == {
         path.name: path.read_bytes() for path in (sweep.run / "frames").iterdir()

@@ -3,7 +3,7 @@
 import pytest
 
 from labrig.devices import epos2_objects as od
-from tests.devices.rigs import OpenedRig, opened_rig
+from tests.devices.rigs import OpenedRig, one_drive, opened_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
 
@@ -66,3 +66,14 @@ def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
         assert 0x603 in frames
         assert 0x383 not in frames
         assert objects.value(od.TPDO_MAPS[2][0]) == 1
+
+
+def test_a_drive_that_refuses_to_report_is_read_by_questions() -> None:
+    """The refusal keeps nobody from going on."""
+    with one_drive() as one:
+        one.driver.hold_off()
+        one.drive.abort_next(0x08000022, od.TPDO_TYPES[2].index)
+        one.driver.let_report()
+        one.driver.expect_report()
+        assert one.driver.report() == (one.drive._statusword(), 0)
+        assert one.driver.counts() == {"retries": 0, "strays": 0}

@@ -1,0 +1,78 @@
+"""`labrig export`: a run as tables for other programs, or the run itself somewhere else."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labrig.cli.output import AsJson, print_json, say
+from labrig.errors import InputError, RecordError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to `labrig`."""
+    app.command("export", help="Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record.")(export)
+
+
+def export(
+    run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a run, or its URL (fsspec).")],
+    out: Annotated[str, typer.Option(metavar="DIR", help="Folder to write, or its URL.")],
+    csv: Annotated[bool, typer.Option("--csv", help="A CSV file a table.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file a table.")] = False,
+    mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
+    mcap: Annotated[
+        bool, typer.Option("--mcap", help="run.mcap, pictures included; needs the extra labrig[mcap].")
+    ] = False,
+    record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 4 where the record is damaged; what of it could be read is written all the same."""
+    from labrig.record import open_run, output_folder
+
+    formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
+    if not formats and not mcap and not record:
+        raise InputError("nothing to write", "name --csv, --parquet, --mat, --mcap or --record")
+    if record and (formats or mcap):
+        raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
+    opened = open_run(run)
+    with output_folder(out, force=force) as folder:
+        if record:
+            opened.copy_to(folder)
+        if formats:
+            _write_tables(opened.path, formats, folder)
+        if mcap:
+            _write_mcap(opened.path, folder)
+        files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    if as_json:
+        print_json({"run": run, "out": out, "files": files, "ok": not opened.damage})
+    else:
+        for file in files if not record else [""]:
+            typer.echo(f"{out.rstrip('/')}/{file}")
+    for problem in opened.damage:
+        say(f"error: the record is damaged: {problem.where}: {problem.message}")
+    return RecordError.exit_code if opened.damage else 0
+
+
+def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
+    from labrig.analysis import load_result
+    from labrig.record import open_run, write_atomically
+    from labrig.report import FORMATS, run_tables
+
+    opened = open_run(run)
+    tables = run_tables(opened, load_result(opened))
+    for name in formats:
+        for file, content in FORMATS[name](opened, tables).items():
+            write_atomically(folder / file, content)
+
+
+def _write_mcap(run: Path, folder: Path) -> None:
+    from labrig.record import open_run
+
+    try:
+        from labrig.report.mcap_file import write_mcap
+    except ModuleNotFoundError as error:
+        raise InputError(
+            "MCAP files need a package that is not installed", "pip install 'labrig[mcap]'"
+        ) from error
+    write_mcap(open_run(run), folder)

@@ -1,0 +1,62 @@
+"""Rows as tables for people: a unit in every name, one number a cell."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+# What the columns of a vector are called: by its last word and how many numbers it has.
+_PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
+    ("mm", 2): ("y", "z"),
+    ("mm", 3): ("x", "y", "z"),
+    ("px", 2): ("u", "v"),
+}
+_INTERVAL = "ci95"
+_AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
+_OF_THE_AXIS = ("position", "asked_position")
+_SPEED_OF_THE_AXIS = ("speed", "asked_speed")
+
+
+def with_axis_units(event: Mapping[str, object]) -> dict[str, object]:
+    """Return an event with its axis' unit in the names of its positions and speeds."""
+    unit = _AXIS_UNITS.get(str(event.get("axis")))
+    if unit is None:
+        return dict(event)
+    names = {name: f"{name}_{unit}" for name in _OF_THE_AXIS}
+    names |= {name: f"{name}_{unit}_s" for name in _SPEED_OF_THE_AXIS}
+    return {names.get(key, key): value for key, value in event.items()}
+
+
+def with_numbers_apart(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table in which each vector of two or three numbers has a column a number.
+
+    `tip_mm` becomes `tip_y_mm` and `tip_z_mm` (x before them where there are three), `tip_px` `tip_u_px` and
+    `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`. Other lists stay.
+    """
+    columns: dict[str, Any] = {}
+    for name in table.columns:
+        parts = _part_names(str(name), list(table[name]))
+        if not parts:
+            columns[str(name)] = table[name]
+            continue
+        for index, part in enumerate(parts):
+            numbers = [value[index] if isinstance(value, Sequence) else None for value in table[name]]
+            columns[part] = pd.Series(numbers, index=table.index, dtype="float64")
+    return pd.DataFrame(columns, index=table.index)
+
+
+def _part_names(name: str, values: Sequence[object]) -> list[str]:
+    vectors = [value for value in values if isinstance(value, list | tuple)]
+    sizes = {len(vector) for vector in vectors}
+    if not vectors and _INTERVAL in name and all(value is None for value in values):
+        sizes = {2}  # an interval of which none is known has its two columns all the same
+    if len(sizes) != 1 or not all(_is_number(item) for vector in vectors for item in vector):
+        return []
+    stem, _, unit = name.rpartition("_")
+    if _INTERVAL in stem and sizes == {2}:
+        return [f"{stem}_low_{unit}", f"{stem}_high_{unit}"]
+    return [f"{stem}_{part}_{unit}" for part in _PARTS.get((unit, sizes.pop()), ())]
+
+
+def _is_number(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))

@@ -1,0 +1,160 @@
+"""A run as tables that other programs read: CSV, Parquet and MATLAB; pictures stay where they are.
+
+Every format says the same: one table each of states, events, trials, frames, truth, and of the newest result.
+"""
+
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.io
+
+from labrig.analysis import AnalysisResult
+from labrig.errors import InputError
+from labrig.record import Run, encode_document, with_numbers_apart
+
+Files = dict[str, bytes]
+
+MANIFEST_FILE = "manifest.json"
+MAT_FILE = "run.mat"
+
+# What a spreadsheet would take for the start of a formula.
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+_MAT_LONGEST_NAME = 63
+_MAT_MOST_BYTES = 2**31
+
+
+def run_tables(run: Run, result: AnalysisResult | None) -> dict[str, pd.DataFrame]:
+    """Return all that a run says as tables, units in the names of their columns.
+
+    Parameters
+    ----------
+    result : AnalysisResult or None
+        Each list of its rows becomes a table: `measurements`, `specimens` ...
+
+    Returns
+    -------
+    dict
+        `states`, `events`, `trials`, `frames`, `truth` where there is one, then the result's.
+    """
+    tables = {"states": run.states, "events": run.events, "trials": run.trials, "frames": run.frame_table}
+    if not run.truth.empty:
+        tables["truth"] = run.truth
+    for name, rows in {} if result is None else result.document.items():
+        if isinstance(rows, list) and rows and all(isinstance(row, Mapping) for row in rows):
+            tables[name] = pd.DataFrame(rows)
+    return {name: _flat(with_numbers_apart(table)) for name, table in tables.items()}
+
+
+def as_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return one CSV file a table, in UTF-8; what is unknown is empty."""
+    files = {
+        f"{name}.csv": table.map(_no_formula).to_csv(index=False, lineterminator="\n").encode()
+        for name, table in tables.items()
+    }
+    return {MANIFEST_FILE: encode_document(run.manifest), **files}
+
+
+def as_parquet(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return one Parquet file a table."""
+    files = {f"{name}.parquet": _parquet(table) for name, table in tables.items()}
+    return {MANIFEST_FILE: encode_document(run.manifest), **files}
+
+
+def as_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return one MATLAB file (version 5): a struct a table, a field a column; and `run`, what the manifest says.
+
+    Text is a cell array, an unknown number NaN, and what is true or false is a number where some are unknown.
+
+    Raises
+    ------
+    InputError
+        When a column is beyond the 2 GB of that format.
+    """
+    content: dict[str, object] = {
+        name: {_mat_name(str(column)): _mat_column(table[column]) for column in table.columns}
+        for name, table in tables.items()
+    }
+    manifest = {
+        key: run.manifest.get(key) for key in ("run", "experiment", "exit_status", "started", "title")
+    }
+    content["run"] = {key: str(value or "") for key, value in manifest.items()} | {
+        "manifest_json": json.dumps(run.manifest, ensure_ascii=False)
+    }
+    largest = max((table.memory_usage(deep=True).max() for table in tables.values()), default=0)
+    if largest >= _MAT_MOST_BYTES:
+        raise InputError(
+            f"a column of {run.path} has {largest / 1e9:.1f} GB; a MATLAB file holds 2 GB a column",
+            "take --parquet, which MATLAB reads with parquetread",
+        )
+    buffer = io.BytesIO()
+    target: Any = buffer  # the stubs know paths alone
+    scipy.io.savemat(target, content, long_field_names=True, oned_as="column", do_compression=True)
+    # Its header holds the time of day and the platform; equal runs give equal files.
+    return {MAT_FILE: _MAT_HEADER + buffer.getvalue()[len(_MAT_HEADER) :]}
+
+
+FORMATS: Mapping[str, Callable[[Run, Mapping[str, pd.DataFrame]], Files]] = {
+    "csv": as_csv,
+    "parquet": as_parquet,
+    "mat": as_mat,
+}
+
+_MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
+
+
+def _flat(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table in which every cell holds a number, a text, true, false or nothing."""
+    return pd.DataFrame({str(name): _flat_column(table[name]) for name in table.columns}, index=table.index)
+
+
+def _flat_column(column: "pd.Series[Any]") -> "pd.Series[Any]":
+    if column.dtype != object:
+        return column
+    known = [value for value in column if not _is_unknown(value)]
+    if all(isinstance(value, bool) for value in known):
+        return column.astype("boolean")
+    if all(isinstance(value, int | float) for value in known):
+        return column.astype("float64")
+    return pd.Series(
+        [None if _is_unknown(v) else _text(v) for v in column], index=column.index, dtype="string"
+    )
+
+
+def _is_unknown(value: object) -> bool:
+    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value))
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _no_formula(value: object) -> object:
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value
+
+
+def _parquet(table: pd.DataFrame) -> bytes:
+    buffer = io.BytesIO()
+    table.to_parquet(buffer, engine="pyarrow", index=False)
+    return buffer.getvalue()
+
+
+def _mat_name(name: str) -> str:
+    """Return a name that MATLAB takes for a field."""
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return (plain if plain[:1].isalpha() else f"x{plain}")[:_MAT_LONGEST_NAME]
+
+
+def _mat_column(column: "pd.Series[Any]") -> np.ndarray[Any, Any]:
+    if pd.api.types.is_bool_dtype(column.dtype) and not column.isna().any():
+        return column.to_numpy(dtype=bool)
+    if pd.api.types.is_numeric_dtype(column.dtype):
+        return column.to_numpy(dtype=np.float64, na_value=np.nan)
+    cells = np.empty(len(column), dtype=object)
+    cells[:] = ["" if _is_unknown(value) else str(value) for value in column]
+    return cells

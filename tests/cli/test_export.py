@@ -1,0 +1,59 @@
+"""`labrig export`."""
+
+from pathlib import Path
+
+import fsspec
+import pytest
+
+from tests.cli.conftest import ROOT, SWEEP, Labrig
+
+FIRST = ROOT / "data" / "first-record"
+
+
+def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None:
+    """The files are named, and a second export is refused until it is forced."""
+    formats = ("--csv", "--parquet", "--mat", "--mcap")
+    document = labrig("export", FIRST, *formats, "--out", tmp_path / "out", "--json").json()
+    names = set(document["files"])
+    assert {"states.csv", "measurements.parquet", "run.mat", "run.mcap", "manifest.json"} <= names
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    again = labrig("export", FIRST, "--csv", "--out", tmp_path / "out", "--json")
+    assert (again.exit_code, again.json()["error"]["type"]) == (2, "OutputExistsError")
+    assert labrig("export", FIRST, "--csv", "--out", tmp_path / "out", "--force").exit_code == 0
+
+
+def test_a_record_goes_to_an_object_store_and_comes_back(labrig: Labrig, tmp_path: Path) -> None:
+    """A copy behind a URL is exported from there, compared with its original, and copied back whole."""
+    store = "memory://shelf/first-record"
+    assert labrig("export", FIRST, "--record", "--out", store).exit_code == 0
+    assert labrig("export", store, "--csv", "--out", tmp_path / "tables").exit_code == 0
+    assert labrig("runs", "diff", FIRST, store, "--json").json()["identical"] is True
+    assert labrig("export", store, "--record", "--out", tmp_path / "back").exit_code == 0
+    assert labrig("runs", "check", tmp_path / "back").exit_code == 0
+    fsspec.filesystem("memory").rm("/shelf", recursive=True)
+
+
+def test_a_live_run_writes_on_the_local_disk(labrig: Labrig) -> None:
+    """A URL as --runs-dir is refused with what to do instead."""
+    done = labrig("run", SWEEP, "--runs-dir", "s3://lab/runs", "--json")
+    assert done.exit_code == 2
+    assert "local disk" in done.json()["error"]["message"]
+    assert "labrig export" in done.json()["error"]["hint"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code"),
+    [(["--csv"], 2), (["--out", "x"], 2), (["--record", "--csv", "--out", "x"], 2)],
+)
+def test_what_makes_no_sense_is_refused(
+    arguments: list[str], exit_code: int, labrig: Labrig, tmp_path: Path
+) -> None:
+    """No place, no format, or a record mixed with tables exits with 2."""
+    assert labrig("export", FIRST, *arguments).exit_code == exit_code
+
+
+def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:
+    """Nothing is written for it."""
+    done = labrig("export", tmp_path, "--csv", "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert list(tmp_path.iterdir()) == []

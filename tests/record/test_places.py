@@ -1,0 +1,116 @@
+"""Runs and exports behind URLs, as in a lab's object store; fsspec's own memory stands for it."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pytest
+
+from labrig.errors import InputError, OutputExistsError, RecordError
+from labrig.record import is_url, open_run, output_folder, require_local
+from tests.record.runs import closed_run, picture
+
+STORE = "memory://lab/runs/one"
+
+
+@pytest.fixture
+def store() -> Iterator[fsspec.AbstractFileSystem]:
+    """An object store that is empty before and after."""
+    files = fsspec.filesystem("memory")
+    _empty(files)
+    yield files
+    _empty(files)
+
+
+def _empty(files: fsspec.AbstractFileSystem) -> None:
+    files.store.clear()
+    files.pseudo_dirs[:] = [""]
+
+
+def _put(run: Path, url: str) -> None:
+    with output_folder(url, force=False) as folder:
+        open_run(run).copy_to(folder)
+
+
+def test_a_run_is_kept_and_opened_in_an_object_store(
+    tmp_path: Path, store: fsspec.AbstractFileSystem
+) -> None:
+    """What was copied there opens as it is: whole, with its pictures, checked by its hashes."""
+    _put(closed_run(tmp_path), STORE)
+    run = open_run(STORE)
+    assert run.problems == ()
+    np.testing.assert_array_equal(run.frames[2], picture(2))
+    assert len(run.trials) == 2
+
+
+def test_damage_in_the_store_is_named(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:
+    """A bit that flipped there is found when the run is opened."""
+    _put(closed_run(tmp_path), STORE)
+    with store.open("/lab/runs/one/states.jsonl", "r+b") as file:
+        file.write(b'{"u')
+    with pytest.raises(RecordError, match=r"states\.jsonl:1"):
+        open_run(STORE)
+
+
+def test_a_name_that_leads_out_of_the_run_is_refused(
+    tmp_path: Path, store: fsspec.AbstractFileSystem
+) -> None:
+    """A store may hold any name; none is written outside the copy."""
+    store.pipe("/lab/runs/one/../../evil", b"x")
+    with pytest.raises(RecordError, match="leads out of the run"):
+        open_run(STORE)
+
+
+def test_what_is_not_there_is_named(store: fsspec.AbstractFileSystem) -> None:
+    """An address without a run, and a kind of address that nobody knows."""
+    with pytest.raises(RecordError, match="nothing is there"):
+        open_run("memory://lab/none")
+    with pytest.raises(InputError, match="Protocol not known"):
+        open_run("nowhere://lab/none")
+
+
+def test_nothing_there_is_replaced_unasked(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:
+    """An export that exists, in the store or on disk, is refused; forced, its files are replaced and others stay."""
+    for out in (STORE, str(tmp_path / "out")):
+        with output_folder(out, force=False) as folder:
+            (folder / "a.csv").write_text("1")
+            (folder / "b.csv").write_text("1")
+        with pytest.raises(OutputExistsError, match="exists already"), output_folder(out, force=False):
+            pass
+        with output_folder(out, force=True) as folder:
+            (folder / "a.csv").write_text("2")
+    assert (tmp_path / "out" / "a.csv").read_text() == "2"
+    assert (tmp_path / "out" / "b.csv").read_text() == "1"
+    assert (store.cat("/lab/runs/one/a.csv"), store.cat("/lab/runs/one/b.csv")) == (b"2", b"1")
+
+
+def test_an_export_that_fails_leaves_nothing(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:
+    """Files are put in their place when all of them are whole."""
+    for out in (STORE, str(tmp_path / "out")):
+        with pytest.raises(RecordError, match="a picture is damaged"):
+            _fail_to_write(out)
+    assert list(tmp_path.iterdir()) == []
+    assert not store.exists("/lab/runs/one")
+
+
+def _fail_to_write(out: str) -> None:
+    with output_folder(out, force=False) as folder:
+        (folder / "a.csv").write_text("1")
+        raise RecordError("a picture is damaged")
+
+
+@pytest.mark.parametrize("place", ["s3://lab/runs", "memory://x", "s3:/lab/runs", "simplecache::s3://lab"])
+def test_a_live_run_is_refused_an_object_store(place: str) -> None:
+    """A URL, also one that a path has been made of, is refused with what to do instead."""
+    with pytest.raises(InputError, match="local disk") as refusal:
+        require_local(Path(place), "--runs-dir")
+    assert "labrig export" in refusal.value.hint
+
+
+def test_a_local_folder_is_no_url(tmp_path: Path) -> None:
+    """Folders with colons, drives of Windows and plain names are local."""
+    for place in (tmp_path, "data/runs", "C:/runs", "C:\\runs", "gel: 13", "a:b"):
+        assert not is_url(place)
+    shutil.rmtree(tmp_path)

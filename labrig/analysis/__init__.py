@@ -13,8 +13,9 @@ What is decided here:
   the needles were pictured"). Pictures on the way are kept for looking at, not averaged in.
 - **Insertions are grouped by needle and gel**, the paper's "needle-tissue pair". The spread is the sample
   standard deviation (n - 1); the interval is Student's, of the mean, at 95 %. It covers the scatter between
-  insertions. It does not cover what all of them share: the scale of the plane calibration, refraction in
-  the gel, the optics.
+  insertions, and how sure the bevel's roll is (`analysis.roll_sd_deg`): a bevel out of the plane by rho shows
+  r / cos(rho), so the lower end is multiplied by the cosine of 1.96 standard deviations. It does not cover what
+  else all of them share: the scale of the plane calibration, refraction in the gel, the optics.
 - **The mean radius of a run is the mean of its groups' means**, which is what "an average of 27.6 mm" is in
   the paper.
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the

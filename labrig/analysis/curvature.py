@@ -36,14 +36,20 @@ def curvature_settings(protocol: SteerabilityProtocol | ImportProtocol) -> Curva
     return CurvatureSettings(
         needle_diameter_mm=protocol.needle.diameter_mm,
         sheath_diameter_mm=sheath_mm,
-        **protocol.analysis.model_dump(),
+        **protocol.analysis.model_dump(exclude={"roll_sd_deg"}),
     )
 
 
 def analyze_curvature(
-    run: Run, stamp: Stamp, settings: CurvatureSettings, workers: int, progress: Progress | None
+    run: Run,
+    protocol: SteerabilityProtocol | ImportProtocol,
+    stamp: Stamp,
+    workers: int,
+    progress: Progress | None,
 ) -> tuple[CurvatureResult, CentreLines]:
     """Measure the pictures, group them, and compare them with the truth where there is one.
+
+    The intervals of the groups carry how sure the bevel's roll is; those of single pictures speak of the picture alone.
 
     Raises
     ------
@@ -52,15 +58,16 @@ def analyze_curvature(
     MachineError
         When a worker process dies.
     """
+    settings, roll_sd_deg = curvature_settings(protocol), protocol.analysis.roll_sd_deg
     trials = _trials(run)
     pictures = _pictures(run, trials)
     places = [run.pictures[int(one.line["frame"])] for one in pictures]
     measured = measure_pictures(places, load_mapping(run), settings, workers, progress)
     results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
     finals = final_pictures(results)
-    specimens = summarise_specimens(trials, finals)
+    specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
-        **stamp.fields(asdict(settings), _damaged(pictures, measured)),
+        **stamp.fields({**asdict(settings), "roll_sd_deg": roll_sd_deg}, _damaged(pictures, measured)),
         specimens=specimens,
         mean_radius_mm=mean_of_means(specimens),
         measurements=results,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labrig.analysis.result import PictureResult, SpecimenResult
-from labrig.analysis.statistics import spread
+from labrig.analysis.statistics import spread, with_roll
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,15 @@ def final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult
 
 
 def summarise_specimens(
-    trials: Sequence[Trial], finals: Mapping[int, PictureResult]
+    trials: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float = 0.0
 ) -> tuple[SpecimenResult, ...]:
     """Return the mean, spread and interval of each group, from the accepted radii of final pictures."""
-    return tuple(_summarise(group, finals) for group in group_trials(trials).values())
+    return tuple(_summarise(group, finals, roll_sd_deg) for group in group_trials(trials).values())
 
 
-def _summarise(group: Sequence[Trial], finals: Mapping[int, PictureResult]) -> SpecimenResult:
+def _summarise(
+    group: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float
+) -> SpecimenResult:
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
     radii = [one.radius_mm for one in pictures if one.accepted and one.radius_mm is not None]
     reasons = Counter(one.reason or "no reason given" for one in pictures if not one.accepted)
@@ -59,7 +61,7 @@ def _summarise(group: Sequence[Trial], finals: Mapping[int, PictureResult]) -> S
         n=summary.n,
         mean_radius_mm=summary.mean,
         sd_radius_mm=summary.sd,
-        ci95_mm=summary.ci95,
+        ci95_mm=with_roll(summary.ci95, roll_sd_deg),
         refused=len(pictures) - summary.n,
         refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
         without_final_picture=len(group) - len(pictures),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.calibration import analyze_calibration
-from labrig.analysis.curvature import analyze_curvature, curvature_settings
+from labrig.analysis.curvature import analyze_curvature
 from labrig.analysis.design import analyze_design
 from labrig.analysis.insertion import analyze_insertion
 from labrig.analysis.pictures import Progress
@@ -82,7 +82,7 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = analyze_curvature(run, stamp, curvature_settings(protocol), workers, progress)
+        content, lines = analyze_curvature(run, protocol, stamp, workers, progress)
         return write_result(run.new_result_dir(), content, lines)
     if isinstance(protocol, DesignProtocol):
         answer, study = analyze_design(protocol, stamp, workers, progress)

@@ -144,6 +144,13 @@ class AnalysisWindow(Model):
     max_radius_sigma_mm: PositiveMm = Field(
         description="Standard deviation of the radius beyond which it is not accepted [mm]."
     )
+    roll_sd_deg: float = Field(
+        2.0,
+        ge=0,
+        le=30,
+        description="How sure the bevel's roll is, standard deviation [deg]; 2 where it was set by eye. A bevel out of "
+        "the plane makes the radius seen too large, so the lower end of intervals is moved.",
+    )
 
     @property
     def least_length_mm(self) -> float:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.analysis.statistics import spread
+from labrig.analysis.statistics import spread, with_roll
 
 VALUES = st.lists(st.floats(10.0, 100.0), min_size=2, max_size=40)
 
@@ -55,3 +55,10 @@ def test_the_interval_covers_as_often_as_it_says() -> None:
     intervals = [spread(list(sample)).ci95 for sample in samples]
     covered = sum(low <= 27.6 <= high for low, high in (one for one in intervals if one is not None))
     assert covered / 4000 == pytest.approx(0.95, abs=0.015)
+
+
+def test_the_roll_moves_the_lower_end_of_an_interval_only() -> None:
+    """At two degrees the radius may be smaller by 1 - cos(1.96 x 2 degrees), 0.23 %; a known roll changes nothing."""
+    assert with_roll((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
+    assert with_roll((28.0, 28.4), 0.0) == (28.0, 28.4)
+    assert with_roll(None, 2.0) is None

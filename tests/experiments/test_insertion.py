@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, RollZero
-from labrig.errors import CameraError, FileFormatError, SafetyStopError, TargetMissedError
-from labrig.experiments import Outcome
+from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
+from labrig.experiments import Outcome, Session, conduct
 from labrig.protocol import AnyProtocol, load_protocol
-from labrig.record import Run
+from labrig.record import Run, open_run
 from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
@@ -47,6 +47,15 @@ def conducted(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = 
     """Conduct an insertion."""
     with certified(tmp_path, protocol, overrides) as opened:
         return opened.conduct(protocol)
+
+
+def conduct_telling(
+    opened: Bench, protocol: AnyProtocol, then: Callable[[float, str], None]
+) -> tuple[Outcome, Run]:
+    """Conduct an insertion and call back with each progress that it tells."""
+    session = Session(opened.opened.rig, opened.recorder, then)
+    outcome = conduct(protocol, session)
+    return outcome, open_run(opened.recorder.path)
 
 
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
@@ -239,3 +248,30 @@ def test_repetitions_are_all_made(tmp_path: Path) -> None:
     outcome, run = conducted(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
     assert outcome.exit_status == "success"
     assert list(run.trials["exit_status"]) == ["success", "success"]
+
+
+def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
+    """The screw jams at 12 mm: the drive lags behind, every axis stands, and the needle counts as in tissue."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, EVEN) as opened:
+        insertion_drive = opened.opened.plant.drives["insertion"]
+
+        def jam(_done: float, doing: str) -> None:
+            if doing == "inserted 12 mm":
+                insertion_drive.block()
+
+        outcome, run = conduct_telling(opened, protocol, jam)
+        assert opened.opened.rig.state.needle_in_tissue is True
+    assert outcome.exit_status == "failed"
+    assert isinstance(outcome.error, DriveError)
+    assert run.states["insertion_mm"].max() < 13.0
+
+
+def test_the_same_seed_gives_the_same_record_byte_for_byte(
+    tmp_path: Path, arrived: tuple[Outcome, Run]
+) -> None:
+    """Frames, states, events and CAN frames of a second insertion are those of the first."""
+    _, first = arrived
+    _, second = conducted(tmp_path, insertion())
+    for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "truth.jsonl", "can.log"):
+        assert (first.path / name).read_bytes() == (second.path / name).read_bytes()

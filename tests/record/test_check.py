@@ -84,6 +84,16 @@ def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:
     ]
 
 
+def test_a_damaged_remark_is_found(tmp_path: Path) -> None:
+    """Notes are no part of SHA256SUMS, but each carries its checksum; a torn last one is no damage."""
+    run = full_run(tmp_path, closed=True)
+    whole = encode_line({"kind": "tag", "tag": "good"})
+    (run / "notes.jsonl").write_bytes(whole + whole[:-9])
+    assert check_run(run).damage == ()
+    (run / "notes.jsonl").write_bytes(whole.replace(b"good", b"bad!") + whole)
+    assert places(check_run(run)) == ["notes.jsonl:1"]
+
+
 def test_links_are_named_and_not_followed(tmp_path: Path) -> None:
     """A picture, a file of lines or a folder that is a link is damage, whatever it points to."""
     run, outside = full_run(tmp_path, closed=True), tmp_path / "outside"

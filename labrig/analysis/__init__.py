@@ -1,6 +1,7 @@
 """analysis: from a run on disk to its result, with uncertainty.
 
-One door, `analyze_run`, serves the run that has just ended and the reanalysis of an old one. It reads the
+One door, `analyze_run`, serves the run that has just ended and the reanalysis of an old one; `analyze_runs` takes
+several at once. It reads the
 record, never changes it, and writes a new folder `RUN/analysis/NNN/` each time, so that old results stay
 beside new ones.
 
@@ -26,6 +27,7 @@ What is decided here:
 The result does not depend on the number of worker processes.
 """
 
+from labrig.analysis.batch import analyze_runs
 from labrig.analysis.design import (
     DesignOrder,
     DesignStudy,
@@ -36,6 +38,7 @@ from labrig.analysis.design import (
     hinge_table,
     study_design,
 )
+from labrig.analysis.divergence import Divergence, first_divergence
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
@@ -68,6 +71,7 @@ __all__ = [
     "DesignOrder",
     "DesignResult",
     "DesignStudy",
+    "Divergence",
     "InsertionResult",
     "InsertionTrial",
     "MeasuredRadius",
@@ -80,8 +84,10 @@ __all__ = [
     "Tolerances",
     "TruthComparison",
     "analyze_run",
+    "analyze_runs",
     "design_basis",
     "design_file",
+    "first_divergence",
     "hinge_table",
     "load_centre_lines",
     "load_lens",

@@ -355,19 +355,20 @@ class Epos2:
         Raises
         ------
         DriveError
-            On a fault when it is to be enabled, or when it does not get there.
+            On a fault when it is to be enabled, or when it has been in a state for too long, also on and off.
         """
-        deadline_s = self._clock.now_s() + ANSWER_TIME_S
+        since_s: dict[DriveState, float] = {}
         while True:
             statusword = self.statusword()
+            state, now_s = decode_state(statusword), self._clock.now_s()
             if goal is Goal.ENABLED:
                 self._refuse_fault(statusword)
             plan = plan_controlword(statusword, goal)
             if plan.attained:
                 return
-            if self._clock.now_s() > deadline_s:
+            if now_s - since_s.setdefault(state, now_s) > ANSWER_TIME_S:
                 raise DriveError(
-                    f"{self.name} stayed in {decode_state(statusword).name} for {ANSWER_TIME_S:g} s "
+                    f"{self.name} stayed in {state.name} for {ANSWER_TIME_S:g} s "
                     f"on the way to {goal.name} (statusword 0x{statusword:04X})",
                     "look at its status in EPOS Studio",
                 )

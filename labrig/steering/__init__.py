@@ -2,18 +2,16 @@
 
 from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.planner import Plan, PlannedArc, plan_path, sample_path
-from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
-from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-from labrig.steering.step import (
+from labrig.steering.policy import (
     SteeringCommand,
     SteeringPolicy,
     SteeringSettings,
-    SteeringState,
     StopReason,
     TipSighting,
-    start_steering,
-    step_steering,
 )
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.steering.step import SteeringState, start_steering, step_steering
 from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
 __all__ = [

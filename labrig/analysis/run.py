@@ -66,6 +66,11 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or a worker process dies.
     """
+    if run.withdraws is not None:
+        raise InputError(
+            f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
+            f"labrig reanalyze {run.path.parent / run.withdraws}",
+        )
     protocol = _resolved_protocol(run, overrides)
     numbers = result_numbers(run)
     stamp = Stamp(

@@ -131,10 +131,24 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Operator", shown(run.protocol.operator)),
         ("Started", moment(manifest.get("started"))),
         ("Ended", moment(manifest.get("ended"))),
+        *_resumed(run),
         *_experiment_facts(run),
         ("Pictures recorded", _pictures(run)),
         ("Seed", shown(manifest.get("seed"))),
     ]
+
+
+def _resumed(run: Run) -> list[tuple[str, str]]:
+    """Say how often a run was resumed, and which insertion was made in the stead of which; nothing of any other."""
+    times = len(run.sessions)
+    if times == 0:
+        return []
+    repeated = [
+        f"trial {event['repeats']} was interrupted and repeated as trial {event['trial']}"
+        for event in run.lines("events")
+        if event["kind"] == "trial_start" and "repeats" in event
+    ]
+    return [("Resumed", "; ".join(["once" if times == 1 else f"{times} times", *repeated]))]
 
 
 def _pictures(run: Run) -> str:

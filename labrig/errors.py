@@ -134,6 +134,10 @@ class FileFormatError(InputError):
         super().__init__("\n".join(lines), first.hint)
         self.problems = problems
 
+    def __reduce__(self) -> tuple[type[Self], tuple[tuple[Problem, ...]]]:
+        """Let a worker process hand the error to its parent."""
+        return type(self), (self.problems,)
+
 
 class PictureError(InputError):
     """A file that should be a picture and is not, or a picture of another size."""

@@ -1,6 +1,7 @@
 """analysis: from a run on disk to its result, with uncertainty.
 
-One door, `analyze_run`, serves the run that has just ended and the reanalysis of an old one. It reads the
+One door, `analyze_run`, serves the run that has just ended and the reanalysis of an old one; `analyze_runs` takes
+several at once. It reads the
 record, never changes it, and writes a new folder `RUN/analysis/NNN/` each time, so that old results stay
 beside new ones.
 
@@ -20,12 +21,14 @@ What is decided here:
   the paper.
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
   design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
-- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it.
+- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it. What
+  the estimator knew on the way is worked out again from the recorded pictures and the turns that were made.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
 The result does not depend on the number of worker processes.
 """
 
+from labrig.analysis.batch import analyze_runs
 from labrig.analysis.design import (
     DesignOrder,
     DesignStudy,
@@ -36,6 +39,8 @@ from labrig.analysis.design import (
     hinge_table,
     study_design,
 )
+from labrig.analysis.divergence import Divergence, first_divergence
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
@@ -45,7 +50,10 @@ from labrig.analysis.result import (
     CentreLines,
     CurvatureResult,
     DesignResult,
+    InsertionObstacle,
+    InsertionPlan,
     InsertionResult,
+    InsertionStep,
     InsertionTrial,
     PictureResult,
     RollZeroResult,
@@ -68,7 +76,11 @@ __all__ = [
     "DesignOrder",
     "DesignResult",
     "DesignStudy",
+    "Divergence",
+    "InsertionObstacle",
+    "InsertionPlan",
     "InsertionResult",
+    "InsertionStep",
     "InsertionTrial",
     "MeasuredRadius",
     "NeedleInPicture",
@@ -80,9 +92,12 @@ __all__ = [
     "Tolerances",
     "TruthComparison",
     "analyze_run",
+    "analyze_runs",
     "design_basis",
     "design_file",
+    "first_divergence",
     "hinge_table",
+    "insertion_settings",
     "load_centre_lines",
     "load_lens",
     "load_mapping",

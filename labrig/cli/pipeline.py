@@ -1,12 +1,12 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_run
+from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
 from labrig.cli.finished import Finished
 from labrig.cli.output import say
 from labrig.cli.person import TerminalOperator
@@ -213,6 +213,22 @@ def free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
         number += 1
         name = f"{started:%Y%m%d-%H%M%S}-{experiment}-{number}"
     return name
+
+
+def analyze_several(
+    paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...]
+) -> dict[Path, AnalysisResult | LabrigError]:
+    """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
+    runs = list(dict.fromkeys(paths))
+    with progress("analysing runs", float(len(runs))) as reporter:
+        outcomes = analyze_runs(
+            runs,
+            overrides=overrides,
+            progress=lambda done, total, run: reporter(float(done), f"{done} of {total} runs, {run.name}"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(command_line),
+        )
+    return dict(zip(runs, outcomes, strict=True))
 
 
 def analyze(

@@ -41,28 +41,56 @@ def reanalyze(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="analysis.KEY=VALUE", help="Override an analysis setting.", show_default=False
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override analysis.* or, of an insertion, estimator.*",
+            show_default=False,
         ),
     ] = None,
     mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.pipeline import analyze
+    from labrig.cli.pipeline import analyze, analyze_several
+
+    overrides, command_line = tuple(settings or ()), tuple(sys.argv)
+    at_once = len(set(run_paths)) > 1 and mask is None
+    several = analyze_several(run_paths, command_line, overrides) if at_once else {}
 
     def one(path: Path) -> dict[str, object]:
-        old = _old_document(path)
-        new = analyze(path, tuple(sys.argv), tuple(settings or ()), mask)
+        outcome = several.get(path)
+        if isinstance(outcome, LabrigError):
+            raise outcome
+        old = _newest(path) if outcome is None else _parent(path, outcome.content.parent)
+        new = analyze(path, command_line, overrides, mask) if outcome is None else outcome
         if not as_json:
             _print_old_and_new(path, old, new.document)
-        return _undamaged(
-            {"analysis": str(new.path), "reason": _nothing_found(new.document)}, new.document["damage"]
-        )
+        row = {"analysis": str(new.path), "reason": _nothing_found(new.document)}
+        return _undamaged({**row, **_divergence(old, new.document, as_json)}, new.document["damage"])
 
     return _each(run_paths, one, as_json, key="analysis")
 
 
-def _old_document(path: Path) -> Mapping[str, Any] | None:
+def _divergence(old: Mapping[str, Any] | None, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:
+    """Say where a result parts from the one before it, and return that for JSON."""
+    from dataclasses import asdict
+
+    from labrig.analysis import first_divergence
+
+    if old is None:
+        return {"parent": None, "first_divergence": None}
+    found = first_divergence(old, new)
+    if not as_json:
+        typer.echo("the numbers are identical" if found is None else f"first divergence: {_told(found)}")
+    return {"parent": new["parent"], "first_divergence": None if found is None else asdict(found)}
+
+
+def _told(found: Any) -> str:
+    where = "" if found.frame is None else f"frame {found.frame}, "
+    return f"{where}{found.key}: {found.old} before, {found.new} now"
+
+
+def _newest(path: Path) -> Mapping[str, Any] | None:
     """Return the newest result so far; a damaged one is named and does not keep a new one from being made."""
     from labrig.analysis import load_result
     from labrig.record import open_run
@@ -72,6 +100,21 @@ def _old_document(path: Path) -> Mapping[str, Any] | None:
         old = load_result(run)
     except RecordError as error:
         say(f"note: {error.message}; a new result is made")
+        return None
+    return None if old is None else old.document
+
+
+def _parent(path: Path, number: int | None) -> Mapping[str, Any] | None:
+    """Return the result that a new one comes after; None where there is none, or it is damaged."""
+    from labrig.analysis import load_result
+    from labrig.record import open_run
+
+    if number is None:
+        return None
+    try:
+        old = load_result(open_run(path), number)
+    except RecordError as error:
+        say(f"note: {error.message}")
         return None
     return None if old is None else old.document
 
@@ -113,6 +156,8 @@ def _values(document: object) -> dict[str, object]:
             "inclination on our contour, degrees": document["search"]["beta_cut_deg"],
             "RMSE of our plane, degrees": document["search"]["fit"]["rmse_deg"],
         }
+    if document.get("kind") == "insertion":
+        return _insertion_values(document)
     measured = document.get("measurements", ())
     values: dict[str, object] = {
         f"{specimen['name']}: mean radius mm": specimen["mean_radius_mm"]
@@ -121,6 +166,17 @@ def _values(document: object) -> dict[str, object]:
     values["pictures"] = len(measured)
     values["shaft and tip found"] = sum(bool(one["found"]) for one in measured)
     values["radius accepted"] = sum(bool(one["accepted"]) for one in measured)
+    return values
+
+
+def _insertion_values(document: Mapping[str, Any]) -> dict[str, object]:
+    values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
+    for one in document["insertions"]:
+        name = f"insertion {one['trial'] + 1}"
+        values[f"{name}: error mm"] = one["target_error_mm"]
+        values[f"{name}: error by the estimate mm"] = one["template_error_mm"]
+        values[f"{name}: mean NIS"] = one["mean_nis"]
+        values[f"{name}: sightings not believed"] = one["missed_sightings"]
     return values
 
 

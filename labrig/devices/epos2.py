@@ -69,7 +69,7 @@ STILL_TIME_S = 0.05
 """An axis stands still when it moves no more than this in this time; a servo at rest dithers a little."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
-_NMT_START, _NMT_RESET_COMMUNICATION = 0x01, 0x82
+_NMT_START, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x80, 0x82
 _RESET_COMMUNICATION_FIRST = frozenset({0x8120, 0x81FD})
 """Faults of the bus whose reset the drive takes only after its communication has been reset."""
 
@@ -191,8 +191,10 @@ class Epos2:
         DriveError
             When it is no EPOS2: other generations have other objects and signs; or when two drives answer.
         """
+        vendor = self._first_answer()
+        # Answers to whoever asked before do not count.
         strays = self._sdo.strays
-        vendor, device_type = self.read(od.VENDOR_ID), self.read(od.DEVICE_TYPE)
+        device_type = self.read(od.DEVICE_TYPE)
         if vendor != od.VENDOR_ID.default or device_type != od.DEVICE_TYPE.default:
             raise self._not_an_epos2(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
         hardware = self.read(od.HARDWARE_VERSION)
@@ -207,6 +209,14 @@ class Epos2:
                 "give every drive a node id of its own",
             )
         return identity
+
+    def _first_answer(self) -> int:
+        """Return the vendor id; a node that `labrig devices stop` has stopped answers nothing until it is woken."""
+        try:
+            return self.read(od.VENDOR_ID)
+        except DriveSilentError:
+            self.send_nmt(_NMT_PRE_OPERATIONAL)
+            return self.read(od.VENDOR_ID)
 
     def _not_an_epos2(self, found: str) -> DriveError:
         return DriveError(
@@ -345,19 +355,20 @@ class Epos2:
         Raises
         ------
         DriveError
-            On a fault when it is to be enabled, or when it does not get there.
+            On a fault when it is to be enabled, or when it has been in a state for too long, also on and off.
         """
-        deadline_s = self._clock.now_s() + ANSWER_TIME_S
+        since_s: dict[DriveState, float] = {}
         while True:
             statusword = self.statusword()
+            state, now_s = decode_state(statusword), self._clock.now_s()
             if goal is Goal.ENABLED:
                 self._refuse_fault(statusword)
             plan = plan_controlword(statusword, goal)
             if plan.attained:
                 return
-            if self._clock.now_s() > deadline_s:
+            if now_s - since_s.setdefault(state, now_s) > ANSWER_TIME_S:
                 raise DriveError(
-                    f"{self.name} stayed in {decode_state(statusword).name} for {ANSWER_TIME_S:g} s "
+                    f"{self.name} stayed in {state.name} for {ANSWER_TIME_S:g} s "
                     f"on the way to {goal.name} (statusword 0x{statusword:04X})",
                     "look at its status in EPOS Studio",
                 )

@@ -44,6 +44,20 @@ def test_reanalyzing_gives_the_same_numbers_in_a_new_result(
     assert {path.name: path.read_bytes() for path in (run / "frames").iterdir()} == before
 
 
+def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> None:
+    """Unchanged settings give identical numbers; with others the first picture that differs is named for each run."""
+    first = ROOT / "data" / "first-record"
+    runs = [shutil.copytree(first, tmp_path / name) for name in ("one", "two")]
+    rows = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
+    assert [(row["run"], row["ok"], row["parent"]) for row in rows] == [(str(run), True, 1) for run in runs]
+    assert {row["first_divergence"]["frame"] for row in rows} == {2}
+    again = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
+    assert [(row["parent"], row["first_divergence"]) for row in again] == [(2, None), (2, None)]
+    printed = labrig("reanalyze", *runs).out
+    assert printed.count("first divergence: frame 2") == 2
+    assert "old" in printed
+
+
 def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
     """report writes the page again, and nothing in it is fetched from anywhere."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")

@@ -159,6 +159,18 @@ def test_stopping_from_outside_stops_every_drive() -> None:
         assert [drive.shaft_quadcounts for drive in opened.plant.drives.values()] == positions
 
 
+def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
+    """A node in NMT STOPPED answers no SDO; whoever opens the rig next wakes it, and nothing moves by that."""
+    with opened_rig() as opened:
+        link = opened.plant.open_link()
+        stop_drives(simulated_rig(), link, opened.plant.clock)
+        link.close()
+        opened.plant.clock.sleep(1.0)
+        opened.rig.connect()
+        assert opened.rig.read_states()["linear"].state is DriveState.OPERATION_ENABLED
+        assert all(drive.shaft_quadcounts == 0 for drive in opened.plant.drives.values())
+
+
 def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
     """The others are stopped all the same."""
     with opened_rig() as opened:

@@ -1,6 +1,7 @@
 """The driver against the simulated drive, over the bus."""
 
 from collections.abc import Iterator
+from itertools import cycle
 
 import pytest
 
@@ -278,6 +279,16 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
     with pytest.raises(DriveError, match="has restarted"):
         ready.driver.raise_if_reported()
     assert not ready.driver.is_referenced()
+
+
+@pytest.mark.parametrize("told", [[0x0140], [0x0140, 0x0121]], ids=["stuck", "to and fro"])
+def test_a_drive_that_obeys_no_command_is_told(one: OneDrive, told: list[int]) -> None:
+    """It stays where it is, or comes back there again and again: a second, and no longer, is waited for it."""
+    words = cycle(told)
+    one.drive.node.objects._live[od.STATUSWORD] = lambda: next(words)
+    with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
+        one.driver.go_to(Goal.ENABLED)
+    assert one.clock.now_s() == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:

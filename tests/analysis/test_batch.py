@@ -1,0 +1,44 @@
+"""Several runs analysed at once."""
+
+import shutil
+from pathlib import Path
+
+from labrig.analysis import AnalysisResult, analyze_runs, first_divergence, load_result
+from labrig.errors import FileFormatError, RecordError
+from labrig.record import open_run
+from tests.analysis.synthetic import NOW, PROVENANCE
+
+FIRST = Path(__file__).parents[2] / "data" / "first-record"
+
+
+def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
+    """Results stand in the order of the runs, each linked to its parent; a folder that is no run has its error."""
+    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b", "c")]
+    told: list[tuple[int, int]] = []
+    outcomes = analyze_runs(
+        [*runs, tmp_path / "none"],
+        workers=2,
+        progress=lambda done, total, _run: told.append((done, total)),
+        created=NOW,
+        provenance=PROVENANCE,
+    )
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert isinstance(outcomes[3], RecordError)
+    results = [outcome for outcome in outcomes if isinstance(outcome, AnalysisResult)]
+    assert [result.path for result in results] == [run / "analysis" / "002" for run in runs]
+    assert [result.content.parent for result in results] == [1, 1, 1]
+    for run, result in zip(runs, results, strict=True):
+        read = load_result(open_run(run), 2)
+        assert read is not None
+        assert first_divergence(read.document, results[0].document) is None
+        assert first_divergence(result.document, results[0].document) is None
+
+
+def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
+    """An error with places comes back from a worker process with all of them."""
+    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
+    outcomes = analyze_runs(
+        runs, overrides=["analysis.window_start_mm=-1"], workers=2, created=NOW, provenance=PROVENANCE
+    )
+    assert [type(outcome) for outcome in outcomes] == [FileFormatError, FileFormatError]
+    assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)

@@ -1,0 +1,33 @@
+"""Where two results part."""
+
+from typing import Any
+
+from labrig.analysis import Divergence, first_divergence
+
+
+def _document(**changes: Any) -> dict[str, Any]:
+    return {
+        "created": "now", "parent": None, "settings": {"window_start_mm": 4.0}, "mean_radius_mm": 27.5,
+        "specimens": [{"n": 2, "mean_radius_mm": 27.5}],
+        "measurements": [{"frame": 3, "radius_mm": 27.0, "tip_mm": [1.0, 2.0]}, {"frame": 7, "radius_mm": 28.0}],
+    } | changes  # fmt: skip
+
+
+def test_results_that_say_the_same_do_not_part() -> None:
+    """When it was made, after which result, and by which settings is no number of a result."""
+    assert first_divergence(_document(), _document(created="later", parent=1, settings={})) is None
+
+
+def test_the_first_picture_that_differs_is_named() -> None:
+    """Pictures come before what was computed from them, and the frame is told."""
+    pictures = [{"frame": 3, "radius_mm": 27.0, "tip_mm": [1.0, 2.0]}, {"frame": 7, "radius_mm": 28.5}]
+    new = _document(mean_radius_mm=27.75, measurements=pictures)
+    assert first_divergence(_document(), new) == Divergence("measurements.1.radius_mm", 7, 28.0, 28.5)
+
+
+def test_a_picture_that_is_gone_and_a_sum_that_differs_are_named() -> None:
+    """What one of the two lacks is None there; without a picture there is no frame."""
+    fewer = _document(measurements=_document()["measurements"][:1])
+    assert first_divergence(_document(), fewer) == Divergence("measurements.1.frame", 7, 7, None)
+    other = _document(mean_radius_mm=1.0)
+    assert first_divergence(_document(), other) == Divergence("mean_radius_mm", None, 27.5, 1.0)

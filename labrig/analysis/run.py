@@ -27,7 +27,8 @@ from labrig.protocol import (
 )
 from labrig.record import Run
 
-_OVERRIDABLE = "analysis."
+# An insertion has no section analysis; its estimator can be asked what it would have said with other settings.
+_OVERRIDABLE = ("analysis.", "estimator.")
 
 
 def analyze_run(
@@ -65,6 +66,11 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or a worker process dies.
     """
+    if run.withdraws is not None:
+        raise InputError(
+            f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
+            f"labrig reanalyze {run.path.parent / run.withdraws}",
+        )
     protocol = _resolved_protocol(run, overrides)
     numbers = result_numbers(run)
     stamp = Stamp(
@@ -90,7 +96,7 @@ def analyze_run(
         study.save(folder, stamp.provenance)
         return write_result(folder, answer)
     if isinstance(protocol, InsertionProtocol):
-        arrivals = analyze_insertion(run, protocol, stamp, workers, progress)
+        arrivals = analyze_insertion(run, protocol, stamp, progress)
         return write_result(run.new_result_dir(), arrivals)
     if isinstance(protocol, RollZeroProtocol):
         return write_result(run.new_result_dir(), analyze_roll_zero(run, protocol, stamp, workers, progress))
@@ -99,11 +105,12 @@ def analyze_run(
 
 def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
     """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
+    allowed = " and ".join(f"{section}*" for section in _OVERRIDABLE)
     for override in overrides:
         if not override.startswith(_OVERRIDABLE):
             raise InputError(
-                f"{override!r} cannot be changed after the run: only {_OVERRIDABLE}* can",
-                f"for example {_OVERRIDABLE}window_start_mm=5",
+                f"{override!r} cannot be changed after the run: only {allowed} can",
+                "for example analysis.window_start_mm=5",
             )
     recorded = run.protocol
     return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded

@@ -40,7 +40,10 @@ def reanalyze(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="analysis.KEY=VALUE", help="Override an analysis setting.", show_default=False
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override analysis.* or, of an insertion, estimator.*",
+            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -150,6 +153,8 @@ def _values(document: object) -> dict[str, object]:
             "inclination on our contour, degrees": document["search"]["beta_cut_deg"],
             "RMSE of our plane, degrees": document["search"]["fit"]["rmse_deg"],
         }
+    if document.get("kind") == "insertion":
+        return _insertion_values(document)
     measured = document.get("measurements", ())
     values: dict[str, object] = {
         f"{specimen['name']}: mean radius mm": specimen["mean_radius_mm"]
@@ -158,6 +163,17 @@ def _values(document: object) -> dict[str, object]:
     values["pictures"] = len(measured)
     values["shaft and tip found"] = sum(bool(one["found"]) for one in measured)
     values["radius accepted"] = sum(bool(one["accepted"]) for one in measured)
+    return values
+
+
+def _insertion_values(document: Mapping[str, Any]) -> dict[str, object]:
+    values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
+    for one in document["insertions"]:
+        name = f"insertion {one['trial'] + 1}"
+        values[f"{name}: error mm"] = one["target_error_mm"]
+        values[f"{name}: error by the estimate mm"] = one["template_error_mm"]
+        values[f"{name}: mean NIS"] = one["mean_nis"]
+        values[f"{name}: sightings not believed"] = one["missed_sightings"]
     return values
 
 

@@ -50,7 +50,6 @@ from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import (
     SLOWLY,
-    WITHDRAWS,
     ReverseMove,
     WithdrawalSpeeds,
     recorded_path,
@@ -61,7 +60,6 @@ from labrig.experiments.withdrawal import (
 __all__ = [
     "SLOWLY",
     "USUAL_DISTANCE",
-    "WITHDRAWS",
     "Estimate",
     "Finding",
     "Outcome",

@@ -12,9 +12,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from labrig.analysis import insertion_settings
 from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
 from labrig.errors import FileFormatError, TargetMissedError
-from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of, steering_settings
+from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
 from labrig.experiments.roll_zero import RollZeroOrder, confirm_needle_out, find_roll_zero
 from labrig.experiments.session import Look, Session
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
@@ -106,7 +107,7 @@ def _insert_once(
     rig, sheath = session.rig, protocol.sheath
     session.progress(_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}")
     aim = _aim(protocol, session, eye, trial)
-    settings = steering_settings(protocol, aim)
+    settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = start_steering(settings)
     insertion = _Insertion(protocol, session, eye, roll_zero, trial, settings)
     insertion.tell_start(aim, state)

@@ -11,7 +11,7 @@ from labrig.steering.policy import (
 )
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
 from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
 __all__ = [
@@ -37,8 +37,10 @@ __all__ = [
     "plan_path",
     "radius_sd_within",
     "sample_path",
+    "sighted",
     "start_steering",
     "start_tip",
     "step_steering",
     "step_tip",
+    "turned",
 ]

@@ -137,7 +137,7 @@ def step_steering(
             f"insertion_mm is {sighting.insertion_mm:g} after {state.insertion_mm:g}: the needle was withdrawn",
             "start again where it stands",
         )
-    seen = _estimated(state, sighting, settings)
+    seen = sighted(state, sighting, settings)
     lost = _lost(seen, settings)
     if lost is not None:
         return seen, lost
@@ -147,8 +147,11 @@ def step_steering(
     return _commanded(seen, settings)
 
 
-def _estimated(state: SteeringState, sighting: TipSighting, settings: SteeringSettings) -> SteeringState:
-    """Return the state with the tip brought to the sighting, stretch by stretch, and the sighting taken in."""
+def sighted(state: SteeringState, sighting: TipSighting, settings: SteeringSettings) -> SteeringState:
+    """Return the state with the tip brought to a sighting, stretch by stretch, and the sighting taken in.
+
+    This is the estimating half of `step_steering`; a record is followed by it, with the turns that were made.
+    """
     straight_mm = settings.policy.closing_mm / 2
     along = stretches(state.insertion_mm, sighting.insertion_mm, state.turns, straight_mm)
     steps = [TipObservation(None, one.length_mm, one.roll_rad, one.bends) for one in along]
@@ -172,6 +175,11 @@ def _estimated(state: SteeringState, sighting: TipSighting, settings: SteeringSe
         refusal=None,
         moving_from=(from_mm, place),
     )
+
+
+def turned(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
+    """Return the state after the bevel has been turned where the needle stands."""
+    return replace(state, turns=(*state.turns, Turn(_acts_at(state.insertion_mm, settings), roll_rad)))
 
 
 def _lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand | None:
@@ -353,8 +361,7 @@ def _turned(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringS
     roll_rad = math.remainder(sum(turn.roll_rad for turn in due), 2 * math.pi)
     if not due or abs(roll_rad) < _NO_TURN:
         return replace(state, ahead=state.ahead[len(due) :]), 0.0
-    acts = Turn(_acts_at(state.insertion_mm, settings), roll_rad)
-    return replace(state, ahead=state.ahead[len(due) :], turns=(*state.turns, acts)), roll_rad
+    return replace(turned(state, roll_rad, settings), ahead=state.ahead[len(due) :]), roll_rad
 
 
 def _arrived(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:

@@ -27,7 +27,9 @@ from labrig.protocol import (
 )
 from labrig.record import Run
 
-_OVERRIDABLE = "analysis."
+_OVERRIDABLE = ("analysis.",)
+# How an insertion was steered can be asked of its sightings again; see `labrig.experiments.steer_again`.
+_OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 
 def analyze_run(
@@ -99,13 +101,17 @@ def analyze_run(
 
 def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
     """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
-    for override in overrides:
-        if not override.startswith(_OVERRIDABLE):
-            raise InputError(
-                f"{override!r} cannot be changed after the run: only {_OVERRIDABLE}* can",
-                f"for example {_OVERRIDABLE}window_start_mm=5",
-            )
     recorded = run.protocol
+    prefixes = _OVERRIDABLE_IN_INSERTIONS if isinstance(recorded, InsertionProtocol) else _OVERRIDABLE
+    for override in overrides:
+        if not override.startswith(prefixes):
+            example = (
+                "policy.deviation_mm=1" if prefixes is not _OVERRIDABLE else "analysis.window_start_mm=5"
+            )
+            raise InputError(
+                f"{override!r} cannot be changed after the run: only {', '.join(f'{one}*' for one in prefixes)} can",
+                f"for example {example}",
+            )
     return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
 
 

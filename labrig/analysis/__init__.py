@@ -21,7 +21,8 @@ What is decided here:
   the paper.
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
   design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
-- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it.
+- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it. What
+  the estimator knew on the way is worked out again from the recorded pictures and the turns that were made.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
 The result does not depend on the number of worker processes.
@@ -39,6 +40,7 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.divergence import Divergence, first_divergence
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
@@ -48,7 +50,10 @@ from labrig.analysis.result import (
     CentreLines,
     CurvatureResult,
     DesignResult,
+    InsertionObstacle,
+    InsertionPlan,
     InsertionResult,
+    InsertionStep,
     InsertionTrial,
     PictureResult,
     RollZeroResult,
@@ -72,7 +77,10 @@ __all__ = [
     "DesignResult",
     "DesignStudy",
     "Divergence",
+    "InsertionObstacle",
+    "InsertionPlan",
     "InsertionResult",
+    "InsertionStep",
     "InsertionTrial",
     "MeasuredRadius",
     "NeedleInPicture",
@@ -89,6 +97,7 @@ __all__ = [
     "design_file",
     "first_divergence",
     "hinge_table",
+    "insertion_settings",
     "load_centre_lines",
     "load_lens",
     "load_mapping",

@@ -2,7 +2,13 @@
 
 from dataclasses import dataclass
 
-from labrig.protocol import AnyProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.protocol import (
+    AnyProtocol,
+    ImportProtocol,
+    InsertionProtocol,
+    RollZeroProtocol,
+    SteerabilityProtocol,
+)
 
 
 @dataclass(frozen=True)
@@ -16,7 +22,7 @@ class NeedleInPicture:
 def needle_in(protocol: AnyProtocol) -> NeedleInPicture | None:
     """Return needle and sheath of a protocol, or None for one that takes no picture of a needle."""
     match protocol:
-        case SteerabilityProtocol():
+        case SteerabilityProtocol() | InsertionProtocol() | RollZeroProtocol():
             return NeedleInPicture(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
         case ImportProtocol():
             return NeedleInPicture(protocol.needle.diameter_mm, protocol.sheath_diameter_mm)

@@ -205,32 +205,102 @@ class DesignResult(_Common):
     cells: tuple[HingeCell, ...]
 
 
+class InsertionStep(Model):
+    """One look at the needle on its way, estimated again from the recorded picture; points are (y, z).
+
+    `tip_mm` is where the template found the tip, None where it did not, for the `reason`; `believed` says whether the
+    estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
+    needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
+    simulated worlds alone.
+    """
+
+    frame: int
+    t_s: float
+    depth_mm: float
+    tip_mm: Point | None
+    reason: str | None
+    score: float | None
+    estimate_mm: Point
+    position_sd_mm: float
+    heading_rad: float
+    heading_sd_rad: float
+    radius_mm: float | None
+    believed: bool
+    nis: float | None
+    innovation_mm: Point | None
+    clearance_mm: float | None
+    true_mm: Point | None
+    true_heading_rad: float | None
+
+
+class InsertionPlan(Model):
+    """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
+
+    depth_mm: float
+    t_s: float
+    frame: int | None
+    because: str
+    found: bool
+    reason: str | None
+    arcs: int
+    length_mm: float | None
+    clearance_mm: float | None
+    path_mm: tuple[Point, ...]
+
+
+class InsertionObstacle(Model):
+    """A sphere that was to be kept off, its centre (x, y, z)."""
+
+    position_mm: tuple[float, float, float]
+    radius_mm: float
+
+
 class InsertionTrial(Model):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
-    `target_mm` is (x, y, z), `tip_mm` (y, z); `unmeasured` says why there is no tip.
+    `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
+    `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
+    is no tip. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
+    to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
+    of freedom, so 2 where the noise is what the protocol says.
     """
 
     trial: int
+    start_t_s: float
     outcome: str
+    stop: str
     cause: str
     reached: bool
     target_mm: tuple[float, ...]
+    tolerance_mm: float
+    obstacles: tuple[InsertionObstacle, ...]
+    final_frame: int | None
     tip_mm: Point | None
+    shaft_mm: tuple[Point, ...]
     target_error_mm: float | None
     unmeasured: str | None
+    template_error_mm: float | None
     true_target_error_mm: float | None
     true_min_clearance_mm: float | None
+    true_path_mm: tuple[Point, ...]
     replans: int
     length_mm: float | None
+    missed_sightings: int
+    mean_nis: float | None
+    steps: tuple[InsertionStep, ...]
+    plans: tuple[InsertionPlan, ...]
 
 
 class InsertionResult(_Common):
-    """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest."""
+    """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
+
+    `causes` counts why the others did not.
+    """
 
     kind: Literal["insertion"] = "insertion"
     made: int
     arrived: int
+    causes: dict[str, int]
     reached: bool
     target_error_mm: float | None
     true_target_error_mm: float | None
@@ -298,6 +368,9 @@ def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) 
         write_atomically(path / LINES_FILE, _pack(lines))
         write_atomically(path / "measurements.csv", _csv(content.measurements, PictureResult))
         write_atomically(path / "specimens.csv", _csv(content.specimens, SpecimenResult))
+    if isinstance(content, InsertionResult):
+        for one in content.insertions:
+            write_atomically(path / f"steps-{one.trial}.csv", _csv(one.steps, InsertionStep))
     write_atomically(path / RESULT_FILE, encode_document(result.document))
     return result
 
@@ -403,6 +476,9 @@ _PAIRS = {
     "centre_mm": ("centre_y_mm", "centre_z_mm"),
     "tip_mm": ("tip_y_mm", "tip_z_mm"),
     "tip_px": ("tip_u_px", "tip_v_px"),
+    "estimate_mm": ("estimate_y_mm", "estimate_z_mm"),
+    "innovation_mm": ("innovation_y_mm", "innovation_z_mm"),
+    "true_mm": ("true_y_mm", "true_z_mm"),
     "sheath_tip_mm": ("sheath_tip_y_mm", "sheath_tip_z_mm"),
     "entry_mm": ("entry_y_mm", "entry_z_mm"),
 }

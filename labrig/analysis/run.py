@@ -67,6 +67,11 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or a worker process dies.
     """
+    if run.withdraws is not None:
+        raise InputError(
+            f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
+            f"labrig reanalyze {run.path.parent / run.withdraws}",
+        )
     protocol = _resolved_protocol(run, overrides)
     numbers = result_numbers(run)
     stamp = Stamp(
@@ -92,7 +97,7 @@ def analyze_run(
         study.save(folder, stamp.provenance)
         return write_result(folder, answer)
     if isinstance(protocol, InsertionProtocol):
-        arrivals = analyze_insertion(run, protocol, stamp, workers, progress)
+        arrivals = analyze_insertion(run, protocol, stamp, progress)
         return write_result(run.new_result_dir(), arrivals)
     if isinstance(protocol, RollZeroProtocol):
         return write_result(run.new_result_dir(), analyze_roll_zero(run, protocol, stamp, workers, progress))

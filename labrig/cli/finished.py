@@ -63,7 +63,8 @@ def tell(finished: Finished, as_json: bool) -> int:
         typer.echo(f"record  {finished.run}\nreport  {finished.report}")
     if finished.error is not None:
         return finished.error.exit_code
-    return 1 if finished.result is not None and finished.result.get("accepted") is False else 0
+    said = {} if finished.result is None else finished.result
+    return 1 if said.get("accepted") is False or said.get("reached") is False else 0
 
 
 def print_result(result: Mapping[str, Any]) -> None:

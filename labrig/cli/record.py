@@ -40,7 +40,10 @@ def reanalyze(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="analysis.KEY=VALUE", help="Override an analysis setting.", show_default=False
+            "--set",
+            metavar="KEY=VALUE",
+            help="Override analysis.* or, of an insertion, estimator.*",
+            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -198,15 +201,7 @@ def _values(document: object) -> dict[str, object]:
             "RMSE of our plane, degrees": document["search"]["fit"]["rmse_deg"],
         }
     if document.get("kind") == "insertion":
-        names = (
-            "reached",
-            "target_error_mm",
-            "true_target_error_mm",
-            "true_min_clearance_mm",
-            "replans",
-            "length_mm",
-        )
-        return {name.replace("_", " "): document.get(name) for name in names}
+        return _insertion_values(document)
     measured = document.get("measurements", ())
     values: dict[str, object] = {
         f"{specimen['name']}: mean radius mm": specimen["mean_radius_mm"]
@@ -215,6 +210,17 @@ def _values(document: object) -> dict[str, object]:
     values["pictures"] = len(measured)
     values["shaft and tip found"] = sum(bool(one["found"]) for one in measured)
     values["radius accepted"] = sum(bool(one["accepted"]) for one in measured)
+    return values
+
+
+def _insertion_values(document: Mapping[str, Any]) -> dict[str, object]:
+    values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
+    for one in document["insertions"]:
+        name = f"insertion {one['trial'] + 1}"
+        values[f"{name}: error mm"] = one["target_error_mm"]
+        values[f"{name}: error by the estimate mm"] = one["template_error_mm"]
+        values[f"{name}: mean NIS"] = one["mean_nis"]
+        values[f"{name}: sightings not believed"] = one["missed_sightings"]
     return values
 
 

@@ -67,6 +67,11 @@ def resume_run(
         When it cannot go on; the record is as it was.
     """
     run = _undamaged(path)
+    if run.withdraws is not None:
+        raise InputError(
+            f"{path} is the withdrawal of the needle of run {run.withdraws}; it is not resumed",
+            f"labrig devices withdraw goes on with it; labrig resume {path.parent / run.withdraws} with that run",
+        )
     if run.manifest.get("exit_status") == "success":
         say(f"{path} has come to its end; it is measured again")
         return conclude(Recorded(path, Outcome("success", "", None), "", None), command_line)

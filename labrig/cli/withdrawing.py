@@ -16,9 +16,9 @@ from labrig.cli.progress import progress
 from labrig.cli.signals import note_signals
 from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig, rig_state
 from labrig.errors import InputError
-from labrig.experiments import WITHDRAWS, Outcome, Session, Stance, conduct_withdrawal, recorded_path
+from labrig.experiments import Outcome, Session, Stance, conduct_withdrawal, recorded_path
 from labrig.protocol import dump_yaml
-from labrig.record import Recorder, Run, collect_provenance, open_run
+from labrig.record import WITHDRAWS, Recorder, Run, collect_provenance, open_run
 
 
 def withdraw_and_tell(

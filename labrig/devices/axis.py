@@ -94,6 +94,7 @@ class Axis:
         self.unit = description.unit
         self.limits = description.limits
         self.max_speed = description.max_speed
+        self.lag_s = description.lag_s
         self.referenced = False
         self.believed = False
         self._offset_quadcounts = 0

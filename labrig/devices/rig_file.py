@@ -172,6 +172,11 @@ class AxisDescription(Model):
         description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed: a drive with "
         "others is refused. null: not compared [-].",
     )
+    lag_s: Annotated[float, Field(ge=0, le=30)] = Field(
+        0.0,
+        description="Measured time by which what the axis moves follows later than its drive: a needle winds up while "
+        "it is turned in gel. A turn of the bevel waits for it before the needle goes on [s].",
+    )
     limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
         (), description="Limit switches that are wired and must stop the drive; by default it ignores them."
     )

@@ -51,7 +51,6 @@ from labrig.experiments.steerability import run_steerability
 from labrig.experiments.what_if import WhatIf, steer_again
 from labrig.experiments.withdrawal import (
     SLOWLY,
-    WITHDRAWS,
     ReverseMove,
     WithdrawalSpeeds,
     recorded_path,
@@ -62,7 +61,6 @@ from labrig.experiments.withdrawal import (
 __all__ = [
     "SLOWLY",
     "USUAL_DISTANCE",
-    "WITHDRAWS",
     "Estimate",
     "Finding",
     "Outcome",

@@ -1,21 +1,14 @@
 """What an insertion is aimed at: places of the protocol in mm, the problem for the planner, and what rules it out."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from labrig.analysis import insertion_settings
 from labrig.errors import InputError, Problem
 from labrig.protocol import InsertionProtocol, Place
-from labrig.steering import (
-    EstimatorSettings,
-    Obstacle,
-    PlanProblem,
-    PlanWeights,
-    SteeringPolicy,
-    SteeringSettings,
-)
+from labrig.steering import Obstacle
 from labrig.vision import PlaneMap
 
 _RIM_PX = 25.0
@@ -60,54 +53,12 @@ def obstacles_of(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle
     return tuple(Obstacle(_point(one, plane), one.radius_mm) for one in protocol.obstacles)
 
 
-def steering_settings(protocol: InsertionProtocol, aim: Aim) -> SteeringSettings:
-    """Return problem, estimator and policy of an insertion from the origin of the steering plane along z.
-
-    Raises
-    ------
-    InputError
-        For what is no problem: a start or target inside an obstacle.
-    """
-    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
-    values = policy.model_dump()
-    deviation_mm = values.pop("deviation_mm")
-    return SteeringSettings(
-        problem=PlanProblem(
-            target_mm=aim.target_mm,
-            obstacles=aim.obstacles,
-            radius_mm=planner.radius_mm,
-            diameter_mm=protocol.needle.diameter_mm,
-            tolerance_mm=protocol.target.tolerance_mm,
-            clearance_mm=planner.clearance_mm,
-            max_arcs=planner.max_arcs,
-            max_length_mm=protocol.insertion.max_length_mm,
-            planar=True,
-            weights=PlanWeights(**planner.weights.model_dump()),
-        ),
-        estimator=EstimatorSettings(
-            radius_mm=planner.radius_mm,
-            observation_sd_mm=estimator.observation_sd_mm,
-            process_sd_rad_per_root_mm=math.radians(estimator.process_sd_deg_per_root_mm),
-            method=estimator.method,
-            planar=True,
-            radius_sd_mm=estimator.radius_sd_mm,
-            start_sd_rad=math.radians(estimator.start_sd_deg),
-        ),
-        policy=SteeringPolicy(
-            **values,
-            deviation_mm=math.inf if deviation_mm is None else deviation_mm,
-            observe_every_mm=protocol.insertion.frame_every_mm,
-        ),
-        method=planner.method,
-    )
-
-
 def aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
     """Yield why this target cannot be aimed at: outside of the tissue or of the picture, or inside an obstacle."""
     yield from _outside_tissue(protocol, aim.target_mm)
     yield from _out_of_view(aim.target_mm, plane)
     try:
-        steering_settings(protocol, aim)
+        insertion_settings(protocol, aim.target_mm, aim.obstacles)
     except InputError as error:
         yield Problem("target", error.message, error.hint)
 

@@ -2,7 +2,9 @@
 
 The needle advances at the set speed from one turn of the bevel to the next and is looked at on its way; gel relaxes
 around a needle that stops. For a turn it stands: half a turn takes most of a second, and a bevel that comes round while
-the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see.
+the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. So the lag of the
+bevel behind its drive, measured in the rig file (`axes.rotation.lag_s`), is waited for and not reckoned with: however
+long it is, the turn acts where it was planned.
 """
 
 import math
@@ -10,10 +12,11 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from labrig.analysis import insertion_settings
 from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
 from labrig.errors import FileFormatError, TargetMissedError
-from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of, steering_settings
-from labrig.experiments.roll_zero import RollZeroOrder, find_roll_zero
+from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
+from labrig.experiments.roll_zero import RollZeroOrder, confirm_needle_out, find_roll_zero
 from labrig.experiments.session import Look, Session
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
@@ -32,6 +35,7 @@ from labrig.vision import DrawnPlan, Picture, draw_plan
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005
+_OFF_ZERO_MM = 0.05
 _UNSURE = ("needle_lost", "needle_stuck")
 
 
@@ -62,9 +66,11 @@ def run_insertion(protocol: InsertionProtocol, session: Session) -> int:
 
 def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
     """Return the roll zero of the needle, found first where there is none and the protocol says how."""
-    needle = protocol.needle
-    known = session.rig.roll_zero_of(needle.needle_id)
-    if known is not None and all(axis.referenced for axis in session.rig.axes):
+    needle, rig = protocol.needle, session.rig
+    known = rig.roll_zero_of(needle.needle_id)
+    if known is not None and all(axis.referenced for axis in rig.axes):
+        confirm_needle_out(session)
+        _go_to_the_start(protocol, session)
         return known
     if protocol.roll_zero is None:
         raise TargetMissedError(
@@ -73,6 +79,14 @@ def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZ
             reason="no_roll_zero",
         )
     return find_roll_zero(_order(protocol, protocol.roll_zero), session)
+
+
+def _go_to_the_start(protocol: InsertionProtocol, session: Session) -> None:
+    """Draw needle and sheath back to zero where they stand elsewhere; no needle is in tissue."""
+    states = session.rig.read_states()
+    for axis, speed in (("insertion", protocol.insertion.speed_mm_s), ("linear", protocol.sheath.speed_mm_s)):
+        if abs(states[axis].position) > _OFF_ZERO_MM:
+            session.move(axis, 0.0, speed)
 
 
 def roll_zero_s(protocol: InsertionProtocol) -> float:
@@ -93,7 +107,7 @@ def _insert_once(
     rig, sheath = session.rig, protocol.sheath
     session.progress(_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}")
     aim = _aim(protocol, session, eye, trial)
-    settings = steering_settings(protocol, aim)
+    settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = start_steering(settings)
     insertion = _Insertion(protocol, session, eye, roll_zero, trial, settings)
     insertion.tell_start(aim, state)
@@ -177,6 +191,7 @@ class _Insertion:
             "flip", trial=self.trial, depth_mm=self.path[-1].insertion_mm, from_rad=from_rad, to_rad=to_rad
         )
         self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
+        self.session.rig.wait(rotation.lag_s)
         self.path.append(stance_of(self.session.rig.read_states()))
 
     def advance(self, command: SteeringCommand) -> Look:

@@ -4,9 +4,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from labrig.analysis import insertion_settings
 from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
 from labrig.errors import LabrigError, LimitError, Problem
-from labrig.experiments.aim import aim_of, aim_problems, steering_settings
+from labrig.experiments.aim import aim_of, aim_problems
 from labrig.experiments.design import design_problems
 from labrig.experiments.insertion import roll_zero_s
 from labrig.experiments.roll_zero import order_of
@@ -143,7 +144,7 @@ def foreseen_refusal(protocol: AnyProtocol, rig: RigDescription | None) -> Probl
     if not isinstance(protocol, InsertionProtocol) or rig is None or protocol.target.ask:
         return None
     aim = aim_of(protocol, load_plane_map(rig))
-    _, command = start_steering(steering_settings(protocol, aim))
+    _, command = start_steering(insertion_settings(protocol, aim.target_mm, aim.obstacles))
     if command.stop is None:
         return None
     return Problem("target", f"there is no path: {command.detail}", "move target or obstacles")

@@ -73,6 +73,11 @@ def replay_run(run: Run, progress: Progress) -> Replay:
         raise InputError(
             f"{run.path} holds imported pictures; no procedure made it", "there is nothing to replay"
         )
+    if run.withdraws is not None:
+        raise InputError(
+            f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it goes as a person answers",
+            "there is nothing to replay; its states, events and can.log say what was done",
+        )
     found = Replay()
     if isinstance(run.protocol, DesignProtocol):
         _replay_design(run, run.protocol, found)

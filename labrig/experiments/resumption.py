@@ -80,7 +80,7 @@ def _begun(row: dict[str, Any]) -> BegunTrial:
 
 def _insertions(states: pd.DataFrame, rows: Sequence[dict[str, Any]]) -> Iterator[PastInsertion]:
     starts_s = [float(row["start_t_s"]) for row in rows]
-    for row, start_s, end_s in zip(rows, starts_s, [*starts_s[1:], float("inf")], strict=True):
+    for row, start_s, end_s in zip(rows, starts_s, [*starts_s, float("inf")][1:], strict=True):
         during = states[(states["t_s"] >= start_s) & (states["t_s"] < end_s)]
         path = zip(during["insertion_mm"], during["rotation_rad"], during["linear_mm"], strict=True)
         yield PastInsertion(

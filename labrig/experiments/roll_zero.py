@@ -64,9 +64,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     """
     rig, steps = session.rig, order.steps
     plane = load_plane_map(rig.description)
-    if rig.state.needle_in_tissue is not False:
-        session.ask(ConfirmNeedleOut(rig.state.doubt))
-        rig.mark_needle_out()
+    confirm_needle_out(session)
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     rig.reference_axes()
@@ -90,6 +88,20 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
     rig.certify_roll_zero(certified)
     return certified
+
+
+def confirm_needle_out(session: Session) -> None:
+    """Where the rig does not know that no needle is in tissue, have the operator confirm it.
+
+    Raises
+    ------
+    SafetyStopError
+        When the operator says no.
+    """
+    rig = session.rig
+    if rig.state.needle_in_tissue is not False:
+        session.ask(ConfirmNeedleOut(rig.state.doubt))
+        rig.mark_needle_out()
 
 
 def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session) -> float:

@@ -17,9 +17,6 @@ from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance, stance_of
 from labrig.record import Run, open_run
 
-WITHDRAWS = "withdraws"
-"""Key in the manifest of a withdrawal: the run whose needle it withdraws."""
-
 _SAME_DEPTH_MM = 0.02
 """Readings that differ by less are of one depth: servos at rest dither."""
 
@@ -64,9 +61,8 @@ def recorded_path(run: Run) -> tuple[Stance, ...]:
     RecordError
         When a record is damaged or missing.
     """
-    withdrawn = run.manifest.get(WITHDRAWS)
-    if isinstance(withdrawn, str):
-        return (*recorded_path(open_run(run.path.parent / withdrawn)), *_stances(run.states))
+    if run.withdraws is not None:
+        return (*recorded_path(open_run(run.path.parent / run.withdraws)), *_stances(run.states))
     if run.trials.empty:
         # The roll zero is found before any trial. What the needle went back is not gone in again.
         return _stances(run.states)

@@ -60,7 +60,7 @@ from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.journal import Journal
 from labrig.record.json_lines import as_recorded, encode_document
-from labrig.record.layout import picture_file
+from labrig.record.layout import WITHDRAWS, picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
 from labrig.record.places import is_url, output_folder, require_local
@@ -71,6 +71,7 @@ from labrig.record.tables import with_numbers_apart
 from labrig.record.writer import Recorder
 
 __all__ = [
+    "WITHDRAWS",
     "Annotations",
     "CanFrame",
     "Difference",

@@ -15,6 +15,7 @@ from labrig.record.layout import (
     FRAME_LINES,
     FRAMES,
     LOCK,
+    NOTES,
     RAW_PICTURES,
     SHA256SUMS,
     STATE_LINES,
@@ -91,6 +92,7 @@ def check_run(run: Path) -> Verdict:
         *unreadable,
         *(problem for scan in scans.values() for problem in scan.damaged),
         *_structure(scans),
+        *_notes(run),
         *_pictures(run, frames),
         *orphans,
     ]
@@ -134,6 +136,13 @@ def _scans(run: Path) -> tuple[dict[str, Scan], list[Problem]]:
         except RecordError as error:
             problems.append(Problem(name, error.message, error.hint))
     return scans, problems
+
+
+def _notes(run: Path) -> Iterator[Problem]:
+    """Check what people said of the run; it grows after the closing, and a torn last remark is left out by readers."""
+    path = run / NOTES
+    if path.is_file() and not path.is_symlink():
+        yield from scan_lines(path).damaged
 
 
 def _structure(scans: Mapping[str, Scan]) -> Iterator[Problem]:

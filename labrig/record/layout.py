@@ -79,3 +79,7 @@ def inside(run: Path, relative: str) -> Path:
                 f"{path} is a symbolic link", "a record holds its files itself; no link in it is followed"
             )
     return path
+
+
+WITHDRAWS = "withdraws"
+"""Key in the manifest of a withdrawal: the run whose needle it takes out."""

@@ -35,6 +35,8 @@ def read_document(run: Path) -> dict[str, object]:
     RecordError
         When `run` is no run, or its manifest is damaged.
     """
+    if run.is_symlink():
+        raise RecordError(f"{run} is a symbolic link and is not followed", "give the folder itself")
     path = inside(run, MANIFEST)
     try:
         manifest = json.loads(path.read_bytes())

@@ -33,6 +33,7 @@ from labrig.record.layout import (
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
+    WITHDRAWS,
     checked_name,
     inside,
     picture_file,
@@ -166,6 +167,12 @@ class Run:
         if first is not None:
             raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
         return [line for line in lines if float(str(line["t_s"])) < self._until_s]
+
+    @property
+    def withdraws(self) -> str | None:
+        """Name of the run whose needle this one took out; None of any run that is no withdrawal."""
+        name = self.manifest.get(WITHDRAWS)
+        return name if isinstance(name, str) else None
 
     @cached_property
     def protocol(self) -> AnyProtocol:

@@ -77,7 +77,7 @@ def steerability_figure(series: Sequence[GelSeries], design: Design, name: str) 
         paths, radii = figure.subplots(1, 2, width_ratios=(1.12, 1))
         _draw_paths(paths, series, design)
         _draw_radii(radii, series, design)
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def _draw_paths(axes: Axes, series: Sequence[GelSeries], design: Design) -> None:
@@ -204,7 +204,7 @@ def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int,
         axes.grid(visible=True)
         for spine in axes.spines.values():
             spine.set_visible(True)
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
 def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name: str) -> Markup:
@@ -220,10 +220,10 @@ def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name:
         axes.tick_params(axis="y", length=0)
         axes.set_xlabel("reprojection error, rms (px); dashed: all photographs")
         axes.grid(visible=True, axis="x")
-        return _svg(figure, name)
+        return svg(figure, name)
 
 
-def _svg(figure: Figure, name: str) -> Markup:
+def svg(figure: Figure, name: str) -> Markup:
     """Return the figure as an element of the page, its identifiers like those of no other figure."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata=NO_METADATA, transparent=True)

@@ -82,8 +82,9 @@ def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
     """Return what has to be said of a run that did not come to its end; nothing of one that did."""
     if status == "success":
         return ()
-    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".")
-    planned, done = run.manifest.get("trials_planned"), _trials_done(run)
+    # Reasons that programs read are words with underscores.
+    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".").replace("_", " ")
+    planned, done = run.manifest.get("trials_planned"), _trials_ended(run)
     made = (
         f" {done} of {count_of(planned, 'planned insertion')} ended."
         if isinstance(planned, int) and planned
@@ -114,6 +115,11 @@ def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
     )
 
 
+def _trials_ended(run: Run) -> int:
+    """Return how many came to an end of their own, whatever it was."""
+    return int((~run.trials["exit_status"].isin(["incomplete", "interrupted"])).sum())
+
+
 def _trials_done(run: Run) -> int:
     return int((run.trials["exit_status"] == "success").sum())
 
@@ -125,10 +131,24 @@ def _facts(run: Run) -> list[tuple[str, str]]:
         ("Operator", shown(run.protocol.operator)),
         ("Started", moment(manifest.get("started"))),
         ("Ended", moment(manifest.get("ended"))),
+        *_resumed(run),
         *_experiment_facts(run),
         ("Pictures recorded", _pictures(run)),
         ("Seed", shown(manifest.get("seed"))),
     ]
+
+
+def _resumed(run: Run) -> list[tuple[str, str]]:
+    """Say how often a run was resumed, and which insertion was made in the stead of which; nothing of any other."""
+    times = len(run.sessions)
+    if times == 0:
+        return []
+    repeated = [
+        f"trial {event['repeats']} was interrupted and repeated as trial {event['trial']}"
+        for event in run.lines("events")
+        if event["kind"] == "trial_start" and "repeats" in event
+    ]
+    return [("Resumed", "; ".join(["once" if times == 1 else f"{times} times", *repeated]))]
 
 
 def _pictures(run: Run) -> str:

@@ -1,6 +1,7 @@
 """`RUN/report.html`: which page a run gets, and how it is rendered."""
 
 import shlex
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from labrig.report.calibration_page import calibration_page, calibration_verdict
 from labrig.report.curvature_page import calibration_rows, curvature_page, curvature_verdict
 from labrig.report.design_page import design_page, design_verdict
 from labrig.report.heading import make_heading
-from labrig.report.insertion_words import arrival_verdict
-from labrig.report.provenance import make_provenance
+from labrig.report.insertion_page import insertion_page, insertion_verdict
+from labrig.report.provenance import Rows, make_provenance
+from labrig.report.roll_zero_words import roll_zero_verdict
 from labrig.report.words import breakable, count_of, interval, number, signed
 
 REPORT_FILE = "report.html"
@@ -59,47 +61,36 @@ def _render(run: Run, result: AnalysisResult | None, created: datetime) -> str:
         nothing = Markup(
             "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
         )
-        return _bare(run, None, [nothing.format(shlex.quote(str(run.path)))], created)
-    if isinstance(result.content, CalibrationResult):
+        verdict = [nothing.format(shlex.quote(str(run.path)))]
         return _page(
-            "calibration",
-            {
-                "heading": make_heading(run, calibration_verdict(result.content), created, result),
-                "provenance": make_provenance(run, result),
-                **calibration_page(run, result, result.content),
-            },
+            "bare", {"heading": make_heading(run, verdict, created), "provenance": make_provenance(run, None)}
         )
-    if isinstance(result.content, DesignResult):
-        return _page(
-            "design",
-            {
-                "heading": make_heading(run, design_verdict(result.content), created),
-                "provenance": make_provenance(run, result),
-                **design_page(result, result.content),
-            },
-        )
-    if isinstance(result.content, InsertionResult | RollZeroResult):
-        return _bare(run, result, arrival_verdict(result.content), created)
+    template, said, rows, shown = _parts(run, result)
     return _page(
-        "curvature",
+        template,
         {
-            "heading": make_heading(run, curvature_verdict(run, result.content), created, result),
-            "provenance": make_provenance(run, result, calibration_rows(run)),
-            **curvature_page(run, result, result.content),
-        },
-    )
-
-
-def _bare(run: Run, result: AnalysisResult | None, verdict: list[Markup], created: datetime) -> str:
-    """Return a page of heading and provenance alone."""
-    rows = () if result is None else calibration_rows(run)
-    return _page(
-        "bare",
-        {
-            "heading": make_heading(run, verdict, created, result),
+            "heading": make_heading(run, said, created, result),
             "provenance": make_provenance(run, result, rows),
+            **shown,
         },
     )
+
+
+def _parts(run: Run, result: AnalysisResult) -> tuple[str, Sequence[str], Rows, dict[str, Any]]:
+    """Return the template of a result's page, its verdict, what is told of the calibration, and what it shows."""
+    match result.content:
+        case CalibrationResult() as content:
+            return "calibration", calibration_verdict(content), (), calibration_page(run, result, content)
+        case DesignResult() as content:
+            return "design", design_verdict(content), (), design_page(result, content)
+        case InsertionResult() as content:
+            shown = insertion_page(run, result, content)
+            return "insertion", insertion_verdict(content), calibration_rows(run), shown
+        case RollZeroResult() as content:
+            return "bare", roll_zero_verdict(content), calibration_rows(run), {}
+        case content:
+            shown = curvature_page(run, result, content)
+            return "curvature", curvature_verdict(run, content), calibration_rows(run), shown
 
 
 def _page(template: str, context: dict[str, Any]) -> str:

@@ -83,7 +83,7 @@ def draw_camera_view(run: Run, one: PictureResult, lines: CentreLines, plane: Pl
     if picture is None or one.sheath_tip_mm is None:
         return None
     origin = np.asarray(one.sheath_tip_mm)
-    length_mm = _round_length_mm(picture, plane)
+    length_mm, bar = scale_bar((picture.width, picture.height), plane)
     return CameraView(
         picture=picture,
         axes=tuple(
@@ -91,8 +91,8 @@ def draw_camera_view(run: Run, one: PictureResult, lines: CentreLines, plane: Pl
             for name, direction in (("z", (0.0, 1.0)), ("y", (1.0, 0.0)))
         ),
         scale_mm=length_mm,
-        scale=_scale_bar(picture, plane, length_mm),
-        sheath=_pixel(plane.to_px([origin - (0.0, 0.6 * length_mm)])[0]),
+        scale=bar,
+        sheath=pixel(plane.to_px([origin - (0.0, 0.6 * length_mm)])[0]),
         text_px=picture.width / 48,
     )
 
@@ -126,8 +126,8 @@ def _draw(
         href=data_uri(jpeg(image, size), "image/jpeg"),
         width=width,
         height=height,
-        shaft=_points(_thinned(shaft)),
-        window=_points(_thinned(window)),
+        shaft=polyline(_thinned(shaft)),
+        window=polyline(_thinned(window)),
         circle=_circle(one, plane, (width, height)),
         tip=one.tip_px,
     )
@@ -143,7 +143,7 @@ def _circle(one: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple
     inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
     runs = (px[first:last] for first, last in zip(edges[::2], edges[1::2], strict=True))
-    return tuple(_points(run) for run in runs if len(run) > 1)
+    return tuple(polyline(run) for run in runs if len(run) > 1)
 
 
 def _thinned(points: FloatArray) -> FloatArray:
@@ -154,32 +154,34 @@ def _thinned(points: FloatArray) -> FloatArray:
     return np.asarray(points[kept])
 
 
-def _points(px: FloatArray) -> str:
+def polyline(px: FloatArray) -> str:
+    """Return pixels (N, 2) as the `points` of an SVG polyline."""
     return " ".join(f"{u:.1f},{v:.1f}" for u, v in px)
 
 
 def _axis(name: str, origin_mm: FloatArray, vector_mm: FloatArray, plane: PlaneMap) -> Arrow:
     start, end, label = plane.to_px([origin_mm, origin_mm + vector_mm, origin_mm + 1.18 * vector_mm])
-    return Arrow(name, _pixel(start), _pixel(end), _pixel(label))
+    return Arrow(name, pixel(start), pixel(end), pixel(label))
 
 
-def _round_length_mm(picture: DrawnPicture, plane: PlaneMap) -> float:
-    """Return the length of 1, 2, 5, 10 ... mm that is nearest above a tenth of the picture's width."""
-    tenth_mm = picture.width * plane.mm_per_px / 10.0
+def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixel, Pixel]]:
+    """Return a length of 1, 2, 5, 10 ... mm above a tenth of the picture's width, and the ends of a bar of it.
+
+    The bar stands near the lower left corner, along the axis that lies more level.
+    """
+    width, height = size
+    tenth_mm = width * plane.mm_per_px / 10.0
     lengths: Sequence[float] = [step * 10.0**power for power in range(-3, 5) for step in (1.0, 2.0, 5.0)]
-    return next(length for length in lengths if length >= tenth_mm)
-
-
-def _scale_bar(picture: DrawnPicture, plane: PlaneMap, length_mm: float) -> tuple[Pixel, Pixel]:
-    """Return the ends of a bar near the lower left corner, along the axis that lies more level."""
-    corner = np.array([[0.05 * picture.width, 0.94 * picture.height]])
+    length_mm = next(length for length in lengths if length >= tenth_mm)
+    corner = np.array([[0.05 * width, 0.94 * height]])
     start_mm = plane.to_mm(corner)
     moves = plane.to_px(start_mm + length_mm * np.eye(2)) - corner
     level = int(np.argmax(np.abs(moves[:, 0])))
     # An axis that points to the left would lead out of the picture.
     direction = np.sign(moves[level, 0]) * np.eye(2)[level]
-    return _pixel(corner[0]), _pixel(plane.to_px(start_mm + length_mm * direction)[0])
+    return length_mm, (pixel(corner[0]), pixel(plane.to_px(start_mm + length_mm * direction)[0]))
 
 
-def _pixel(px: FloatArray) -> Pixel:
+def pixel(px: FloatArray) -> Pixel:
+    """Return a pixel (2,) rounded for drawing."""
     return round(float(px[0]), 1), round(float(px[1]), 1)

@@ -1,8 +1,8 @@
 """`RUN/view.rrd`: the record on the time line of the rerun viewer. Made from the record, and thrown away at will.
 
 rerun files are read by neighbouring versions of the viewer alone, so this is a view and never a record. Two
-time lines: `rig_time` [s] and `frame`. The pictures are JPEG here; the measured ones carry shaft and fitted
-circle.
+time lines: `rig_time` [s] and `frame`. The pictures are JPEG here; the measured ones carry the shaft, those of an
+insertion obstacles, target, plan and path, with the estimate's curves beside them.
 """
 
 import shutil
@@ -17,10 +17,18 @@ import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 
-from labrig.analysis import AnalysisResult, CentreLines, CurvatureResult, load_centre_lines
+from labrig.analysis import (
+    AnalysisResult,
+    CentreLines,
+    CurvatureResult,
+    InsertionResult,
+    load_centre_lines,
+    load_mapping,
+)
 from labrig.errors import MachineError
 from labrig.record import Run, require_free_bytes, write_atomically
 from labrig.report.pictures import JpegSize, jpeg
+from labrig.report.rerun_insertion import send_insertion
 
 VIEW_FILE = "view.rrd"
 _TIME = "rig_time"
@@ -62,12 +70,16 @@ def write_view(run: Run, result: AnalysisResult | None) -> Path:
 
 
 def _fill(file: Path, run: Run, result: AnalysisResult | None) -> None:
+    content = None if result is None else result.content
+    insertion = content if isinstance(content, InsertionResult) else None
     stream = rr.RecordingStream("labrig", recording_id=run.path.name)
-    stream.save(file, default_blueprint=_blueprint())
+    stream.save(file, default_blueprint=_blueprint(insertion=insertion is not None))
     try:
         _send_axes(stream, run.states)
         _send_events(stream, run.events)
         _send_pictures(stream, run, _lines_of(result))
+        if insertion is not None:
+            send_insertion(stream, insertion, load_mapping(run), _TIME)
     finally:
         stream.disconnect()
 
@@ -95,14 +107,17 @@ def open_view(path: Path) -> None:
     )
 
 
-def _blueprint() -> rrb.Blueprint:
+def _blueprint(*, insertion: bool) -> rrb.Blueprint:
+    """Return what stands where; the curves of the estimate are those of an insertion."""
+    estimate = (rrb.TimeSeriesView(origin="/estimate", name="Tip (mm, degrees)"),) if insertion else ()
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial2DView(origin="/camera", name="Camera"),
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="/axes", name="Axes (mm, rad)"),
+                *estimate,
                 rrb.TextLogView(origin="/events", name="Events"),
-                row_shares=[3, 2],
+                row_shares=[3, *(3 for _ in estimate), 2],
             ),
             column_shares=[3, 2],
         ),

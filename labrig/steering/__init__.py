@@ -2,18 +2,16 @@
 
 from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.planner import Plan, PlannedArc, plan_path, sample_path
-from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
-from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
-from labrig.steering.step import (
+from labrig.steering.policy import (
     SteeringCommand,
     SteeringPolicy,
     SteeringSettings,
-    SteeringState,
     StopReason,
     TipSighting,
-    start_steering,
-    step_steering,
 )
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
 from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
 
 __all__ = [
@@ -39,8 +37,10 @@ __all__ = [
     "plan_path",
     "radius_sd_within",
     "sample_path",
+    "sighted",
     "start_steering",
     "start_tip",
     "step_steering",
     "step_tip",
+    "turned",
 ]

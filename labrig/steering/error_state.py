@@ -10,6 +10,7 @@ filterpy answers wrongly, not with an error, for arrays of unexpected shape: her
 1-D always, and what comes from outside was checked when the `TipObservation` was made.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,14 +53,15 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     innovation = prediction.rotation.T @ (observation.position_mm - prediction.position_mm)
     seen = settings.observed[:, POSITION] @ innovation
     nis = _update(kalman, seen, settings)
+    log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * kalman.S)))
     if nis <= settings.gate_nis:
-        return _moved(prediction, kalman, state, nis, accepted=True)
+        return _moved(prediction, kalman, state, nis, log_likelihood, accepted=True)
     kalman.x, kalman.P = kalman.x_prior, kalman.P_prior
     if state.misses < settings.patience:
-        return _moved(prediction, kalman, state, nis)
+        return _moved(prediction, kalman, state, nis, log_likelihood)
     kalman.P = kalman.P * (nis / len(seen))
     _update(kalman, seen, settings)
-    return _moved(prediction, kalman, state, nis, accepted=True)
+    return _moved(prediction, kalman, state, nis, log_likelihood, accepted=True)
 
 
 def _predict(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> _Prediction:
@@ -95,6 +97,7 @@ def _moved(
     kalman: ExtendedKalmanFilter,
     before: TipState,
     nis: float | None,
+    log_likelihood: float = 0.0,
     *,
     accepted: bool = False,
 ) -> TipState:
@@ -105,4 +108,4 @@ def _moved(
     curvature = before.curvature + float(kalman.x[CURVATURE])
     covariance = frozen(0.5 * (kalman.P + kalman.P.T))
     misses = 0 if accepted else before.misses + 1
-    return TipState(frozen(pose), curvature, covariance, nis, accepted=accepted, misses=misses)
+    return TipState(frozen(pose), curvature, covariance, nis, accepted, misses, log_likelihood)

@@ -65,18 +65,6 @@ def step_tip(state: TipState, observation: TipObservation, settings: EstimatorSe
     return _STEPS[settings.method](state, observation, settings)
 
 
-def advance_tip(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
-    """Return the tip after a step at whose end nobody looked: what was seen last stays as it was.
-
-    Raises
-    ------
-    InputError
-        As `step_tip`.
-    """
-    moved = step_tip(state, replace(observation, position_mm=None), settings)
-    return replace(moved, nis=state.nis, accepted=state.accepted, misses=state.misses)
-
-
 def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
     positions_mm: ArrayLike,
     step_mm: float,

@@ -48,11 +48,11 @@ _CLOSER = (
 )
 
 
-def search_plane(around: Surroundings) -> FloatArray | None:
-    """Return the best path (n, 2) found for a planar problem, or None."""
+def search_plane(around: Surroundings, *, thorough: bool) -> FloatArray | None:
+    """Return the best path (n, 2) found for a planar problem, or None; a thorough search looks closer before that."""
     field, target = Field.of(around), target_in_plane(around)
     quick = _all_levels(around, field, target, _FIRST)
-    if quick is not None:
+    if quick is not None or not thorough:
         return quick
     tolerance_mm = np.sqrt(max(around.problem.tolerance_mm**2 - around.target_mm[0] ** 2, 0.0))
     ring = _END_SHARE * tolerance_mm * np.exp(2j * np.pi * np.arange(_ENDS) / _ENDS)

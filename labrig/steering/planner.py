@@ -77,7 +77,7 @@ class Plan:
         }
 
 
-def plan_path(problem: PlanProblem, method: PlanMethod = "best") -> Plan:
+def plan_path(problem: PlanProblem, method: PlanMethod = "best", *, thorough: bool = True) -> Plan:
     """Return a path to the target, or the reason why there is none.
 
     Parameters
@@ -86,12 +86,15 @@ def plan_path(problem: PlanProblem, method: PlanMethod = "best") -> Plan:
     method : {"best", "paper"}
         "best" enumerates (in the plane) or starts many times (free rolls), and takes the best feasible path;
         "paper" is the paper's resolved motion rate with null-space avoidance, made robust, for comparison.
+    thorough : bool
+        Look closer where "best" finds nothing at first. That takes a second where there is no path, too long for a
+        needle that moves.
     """
     around = Surroundings(problem)
     reason = refusal_at_once(around)
     if reason is not None:
         return Plan(found=False, reason=reason)
-    psi = _searched(around, method)
+    psi = _searched(around, method, thorough=thorough)
     if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _goes_nearer(psi, around):
         psi = np.zeros((0, 2))
     if psi is None:
@@ -108,10 +111,11 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _searched(around: Surroundings, method: PlanMethod) -> FloatArray | None:
+def _searched(around: Surroundings, method: PlanMethod, *, thorough: bool) -> FloatArray | None:
     if method == "paper":
         return resolved_motion_rate(around)
-    return search_plane(around) if around.problem.planar else search_space(around)
+    search = search_plane if around.problem.planar else search_space
+    return search(around, thorough=thorough)
 
 
 def _goes_nearer(psi: FloatArray | None, around: Surroundings) -> bool:

@@ -40,6 +40,8 @@ class PlanWeights:
     curvature_per_mm : float
         Cost of each millimetre by which the tip moves when the radius is the worst of its tolerance; where the
         problem states none, when it is one per cent larger.
+    cavity_per_mm : float
+        Cost of each millimetre by which the tip would miss after a cavity at the worst place of the path.
     """
 
     length_per_mm: float = 1.0
@@ -48,6 +50,7 @@ class PlanWeights:
     clearance_per_mm: float = 6.0
     comfortable_clearance_mm: float = 3.0
     curvature_per_mm: float = 4.0
+    cavity_per_mm: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class PlanProblem:
         Of the needle's arcs, and of the needle.
     radius_range_mm : (float, float) or None
         Smallest and largest radius that the needle may have, as of a design file; None: not stated.
+    cavity_mm : float
+        Length of a cavity, in which the needle goes straight, that the path should bear; 0: none is counted with.
     tolerance_mm : float
         How far from the target the path may end.
     clearance_mm : float
@@ -92,6 +97,7 @@ class PlanProblem:
     start: FloatArray = field(default_factory=lambda: np.eye(4))
     radius_mm: float = 27.6
     radius_range_mm: tuple[float, float] | None = None
+    cavity_mm: float = 0.0
     diameter_mm: float = 1.2
     tolerance_mm: float = 2.0
     clearance_mm: float = 0.6

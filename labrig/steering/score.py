@@ -12,6 +12,7 @@ FloatArray = NDArray[np.float64]
 _RADIUS_ERROR = 0.01
 _ROUNDING = 1e-9
 _NO_ARC_RAD = 1e-9
+_PIECES = 3
 
 
 def best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
@@ -60,7 +61,31 @@ def _costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroun
     cost += weights.target_error_per_mm * np.linalg.norm(tips - around.target_mm, axis=-1)
     cost += weights.curvature_per_mm * np.linalg.norm(moved, axis=-1).max(axis=0)
     cost += weights.clearance_per_mm * np.maximum(weights.comfortable_clearance_mm - gaps_mm, 0.0)
+    if around.problem.cavity_mm > 0.0:
+        cost += weights.cavity_per_mm * _miss_after_cavity(psi, around)
     return np.asarray(cost)
+
+
+def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
+    """Return by how much each path would miss after a cavity at its worst place, (M,) [mm].
+
+    Beyond the cavity the needle turns towards the target as tightly as it can. Where the target then lies in its
+    turning circle, it misses by the depth of it there; where the cavity reaches beyond the target, by its distance to
+    the straight line.
+    """
+    radius_mm = around.problem.radius_mm
+    pieces = np.repeat(psi * np.array([1 / _PIECES, 1.0]), _PIECES, axis=1)
+    pieces[:, np.arange(pieces.shape[1]) % _PIECES > 0, 1] = 0.0
+    frames = path_frames(pieces, radius_mm)
+    to_target = around.target_mm - frames.positions_mm
+    ahead = np.einsum("mka,mka->mk", to_target, frames.rotations[..., 2])
+    beside = np.sqrt(np.maximum(np.sum(to_target**2, axis=-1) - ahead**2, 0.0))
+    left = ahead - around.problem.cavity_mm
+    misses = np.where(
+        left > 0.0, radius_mm - np.hypot(beside - radius_mm, left), np.where(ahead > 0.0, beside, 0.0)
+    )
+    lengths = pieces[..., 0] / np.maximum(pieces[..., 0].sum(axis=-1, keepdims=True), _NO_ARC_RAD)
+    return np.asarray((np.maximum(misses[:, 1:], 0.0) * lengths).sum(axis=-1))
 
 
 def _of_radius(psi: FloatArray, radius_mm: float, other_mm: float) -> tuple[FloatArray, float]:

@@ -16,17 +16,18 @@ FloatArray = NDArray[np.float64]
 _STARTS = 192
 _STEPS = 7
 _ROUNDS = 12
+_QUICK_ROUNDS = 3
 _LONGEST_ARC_RAD = np.pi / 2
 _DAMPING = 1e-3
 
 
-def search_space(around: Surroundings) -> FloatArray | None:
-    """Return the best path (n, 2) found with free rolls, or None."""
+def search_space(around: Surroundings, *, thorough: bool) -> FloatArray | None:
+    """Return the best path (n, 2) found with free rolls, or None; a thorough search makes more rounds before that."""
     rng = np.random.default_rng(0)
     problem = around.problem
     distance = float(np.linalg.norm(around.target_mm))
     fewest = max(1, int(np.ceil(distance / (problem.radius_mm * _LONGEST_ARC_RAD))))
-    for round_number in range(_ROUNDS):
+    for round_number in range(_ROUNDS if thorough else _QUICK_ROUNDS):
         arcs = min(fewest + 1 + round_number % 3, problem.max_arcs)
         psi = _settled(_starts(rng, arcs, distance / problem.radius_mm), around)
         path = best_feasible(psi, around)

@@ -12,7 +12,7 @@ nearest.
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -20,161 +20,22 @@ from labrig.errors import InputError
 from labrig.needle import path_frames
 from labrig.steering.approach import nearest_approach
 from labrig.steering.bending import Stretch, Turn, advanced, stretches
+from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief
 from labrig.steering.clearance import path_distances
-from labrig.steering.estimator import advance_tip, start_tip, step_tip
 from labrig.steering.planner import Plan, plan_of, plan_path
-from labrig.steering.problem import PlanMethod, PlanProblem, Surroundings
-from labrig.steering.tip import EstimatorSettings, FloatArray, TipObservation, TipState, frozen, numbers
+from labrig.steering.policy import SteeringCommand, SteeringSettings, StopReason, TipSighting
+from labrig.steering.problem import PlanProblem, Surroundings
+from labrig.steering.tip import FloatArray, TipObservation, TipState
 
 Occasion = Literal["start", "schedule", "deviation", "near"]
-StopReason = Literal["target_reached", "target_missed", "blocked", "needle_lost", "needle_stuck"]
 
 # An estimated radius is believed within this factor of the one that was given.
 _RADIUS_FACTOR = 1.5
 _HERE_MM = 0.02
 _NO_TURN = 1e-9
 _PLACES = 16
-
-
-@dataclass(frozen=True)
-class SteeringPolicy:
-    """When the path is planned anew, and what is known of the needle beyond its arcs.
-
-    Parameters
-    ----------
-    replan_every_mm : float
-    deviation_mm, deviation_share : float
-        Plan anew where the path that is left would miss the target by more than the one and the other times what
-        is left of it; infinite: never for that.
-    near_mm : float
-        Plan anew at every sighting where no more than this is left.
-    final_mm : float
-        Take what comes nearest to the target where no more than this is left.
-    observe_every_mm : float
-    backlash_mm : float
-        Length along which the curvature swings over after a turn of the bevel.
-    closing_mm : float
-        Length along which the hinges close after the start.
-    lead_mm : float
-        A turn that is found while the needle moves is made no sooner than after this length.
-    arrival_mm : float
-        What is left of a path is no longer driven below this.
-    most_misses : int
-        So many sightings in a row without a tip, or with one that is not believed, and the needle is lost.
-    stuck_mm : float
-        The needle is stuck where it was inserted by this and its tip seen to move by less than half of it.
-    least_clearance_mm : float
-        Where no path keeps the clearance asked for, disturbances having used it up, one is taken that keeps this.
-    """
-
-    replan_every_mm: float = 20.0
-    deviation_mm: float = 0.4
-    deviation_share: float = 0.02
-    near_mm: float = 30.0
-    final_mm: float = 12.0
-    observe_every_mm: float = 1.0
-    backlash_mm: float = 1.5
-    closing_mm: float = 3.0
-    lead_mm: float = 0.2
-    arrival_mm: float = 0.05
-    most_misses: int = 8
-    stuck_mm: float = 4.0
-    least_clearance_mm: float = 0.2
-
-    def __post_init__(self) -> None:
-        """Refuse what is no length."""
-        for name in ("replan_every_mm", "observe_every_mm", "arrival_mm", "most_misses", "stuck_mm"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} is {getattr(self, name):g}, it must be above 0")
-        for name in (
-            "deviation_mm",
-            "deviation_share",
-            "near_mm",
-            "final_mm",
-            "backlash_mm",
-            "closing_mm",
-            "lead_mm",
-        ):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"{name} is {getattr(self, name):g}, it must be 0 or more")
-
-    @classmethod
-    def paper(cls) -> Self:
-        """Return the paper's: plan anew every 20 mm, as if a turn acted at once, and follow the plan to its end."""
-        return cls(deviation_mm=math.inf, near_mm=0.0, final_mm=0.0, backlash_mm=0.0, closing_mm=0.0)
-
-
-@dataclass(frozen=True)
-class SteeringSettings:
-    """What is to be reached and around what, how the tip is estimated, and the policy.
-
-    Parameters
-    ----------
-    problem : PlanProblem
-        As it stands before the insertion; `start` is the tip's pose, its roll the bevel's.
-    estimator : EstimatorSettings
-    policy : SteeringPolicy
-    method : {"best", "paper"}
-        The planner.
-    """
-
-    problem: PlanProblem
-    estimator: EstimatorSettings
-    policy: SteeringPolicy = SteeringPolicy()
-    method: PlanMethod = "best"
-
-    def __post_init__(self) -> None:
-        """Refuse a planner and a filter that do not speak of the same needle."""
-        if self.problem.planar != self.estimator.planar:
-            raise InputError("planner and estimator differ about planar", "set both or none")
-
-
-@dataclass(frozen=True, eq=False)
-class TipSighting:
-    """An insertion length, and where the tip was seen there.
-
-    Parameters
-    ----------
-    insertion_mm : float
-        How far the needle has been inserted beyond the start.
-    position_mm : (3,) array or None
-        In the world frame; None where the tip was not found.
-    """
-
-    insertion_mm: float
-    position_mm: FloatArray | None
-
-    def __post_init__(self) -> None:
-        """Refuse what is no number."""
-        if not math.isfinite(self.insertion_mm):
-            raise InputError(f"insertion_mm is {self.insertion_mm:g}, it must be a number")
-        if self.position_mm is not None:
-            object.__setattr__(self, "position_mm", frozen(numbers("position_mm", self.position_mm, (3,))))
-
-
-@dataclass(frozen=True)
-class SteeringCommand:
-    """What to do next: stop, or turn the bevel, then run on and look.
-
-    Attributes
-    ----------
-    roll_rad : float
-        Turn the bevel by this first, the needle standing; 0: do not.
-    observe_at_mm : float
-        Insertion length at which to look next.
-    run_to_mm : float
-        Insertion length up to which the needle may run; there it stands, as a turn or the end of the path follows.
-    stop : str or None
-        Why the needle stops here; None while it goes on.
-    detail : str
-        A sentence about it; empty while the needle goes on.
-    """
-
-    roll_rad: float
-    observe_at_mm: float
-    run_to_mm: float
-    stop: StopReason | None = None
-    detail: str = ""
+# So much of what is left of a path can be mended aside later, with the needle's curvature to spare.
+_MENDED_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +44,8 @@ class SteeringState:
 
     Attributes
     ----------
-    tip : TipState
-        At the last sighting.
+    belief : TipBelief
+        Of the tip, at the last sighting.
     insertion_mm : float
         There.
     turns : tuple of Turn
@@ -197,8 +58,8 @@ class SteeringState:
         Insertion length at the end of the path.
     replans : int
         Paths that were found after the first.
-    planned_at_mm : float
-        Insertion length at which a path was sought last.
+    followed_mm, planned_at_mm : float
+        Insertion lengths at which the path was found that is followed, and at which one was sought last.
     why : str or None
         On which occasion a path was sought at this sighting; None where none was.
     refusal : str or None
@@ -209,7 +70,7 @@ class SteeringState:
         Insertion length and place at which the tip was last known to move.
     """
 
-    tip: TipState
+    belief: TipBelief
     insertion_mm: float
     turns: tuple[Turn, ...]
     plan: Plan
@@ -218,11 +79,17 @@ class SteeringState:
     ahead: tuple[Turn, ...]
     end_mm: float
     replans: int
+    followed_mm: float
     planned_at_mm: float
     why: Occasion | None
     refusal: str | None
     run_to_mm: float
     moving_from: tuple[float, FloatArray]
+
+    @property
+    def tip(self) -> TipState:
+        """The tip at the last sighting."""
+        return self.belief.tip
 
     @property
     def left_mm(self) -> float:
@@ -244,12 +111,13 @@ def start_steering(settings: SteeringSettings) -> tuple[SteeringState, SteeringC
     InputError
         For a problem that is none.
     """
-    tip = start_tip(settings.problem.start, settings.estimator)
+    belief = start_belief(settings.problem.start, settings.estimator)
     none = Plan(found=False, reason=None)
     state = SteeringState(
-        tip=tip, insertion_mm=0.0, turns=(), plan=none, plan_start=tip.pose, plan_from_mm=0.0, ahead=(), end_mm=0.0,
-        replans=-1, planned_at_mm=0.0, why=None, refusal=None, run_to_mm=0.0,
-        moving_from=(0.0, tip.position_mm),
+        belief=belief, insertion_mm=0.0, turns=(), plan=none, plan_start=belief.tip.pose, plan_from_mm=0.0,
+        ahead=(), end_mm=0.0,
+        replans=-1, followed_mm=0.0, planned_at_mm=0.0, why=None, refusal=None, run_to_mm=0.0,
+        moving_from=(0.0, belief.tip.position_mm),
     )  # fmt: skip
     return _commanded(_replanned(state, "start", settings), settings)
 
@@ -269,7 +137,7 @@ def step_steering(
             f"insertion_mm is {sighting.insertion_mm:g} after {state.insertion_mm:g}: the needle was withdrawn",
             "start again where it stands",
         )
-    seen = _estimated(state, sighting, settings)
+    seen = sighted(state, sighting, settings)
     lost = _lost(seen, settings)
     if lost is not None:
         return seen, lost
@@ -279,16 +147,19 @@ def step_steering(
     return _commanded(seen, settings)
 
 
-def _estimated(state: SteeringState, sighting: TipSighting, settings: SteeringSettings) -> SteeringState:
-    """Return the state with the tip brought to the sighting, stretch by stretch, and the sighting taken in."""
+def sighted(state: SteeringState, sighting: TipSighting, settings: SteeringSettings) -> SteeringState:
+    """Return the state with the tip brought to a sighting, stretch by stretch, and the sighting taken in.
+
+    This is the estimating half of `step_steering`; a record is followed by it, with the turns that were made.
+    """
     straight_mm = settings.policy.closing_mm / 2
     along = stretches(state.insertion_mm, sighting.insertion_mm, state.turns, straight_mm)
     steps = [TipObservation(None, one.length_mm, one.roll_rad, one.bends) for one in along]
     last = steps.pop() if steps else TipObservation(None, 0.0)
-    tip = state.tip
+    belief = state.belief
     for step in steps:
-        tip = advance_tip(tip, step, settings.estimator)
-    tip = step_tip(tip, replace(last, position_mm=sighting.position_mm), settings.estimator)
+        belief = advance_belief(belief, step, settings.estimator)
+    belief = step_belief(belief, replace(last, position_mm=sighting.position_mm), settings.estimator)
     from_mm, place = state.moving_from
     if (
         sighting.position_mm is not None
@@ -297,13 +168,18 @@ def _estimated(state: SteeringState, sighting: TipSighting, settings: SteeringSe
         from_mm, place = sighting.insertion_mm, sighting.position_mm
     return replace(
         state,
-        tip=tip,
+        belief=belief,
         insertion_mm=sighting.insertion_mm,
         turns=tuple(turn for turn in state.turns if turn.at_mm >= sighting.insertion_mm),
         why=None,
         refusal=None,
         moving_from=(from_mm, place),
     )
+
+
+def turned(state: SteeringState, roll_rad: float, settings: SteeringSettings) -> SteeringState:
+    """Return the state after the bevel has been turned where the needle stands."""
+    return replace(state, turns=(*state.turns, Turn(_acts_at(state.insertion_mm, settings), roll_rad)))
 
 
 def _lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand | None:
@@ -323,15 +199,18 @@ def _lost(state: SteeringState, settings: SteeringSettings) -> SteeringCommand |
 def _occasion(state: SteeringState, settings: SteeringSettings) -> Occasion | None:
     """Return why to plan anew here, or None."""
     policy = settings.policy
-    if policy.near_mm > 0 and state.left_mm <= policy.near_mm:
+    if policy.final_mm > 0 and state.left_mm <= policy.final_mm:
         return "near"
     if state.insertion_mm - state.planned_at_mm >= policy.replan_every_mm - _HERE_MM:
         return "schedule"
     if math.isfinite(policy.deviation_mm):
         miss_mm, gap_mm = _outlook(state, settings)
-        limit_mm = policy.deviation_mm + policy.deviation_share * state.left_mm
+        near = state.left_mm <= policy.near_mm
+        limit_mm = (
+            policy.near_deviation_mm if near else policy.deviation_mm + policy.deviation_share * state.left_mm
+        )
         if miss_mm > limit_mm or gap_mm < settings.problem.clearance_mm:
-            return "deviation"
+            return "near" if near else "deviation"
     return None
 
 
@@ -362,10 +241,12 @@ def _replanned(state: SteeringState, occasion: Occasion, settings: SteeringSetti
         problem = _problem_ahead(state, settings)
     except InputError as error:
         return replace(sought, refusal=error.message)
-    plan = _planned(problem, settings)
-    if plan.found:
-        return _followed(sought, plan, problem, settings)
-    return sought if _still_good(state, settings) else replace(sought, refusal=plan.reason)
+    plan = _planned(problem, settings, thorough=False)
+    if not plan.found:
+        if _still_good(state, settings):
+            return sought
+        plan = _planned(problem, settings, thorough=True)
+    return _followed(sought, plan, problem, settings) if plan.found else replace(sought, refusal=plan.reason)
 
 
 def _problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProblem:
@@ -383,26 +264,35 @@ def _problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProb
         settings.problem,
         start=advanced(start, (Stretch(0.0, turned, bends=True),), 0.0),
         radius_mm=_radius_mm(state, settings),
+        radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
+        cavity_mm=settings.estimator.cavity_mm if math.isfinite(settings.estimator.cavity_every_mm) else 0.0,
+        max_heading_rad=min(settings.policy.max_heading_rad, settings.problem.max_heading_rad),
         max_length_mm=max(settings.problem.max_length_mm - from_mm, _HERE_MM),
         covariance=state.tip.covariance,
     )
 
 
-def _planned(problem: PlanProblem, settings: SteeringSettings) -> Plan:
+def _planned(problem: PlanProblem, settings: SteeringSettings, *, thorough: bool) -> Plan:
     """Return the path that keeps most of the clearance that is wanted, or why there is none with the whole of it."""
     known = replace(problem, covariance=None)
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
-    plans = (_sought(one, settings) for one in (problem, known, replace(known, clearance_mm=least_mm)))
-    first = next(plans)
-    return first if first.found else next((plan for plan in plans if plan.found), first)
+    wide = replace(known, clearance_mm=least_mm, max_heading_rad=settings.problem.max_heading_rad)
+    plans = (_sought(one, settings, thorough=thorough) for one in (problem, known, wide))
+    tried: list[Plan] = []
+    for plan in plans:
+        tried.append(plan)
+        if plan.found:
+            break
+    return tried[-1]
 
 
-def _sought(problem: PlanProblem, settings: SteeringSettings) -> Plan:
+def _sought(problem: PlanProblem, settings: SteeringSettings, *, thorough: bool) -> Plan:
     around = Surroundings(problem)
     if np.linalg.norm(around.target_mm) <= settings.policy.final_mm:
-        psi = nearest_approach(around)
+        weights = replace(problem.weights, target_error_per_mm=settings.policy.final_error_per_mm)
+        psi = nearest_approach(Surroundings(replace(problem, weights=weights)))
         return Plan(found=False, reason="blocked near the target") if psi is None else plan_of(psi, around)
-    return plan_path(problem, settings.method)
+    return plan_path(problem, settings.method, thorough=thorough)
 
 
 def _followed(
@@ -427,6 +317,7 @@ def _followed(
         ahead=turns,
         end_mm=float(ends_mm[-1]) if plan.arcs else _nearest_mm(state, from_mm, settings),
         replans=state.replans + 1,
+        followed_mm=state.insertion_mm,
     )
 
 
@@ -438,11 +329,13 @@ def _nearest_mm(state: SteeringState, to_mm: float, settings: SteeringSettings) 
 
 
 def _still_good(state: SteeringState, settings: SteeringSettings) -> bool:
-    """Return whether the rest of the old path still reaches the target and touches nothing."""
+    """Return whether the rest of the old path will do: it touches nothing, and what it misses by can be mended."""
     if not state.plan.found:
         return False
     miss_mm, gap_mm = _outlook(state, settings)
-    return miss_mm <= settings.problem.tolerance_mm and gap_mm >= settings.policy.least_clearance_mm
+    recent = state.insertion_mm - state.followed_mm <= settings.policy.patience_mm
+    mends = miss_mm <= settings.problem.tolerance_mm + _MENDED_SHARE * max(state.left_mm, 0.0)
+    return (mends or recent) and gap_mm >= settings.policy.least_clearance_mm
 
 
 def _commanded(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringState, SteeringCommand]:
@@ -468,8 +361,7 @@ def _turned(state: SteeringState, settings: SteeringSettings) -> tuple[SteeringS
     roll_rad = math.remainder(sum(turn.roll_rad for turn in due), 2 * math.pi)
     if not due or abs(roll_rad) < _NO_TURN:
         return replace(state, ahead=state.ahead[len(due) :]), 0.0
-    acts = Turn(_acts_at(state.insertion_mm, settings), roll_rad)
-    return replace(state, ahead=state.ahead[len(due) :], turns=(*state.turns, acts)), roll_rad
+    return replace(turned(state, roll_rad, settings), ahead=state.ahead[len(due) :]), roll_rad
 
 
 def _arrived(state: SteeringState, settings: SteeringSettings) -> SteeringCommand:
@@ -483,7 +375,7 @@ def _arrived(state: SteeringState, settings: SteeringSettings) -> SteeringComman
 def _refused_for(state: SteeringState, settings: SteeringSettings) -> StopReason:
     """Return whether it is the obstacles that leave no path."""
     free = replace(settings, problem=replace(settings.problem, obstacles=()))
-    return "blocked" if _planned(_problem_ahead(state, free), free).found else "target_missed"
+    return "blocked" if _planned(_problem_ahead(state, free), free, thorough=True).found else "target_missed"
 
 
 def _stopped(state: SteeringState, reason: StopReason, detail: str) -> SteeringCommand:

@@ -49,6 +49,9 @@ class EstimatorSettings:
     patience : int
         So many observations in a row may fail the gate; at the next that does, the filter doubts itself and
         widens its covariance until the observation is an ordinary one.
+    cavity_every_mm, cavity_mm : float
+        Mean length of path from one cavity to the next, and mean length of a cavity, in which the needle goes straight;
+        `labrig.steering.cavities` counts with them. Infinite: there are none.
 
     Raises
     ------
@@ -65,6 +68,8 @@ class EstimatorSettings:
     start_sd_rad: float = 0.02
     gate_probability: float = 0.9999
     patience: int = 3
+    cavity_every_mm: float = math.inf
+    cavity_mm: float = 8.0
 
     def __post_init__(self) -> None:
         if self.method not in get_args(EstimatorMethod):
@@ -78,6 +83,13 @@ class EstimatorSettings:
         _require(
             "gate_probability", self.gate_probability, 0.0 < self.gate_probability < 1.0, "between 0 and 1"
         )
+        for name in ("cavity_every_mm", "cavity_mm"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"{name} is {getattr(self, name):g}, it must be above 0")
+        if self.method == "paper" and math.isfinite(self.cavity_every_mm):
+            raise InputError(
+                "cavity_every_mm is set, but the paper's filter knows no cavities", "leave it out"
+            )
         if self.method == "paper" and self.radius_sd_mm > 0.0:
             message = (
                 f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
@@ -153,6 +165,8 @@ class TipState:
         Whether the last observation was used.
     misses : int
         Observations in a row that were missing or rejected.
+    log_likelihood : float
+        Of the last observation, of which the filter was not told; 0 where nothing was observed.
     """
 
     pose: FloatArray
@@ -161,6 +175,7 @@ class TipState:
     nis: float | None
     accepted: bool
     misses: int
+    log_likelihood: float = 0.0
 
     @property
     def position_mm(self) -> FloatArray:

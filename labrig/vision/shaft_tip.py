@@ -11,7 +11,7 @@ from labrig.vision.shaft import FloatArray, locate_shaft
 
 # A parabola through so much of the centre line, or that much at least, goes on to the tip: the bevel has no two edges
 # that a centre line could lie between.
-_OVER_MM, _LEAST_MM = 8.0, 1.5
+_OVER_MM, _LEAST_MM = 5.0, 1.5
 # The last rows, over so many widths of the needle, lean to the side on which the bevel is longer.
 _BEVEL_ONSET = 0.3
 

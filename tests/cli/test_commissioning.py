@@ -158,6 +158,11 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
     record = open_run(done.json()["run"])
     assert record.manifest["withdraws"] == "killed"
     assert (record.path / "can.log").stat().st_size > 0
+    for command in ("reanalyze", "replay", "resume"):
+        other = labrig(command, record.path)
+        assert (other.exit_code, "is the withdrawal of the needle of run killed" in other.err) == (2, True), (
+            command
+        )
     again = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig)
     assert (again.exit_code, "no needle is in tissue" in again.err) == (2, True)
 

@@ -36,8 +36,8 @@ def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[
 @pytest.mark.parametrize(
     ("size", "settings", "reason"),
     [
-        ("30m", ("rig.recording.least_free_mb=0",), r"cannot write .*No space left on device"),
-        ("48m", ("rig.recording.least_free_mb=20",), r"has \d+\.\d MB free; a run ends below 20\.0 MB"),
+        ("15m", ("rig.recording.least_free_mb=0",), r"cannot write .*No space left on device"),
+        ("20m", ("rig.recording.least_free_mb=5",), r"has \d+\.\d MB free; a run ends below 5\.0 MB"),
     ],
 )
 def test_the_axes_stop_and_the_record_says_why(
@@ -45,12 +45,14 @@ def test_the_axes_stop_and_the_record_says_why(
 ) -> None:
     """Full, or nearly full: exit code 3, the run closed as failed with the reason, and all of it readable."""
     # Pictures so noisy take more than the estimate that is made beforehand, so that the run begins.
-    document, run = _run_on_small_disk(tmp_path, size, *settings, "rig.world.noise_sd=25")
+    document, run = _run_on_small_disk(
+        tmp_path, size, *settings, "rig.world.noise_sd=25", "insertions_per_specimen=1"
+    )
     assert document["exit_status"] == "failed"
     opened, verdict = open_run(run), check_run(run)
     assert re.search(reason, str(opened.manifest["reason"]))
     assert (opened.manifest["exit_status"], opened.problems, verdict.damage) == ("failed", (), ())
     assert list(opened.events["kind"])[-1] == "run_stop"
-    assert len(list(opened.frames)) == len(opened.frame_table) > 10
+    assert len(list(opened.frames)) == len(opened.frame_table) > 5
     halted = [frame for frame in list(opened.can_frames)[-60:] if frame.data[1:3] == b"\x40\x60"]
     assert halted, "every axis was told to stop"

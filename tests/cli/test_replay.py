@@ -4,11 +4,9 @@ import json
 import shutil
 from pathlib import Path
 
-import pytest
-
 from labrig.record import encode_document
 from labrig.record.json_lines import checksum, decode_line, encode_line
-from tests.cli.conftest import ROOT, Labrig, Sweep
+from tests.cli.conftest import Labrig, Sweep
 
 
 def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
@@ -19,23 +17,6 @@ def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
     assert (document["identical"], document["first_difference"], document["bit_exact"]) == (True, None, True)
     assert document["compared"]["frames"] == 40
     assert "identical, to the last bit" in labrig("replay", sweep.run).out
-
-
-@pytest.mark.parametrize("protocol", sorted((ROOT / "protocols").glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_example_protocol_is_identical(protocol: Path, labrig: Labrig, tmp_path: Path) -> None:
-    """Each protocol that labrig comes with, shortened where it is long, is replayed to the last bit."""
-    shorter = {
-        "steerability": ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]"),
-        "calibration": ("views=5",),
-        "design": ("grid_points=3",),
-    }
-    sets = [word for setting in shorter.get(protocol.stem, ()) for word in ("--set", setting)]
-    rig = () if protocol.stem == "design" else ("--rig", ROOT / "calibration" / "rig-simulated.yaml")
-    labrig("run", protocol, *rig, "--runs-dir", tmp_path, "--json", *sets)
-    (run,) = tmp_path.iterdir()
-    done = labrig("replay", run, "--json")
-    document = done.json()
-    assert (done.exit_code, document["identical"], document["bit_exact"]) == (0, True, True), document
 
 
 def edited(sweep: Sweep, tmp_path: Path) -> Path:

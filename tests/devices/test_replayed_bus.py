@@ -18,7 +18,7 @@ READ_STATUS, STATUS = bytes.fromhex("4041600000000000"), bytes.fromhex("4B416000
 READ_POSITION, POSITION = bytes.fromhex("4064600000000000"), bytes.fromhex("4364600010270000")
 TARGET, OTHER_TARGET = bytes.fromhex("237A600000E20400"), bytes.fromhex("237A600001E20400")
 TAKEN = bytes.fromhex("607A600000000000")
-BEAT = b"\x05"
+BEAT, REPORT = b"\x05", bytes.fromhex("370200000000")
 
 RECORD = (
     CanFrame(0.0, 0x77F, BEAT, "T"),
@@ -27,6 +27,8 @@ RECORD = (
     CanFrame(0.15, 0x701, BEAT, "R"),
     CanFrame(0.2, 0x601, READ_POSITION, "T"),
     CanFrame(0.201, 0x581, POSITION, "R"),
+    CanFrame(0.25, 0x080, b"", "T"),
+    CanFrame(0.25, 0x381, REPORT, "R"),
     CanFrame(0.3, 0x601, TARGET, "T"),
     CanFrame(0.302, 0x581, TAKEN, "R"),
     CanFrame(0.5, 0x701, BEAT, "R"),
@@ -55,6 +57,8 @@ class Bus:
         self.answers: SimpleQueue[bytes] = SimpleQueue()
         self.beats: list[float] = []
         self.link.network.subscribe(0x581, lambda _id, data, _t: self.answers.put(bytes(data)))
+        self.reports: list[bytes] = []
+        self.link.network.subscribe(0x381, lambda _id, data, _t: self.reports.append(bytes(data)))
         self.link.network.subscribe(0x701, lambda _id, _data, _t: self.beats.append(self.clock.now_s()))
 
     def ask(self, data: bytes) -> bytes | None:
@@ -85,6 +89,15 @@ def test_reads_may_be_more_or_fewer_and_beats_do_not_count() -> None:
         bus.link.send(0x77F, BEAT)
     assert bus.ask(TARGET) == TAKEN
     assert bus.beats == [0.15]
+
+
+def test_drives_report_at_each_sync_however_often_it_is_sent() -> None:
+    """A SYNC that the record has brings the recorded report, one more brings it again; it is no command."""
+    bus = Bus()
+    bus.link.send(0x080, b"")
+    bus.link.send(0x080, b"")
+    assert bus.reports == [REPORT, REPORT]
+    assert bus.comparison.counts == {}
 
 
 def test_another_command_differs_in_words_of_the_axis() -> None:

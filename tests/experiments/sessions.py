@@ -88,6 +88,6 @@ def bench(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) 
             },
             dump_yaml(protocol),
             dump_yaml(description),
-            {},
+            description.calibration_files(),
         )
         yield Bench(opened, recorder, Told())

@@ -124,6 +124,30 @@ def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
     assert all(one["found"] or one["refusal"] for one in plans)
 
 
+def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
+    """With a lag of two seconds the needle goes on no sooner than that after each turn."""
+    protocol = insertion("target.position_mm=[0,3,25]")
+    with certified(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
+        _, run = opened.conduct(protocol)
+    turned_s = [one["t_s"] for one in events(run, "move_done") if one["axis"] == "rotation"]
+    flips_s = [one["t_s"] for one in events(run, "flip")]
+    starts_s = [one["t_s"] for one in events(run, "move") if one["axis"] == "insertion"]
+    assert flips_s
+    for flip in flips_s:
+        done = next(t for t in turned_s if t > flip)
+        assert next(t for t in starts_s if t > done) - done >= 2.0
+
+
+def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) -> None:
+    """Axes that stand elsewhere than at zero, the needle being out, are taken there first."""
+    protocol = insertion("target.position_mm=[0,-3,25]")
+    with certified(tmp_path, protocol, EVEN) as opened:
+        opened.session.move("linear", 3.0, 5.0)
+        opened.session.move("insertion", 0.4, 1.0)
+        outcome, _ = opened.conduct(protocol)
+    assert outcome.exit_status == "success"
+
+
 def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
     """The operator is asked with a picture on disk, in colour, while the needle stands flush with the sheath."""
     protocol = insertion()

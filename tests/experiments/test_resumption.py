@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, WithdrawNeedle
+from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, WithdrawNeedle
 from labrig.experiments import Outcome, Session, conduct, conduct_rest, past_of
 from labrig.protocol import SteerabilityProtocol
 from labrig.record import Recorder, Run, open_run
@@ -84,3 +84,16 @@ def test_without_a_reference_the_needle_is_only_asked_about(
         outcome, _ = _go_on(at, protocol, run)
     assert [type(request) for request in watched.asked] == [ConfirmNeedleOut]
     assert outcome.exit_status == "aborted"
+
+
+def test_a_run_that_was_stopped_before_its_first_insertion_goes_on_from_the_start(
+    tmp_path: Path, protocol: SteerabilityProtocol
+) -> None:
+    """Nothing had been begun: nothing is marked, and every insertion is made."""
+    with bench(tmp_path, protocol) as at:
+        at.opened.rig.operator = Watched(at.opened.rig.operator, declines=MountNeedle)
+        assert conduct(protocol, at.session).exit_status == "aborted"
+        at.opened.rig.operator = at.opened.plant.operator
+        outcome, run = _go_on(at, protocol, open_run(at.recorder.path))
+    assert outcome.exit_status == "success"
+    assert list(run.trials["exit_status"]) == ["success"]

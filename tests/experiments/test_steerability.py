@@ -101,7 +101,7 @@ def test_what_was_asked_and_what_was_sent_are_both_recorded(tmp_path: Path) -> N
         _, run = rig.conduct(protocol)
     moves = run.events[(run.events["kind"] == "move") & (run.events["axis"] == "insertion")]
     first = moves.iloc[0]
-    assert (first["asked_position"], first["asked_speed"]) == (40.0, 1.0)
+    assert (first["asked_position_mm"], first["asked_speed_mm_s"]) == (40.0, 1.0)
     assert first["sent_rpm"] == round(first["sent_rpm"]) > 0
     assert first["sent_quadcounts"] == round(first["sent_quadcounts"]) > 0
 

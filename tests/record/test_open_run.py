@@ -13,7 +13,7 @@ import pytest
 
 from labrig.errors import InputError, RecordError
 from labrig.protocol import ImportProtocol
-from labrig.record import Run, encode_document, open_run
+from labrig.record import Recorder, Run, check_run, encode_document, open_run
 from labrig.record.json_lines import encode_line, read_lines
 from tests.record.runs import begin, closed_run, interrupted_run, picture
 
@@ -338,3 +338,13 @@ def test_a_damaged_result_is_named(tmp_path: Path, text: str) -> None:
     (run.new_result_dir() / "result.json").write_text(text)
     with pytest.raises(RecordError, match=r"001/result\.json is damaged"):
         run.latest_result()
+
+
+def test_a_run_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
+    """A link that leads out of the runs folder is named, whether it is read, checked or continued."""
+    (tmp_path / "runs").mkdir()
+    link = tmp_path / "runs" / "linked"
+    link.symlink_to(closed_run(tmp_path / "elsewhere"))
+    for act in (open_run, check_run, lambda path: Recorder.reopen(path, "test")):
+        with pytest.raises(RecordError, match="is a symbolic link"):
+            act(link)

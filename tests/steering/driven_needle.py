@@ -26,11 +26,15 @@ STEP_MM = 0.05
 
 @dataclass
 class DrivenNeedle:
-    """Where the needle is; `closing_mm` and `backlash_mm` of 0: the bend follows the bevel at once."""
+    """Where the needle is; `closing_mm` and `backlash_mm` of 0: the bend follows the bevel at once.
+
+    `cavity_mm`: between which insertion lengths it goes straight.
+    """
 
     radius_mm: float
     closing_mm: float = 0.0
     backlash_mm: float = 0.0
+    cavity_mm: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         self.inserted_mm, self.roll_rad = 0.0, 0.0
@@ -42,8 +46,9 @@ class DrivenNeedle:
         """Cut on to an insertion length."""
         count = max(1, math.ceil((to_mm - self.inserted_mm) / STEP_MM))
         length = (to_mm - self.inserted_mm) / count
-        for _ in range(count):
-            half = Rotation.from_rotvec((*(self._swung(length) * length / 2), 0.0))
+        for place in self.inserted_mm + length * np.arange(count):
+            bend = self._swung(length) * (not self.cavity_mm[0] <= place < self.cavity_mm[1])
+            half = Rotation.from_rotvec((*(bend * length / 2), 0.0))
             self.place = self.place + length * (self.frame * half).apply((0.0, 0.0, 1.0))
             self.frame = self.frame * half * half
             self.path.append(self.place)

@@ -15,7 +15,7 @@ from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.record import CanFrame
 
-_UPLOAD = 0x40
+_SYNC, _UPLOAD = 0x080, 0x40
 _CONTROLWORD = od.CONTROLWORD.index.to_bytes(2, "little") + b"\0"
 
 
@@ -30,8 +30,8 @@ class _Entry:
 
     @property
     def is_read(self) -> bool:
-        """Whether it only asks a drive for a value."""
-        return 0x600 < self.can_id < 0x680 and self.data[:1] == bytes([_UPLOAD])
+        """Whether it only asks drives for values: an upload, or the SYNC at which they report."""
+        return self.can_id == _SYNC or (0x600 < self.can_id < 0x680 and self.data[:1] == bytes([_UPLOAD]))
 
     @property
     def is_answer(self) -> bool:
@@ -77,6 +77,7 @@ class RecordedBus:
         ]
         self._next = 0
         self._answers: dict[tuple[int, bytes], bytes] = {}
+        self._reports: dict[int, bytes] = {}
         clock.on_sleep(self._arrive_until)
 
     # What the driver sends
@@ -126,14 +127,17 @@ class RecordedBus:
         self._next = place + 1
 
     def _answer_again(self, read: _Entry) -> None:
-        """Answer a read that the record has not, with what the drive answered last."""
-        answer = self._answer_to(read)
-        if answer is None:
+        """Answer a read that the record has not, with what the drives answered last."""
+        if read.can_id == _SYNC:
+            answers = dict(self._reports)
+        else:
+            answer_id = read.can_id - 0x600 + 0x580
+            last = self._answers.get((answer_id, read.data[1:4]))
+            answers = {} if last is None else {answer_id: last}
+        if not answers:
             self._comparison.differs("command", "nothing", self._said(read))
-        self.network.notify(0x580 + (read.can_id & 0x7F), bytearray(answer), 0.0)
-
-    def _answer_to(self, read: _Entry) -> bytes | None:
-        return self._answers.get((0x580 + (read.can_id & 0x7F), read.data[1:4]))
+        for can_id, data in answers.items():
+            self.network.notify(can_id, bytearray(data), 0.0)
 
     # What arrives
 
@@ -154,6 +158,8 @@ class RecordedBus:
         self._clock.reach(entry.t_us)
         if entry.is_answer:
             self._answers[entry.can_id, entry.data[1:4]] = entry.data
+        elif 0x180 < entry.can_id < 0x580:
+            self._reports[entry.can_id] = entry.data
         self.network.notify(entry.can_id, bytearray(entry.data), 0.0)
 
     # Where the record stands

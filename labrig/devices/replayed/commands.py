@@ -25,6 +25,8 @@ class CommandWords:
         """Return a frame as a phrase."""
         if 0x600 < can_id < 0x680:
             return self._question(can_id - 0x600, data)
+        if can_id == 0x080:
+            return "SYNC"
         if can_id == 0 and len(data) == 2:
             return f"NMT command 0x{data[0]:02X} to node {data[1]}"
         return f"CAN frame {can_id:03X}#{data.hex().upper()}"

@@ -1,0 +1,57 @@
+"""What an insertion protocol says to planner, estimator and policy; the live run and its reanalysis read it here."""
+
+import math
+
+from labrig.protocol import InsertionProtocol
+from labrig.steering import (
+    EstimatorSettings,
+    Obstacle,
+    PlanProblem,
+    PlanWeights,
+    SteeringPolicy,
+    SteeringSettings,
+)
+
+
+def insertion_settings(
+    protocol: InsertionProtocol, target_mm: tuple[float, float, float], obstacles: tuple[Obstacle, ...]
+) -> SteeringSettings:
+    """Return problem, estimator and policy of an insertion from the origin of the steering plane along z.
+
+    Raises
+    ------
+    InputError
+        For what is no problem: a start or target inside an obstacle.
+    """
+    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
+    values = policy.model_dump()
+    deviation_mm = values.pop("deviation_mm")
+    return SteeringSettings(
+        problem=PlanProblem(
+            target_mm=target_mm,
+            obstacles=obstacles,
+            radius_mm=planner.radius_mm,
+            diameter_mm=protocol.needle.diameter_mm,
+            tolerance_mm=protocol.target.tolerance_mm,
+            clearance_mm=planner.clearance_mm,
+            max_arcs=planner.max_arcs,
+            max_length_mm=protocol.insertion.max_length_mm,
+            planar=True,
+            weights=PlanWeights(**planner.weights.model_dump()),
+        ),
+        estimator=EstimatorSettings(
+            radius_mm=planner.radius_mm,
+            observation_sd_mm=estimator.observation_sd_mm,
+            process_sd_rad_per_root_mm=math.radians(estimator.process_sd_deg_per_root_mm),
+            method=estimator.method,
+            planar=True,
+            radius_sd_mm=estimator.radius_sd_mm,
+            start_sd_rad=math.radians(estimator.start_sd_deg),
+        ),
+        policy=SteeringPolicy(
+            **values,
+            deviation_mm=math.inf if deviation_mm is None else deviation_mm,
+            observe_every_mm=protocol.insertion.frame_every_mm,
+        ),
+        method=planner.method,
+    )

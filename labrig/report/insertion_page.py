@@ -1,0 +1,186 @@
+"""What the page of an insertion run shows: figure 9 of the paper, and what was known of the tip on the way."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from labrig.analysis import AnalysisResult, InsertionPlan, InsertionResult, InsertionTrial, load_mapping
+from labrig.errors import RecordError
+from labrig.record import Run
+from labrig.report.insertion_figure import insertion_figure
+from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
+from labrig.report.words import count_of, number
+from labrig.vision import PlaneMap, size_of
+
+# So many insertions are shown picture by picture: those that missed first.
+_SHOWN = 4
+_MOST_PANELS = 8
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
+_OCCASIONS = {
+    "start": "the first plan",
+    "schedule": "planned anew as the protocol says",
+    "deviation": "planned anew: the rest of the path would have missed",
+    "near": "planned anew near the target, as at each picture from here on",
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of figure 9; every line is the `points` of an SVG polyline in the recorded picture's pixels."""
+
+    letter: str
+    title: str
+    occasion: str
+    href: str
+    width: int
+    height: int
+    text_px: float
+    plan: str
+    former: tuple[str, ...]
+    taken: str
+    truth: str
+    obstacles: tuple[str, ...]
+    tolerance: str
+    target: Pixel
+    scale_mm: float
+    scale: tuple[Pixel, Pixel]
+
+
+@dataclass(frozen=True)
+class ShownInsertion:
+    """One insertion, picture by picture, and its curves over the inserted length."""
+
+    one: InsertionTrial
+    panels: tuple[Panel, ...]
+    figure: Markup | None
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """A picture to be shown: which, when, how deep, on what occasion, and the plans up to then."""
+
+    frame: int
+    t_s: float
+    depth_mm: float
+    occasion: str
+    plans: tuple[InsertionPlan, ...]
+
+
+def insertion_page(run: Run, result: AnalysisResult, content: InsertionResult) -> dict[str, Any]:
+    """Return what the template needs, everything drawn."""
+    plane = load_mapping(run)
+    shown = sorted(content.insertions, key=lambda one: (one.reached, one.trial))[:_SHOWN]
+    return {
+        "content": content,
+        "folder": f"analysis/{result.path.name}",
+        "simulated": any(one.true_target_error_mm is not None for one in content.insertions),
+        "shown": [_shown(run, one, plane) for one in sorted(shown, key=lambda one: one.trial)],
+        "left_out": max(0, len(content.insertions) - _SHOWN),
+        "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
+    }
+
+
+def insertion_verdict(content: InsertionResult) -> list[str]:
+    """Return the page in a sentence or two."""
+    if not content.made:
+        return ["No insertion was begun."]
+    sentences = [f"{content.arrived} of {count_of(content.made, 'insertion')} reached the target."]
+    several = content.made > 1
+    if content.target_error_mm is not None:
+        where = "is never further than" if several else "is"
+        sentences.append(
+            f"Measured by the shaft in the final picture, the needle's end {where} "
+            f"{number(content.target_error_mm)} mm from it."
+        )
+    if content.true_target_error_mm is not None:
+        most, least = ("at most ", "at least ") if several else ("", "")
+        sentences.append(
+            f"The rig is simulated: the true error is {most}{number(content.true_target_error_mm)} mm, and "
+            f"the needle kept {least}{number(content.true_min_clearance_mm)} mm off the obstacles."
+        )
+    return [" ".join(sentences)]
+
+
+def _shown(run: Run, one: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
+    drawn = (_panel(run, moment, one, plane) for moment in _moments(run, one))
+    panels = tuple(panel for panel in drawn if panel is not None)
+    lettered = tuple(
+        Panel(**{**vars(panel), "letter": chr(ord("a") + index)}) for index, panel in enumerate(panels)
+    )
+    return ShownInsertion(one, lettered, insertion_figure(one, f"trial{one.trial}") if one.steps else None)
+
+
+def _moments(run: Run, one: InsertionTrial) -> Iterator[_Moment]:
+    """Yield the pictures of figure 9: at each replan, but of those near the target the first, and at the end."""
+    for index in _worth_showing(one.plans):
+        plan = one.plans[index]
+        frame = _scene(run, one.trial) if plan.frame is None else plan.frame
+        if frame is not None:
+            occasion = _OCCASIONS.get(plan.because, plan.because)
+            yield _Moment(frame, plan.t_s - one.start_t_s, plan.depth_mm, occasion, one.plans[: index + 1])
+    if one.final_frame is not None:
+        t_s = float(run.frame_table.iloc[one.final_frame]["t_s"])
+        yield _Moment(
+            one.final_frame, t_s - one.start_t_s, one.length_mm or 0.0, f"stopped, {one.cause}", one.plans
+        )
+
+
+def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
+    found = [index for index, plan in enumerate(plans) if plan.found]
+    near = [index for index in found if plans[index].because == "near"]
+    kept = [index for index in found if plans[index].because != "near"] + near[:1]
+    if len(kept) < _MOST_PANELS:
+        return sorted(kept)
+    chosen = np.linspace(0, len(kept) - 1, _MOST_PANELS - 1).round().astype(int)
+    return [sorted(kept)[place] for place in chosen]
+
+
+def _scene(run: Run, trial: int) -> int | None:
+    """Return the picture that was taken before the needle moved."""
+    frames = run.frame_table
+    own = frames.loc[(frames["role"] == "scene") & (frames["trial"] == trial), "frame"]
+    return None if own.empty else int(own.iloc[-1])
+
+
+def _panel(run: Run, moment: _Moment, one: InsertionTrial, plane: PlaneMap) -> Panel | None:
+    """Return a picture with what was planned and done until then; None where it cannot be read."""
+    try:
+        image = run.read_frame(moment.frame)
+    except RecordError:
+        return None
+    width, height = size_of(image)
+    taken = [step.estimate_mm for step in one.steps if step.depth_mm <= moment.depth_mm + 1e-6]
+    target = np.array(one.target_mm[1:])
+    last = moment.frame == one.final_frame
+    scale_mm, scale = scale_bar((width, height), plane)
+    return Panel(
+        letter="",
+        title=f"{moment.depth_mm:.1f} mm, {moment.t_s:.0f} s",
+        occasion=moment.occasion,
+        href=data_uri(jpeg(image, PLATE), "image/jpeg"),
+        width=width,
+        height=height,
+        text_px=width / 40,
+        plan="" if last or not moment.plans else _drawn(moment.plans[-1].path_mm, plane),
+        former=tuple(_drawn(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
+        taken=_drawn(one.shaft_mm if last and one.shaft_mm else taken, plane),
+        truth=_drawn(one.true_path_mm, plane) if last else "",
+        obstacles=tuple(_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in one.obstacles),
+        tolerance=_ring((float(target[0]), float(target[1])), one.tolerance_mm, plane),
+        target=pixel(plane.to_px(target[None])[0]),
+        scale_mm=scale_mm,
+        scale=scale,
+    )
+
+
+def _drawn(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
+    return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""
+
+
+def _ring(centre_mm: tuple[float, float], radius_mm: float, plane: PlaneMap) -> str:
+    around: NDArray[np.float64] = np.column_stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
+    return polyline(plane.to_px(np.asarray(centre_mm) + radius_mm * around))

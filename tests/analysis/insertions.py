@@ -1,0 +1,36 @@
+"""A short insertion on the simulated rig, conducted once for all tests that only look at it."""
+
+import json
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis import InsertionResult, analyze_run
+from labrig.record import Run, open_run
+from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.experiments.test_insertion import conducted, insertion
+
+OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
+
+
+@cache
+def recorded(*overrides: str) -> Run:
+    """Conduct an insertion past one obstacle in gel that disturbs it, with its title as people may write it."""
+    folder = Path(tempfile.mkdtemp(prefix="labrig-insertion-"))
+    protocol = insertion(OBSTACLE, "title=To <b>there</b>", *overrides)
+    _, run = conducted(folder, protocol, ())
+    return open_run(run.path)
+
+
+def analysed(run: Run, *overrides: str) -> InsertionResult:
+    """Analyse a run of insertions."""
+    result = analyze_run(run, overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE)
+    assert isinstance(result.content, InsertionResult)
+    return result.content
+
+
+def observations(run: Run) -> list[dict[str, Any]]:
+    """Return the observations as they were written."""
+    lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    return [one for one in map(json.loads, lines) if one["kind"] == "observation"]

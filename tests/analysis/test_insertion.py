@@ -1,0 +1,100 @@
+"""What is said of an insertion run: errors by the shaft, and the way to it estimated again."""
+
+import hashlib
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from labrig.errors import InputError
+from labrig.record import open_run
+from tests.analysis.insertions import analysed, observations, recorded
+
+
+def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
+    """It is within 0.3 mm of the world's own, and comes with the keys that others rely on."""
+    content = analysed(recorded())
+    assert content.reached
+    assert content.target_error_mm is not None
+    assert content.true_target_error_mm is not None
+    assert content.target_error_mm == pytest.approx(content.true_target_error_mm, abs=0.3)
+    assert content.true_min_clearance_mm is not None
+    assert content.true_min_clearance_mm > 0
+    assert content.length_mm == pytest.approx(41, abs=2)
+    assert content.insertions[0].shaft_mm
+    assert (content.made, content.arrived, content.causes) == (1, 1, {})
+
+
+def test_estimated_again_everything_comes_out_as_it_was() -> None:
+    """From the recorded pictures and turns, with the protocol's settings, every estimate is the live one."""
+    run = recorded()
+    steps = analysed(run).insertions[0].steps
+    live = observations(run)
+    assert len(steps) == len(live) > 30
+    for again, was in zip(steps, live, strict=True):
+        assert again.estimate_mm == pytest.approx(was["estimate"]["position_mm"][1:], abs=1e-9)
+        assert again.heading_rad == pytest.approx(was["estimate"]["heading_rad"], abs=1e-9)
+        assert again.nis == was["nis"]
+
+
+def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
+    """With another noise the innovations weigh otherwise; where the needle ended does not change."""
+    run = recorded()
+    was, would_be = analysed(run), analysed(run, "estimator.observation_sd_mm=0.05")
+    assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
+    assert would_be.target_error_mm == was.target_error_mm
+    assert would_be.overrides == ("estimator.observation_sd_mm=0.05",)
+    with pytest.raises(InputError, match=r"estimator\.\*"):
+        analysed(run, "target.tolerance_mm=5")
+
+
+def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
+    """The tip as estimated is within half a millimetre of the truth on the whole way; without truth it is unknown."""
+    run = recorded()
+    steps = analysed(run).insertions[0].steps
+    for step in steps:
+        assert step.true_mm is not None
+        assert step.estimate_mm == pytest.approx(step.true_mm, abs=0.5)
+    copy = shutil.copytree(run.path, tmp_path / "real")
+    (copy / "truth.jsonl").unlink()
+    content = analysed(open_run(copy))
+    assert content.true_target_error_mm is None
+    assert content.insertions[0].steps[-1].true_mm is None
+
+
+def test_insertions_that_missed_are_counted_with_their_causes() -> None:
+    """Of repetitions those that arrived are counted, and the others by cause."""
+    content = analysed(recorded("repetitions=2", "target.tolerance_mm=0.001"))
+    assert (content.made, content.arrived, content.reached) == (2, 0, False)
+    assert content.causes == {"target_missed": 2}
+    assert content.target_error_mm == max(one.target_error_mm or 0 for one in content.insertions)
+
+
+def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path) -> None:
+    """The reason is told, and what happened on the way is told all the same."""
+    run = recorded()
+    copy = shutil.copytree(run.path, tmp_path / "damaged")
+    final = run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
+    (copy / final).write_bytes(b"no picture")
+    content = analysed(open_run(copy))
+    assert content.target_error_mm is None
+    assert content.insertions[0].unmeasured
+    assert content.insertions[0].steps
+
+
+def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
+    """Steered within the tolerance and measured outside of it, it counts as missed, and the cause says so."""
+    run = recorded()
+    error_mm = analysed(run).target_error_mm
+    assert error_mm is not None
+    copy = shutil.copytree(run.path, tmp_path / "strict")
+    protocol = (copy / "protocol.yaml").read_text(encoding="utf-8")
+    strict = re.sub(r"tolerance_mm: [\d.]+", f"tolerance_mm: {0.9 * error_mm:.4f}", protocol)
+    (copy / "protocol.yaml").write_text(strict, encoding="utf-8")
+    manifest = (copy / "manifest.json").read_text(encoding="utf-8")
+    was, becomes = (hashlib.sha256(text.encode()).hexdigest() for text in (protocol, strict))
+    (copy / "manifest.json").write_text(manifest.replace(was, becomes), encoding="utf-8")
+    content = analysed(open_run(copy))
+    assert (content.reached, content.causes) == (False, {"target_missed": 1})
+    assert "measured" in content.insertions[0].cause

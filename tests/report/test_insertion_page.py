@@ -1,0 +1,62 @@
+"""The page of an insertion run: figure 9."""
+
+import re
+
+import pytest
+
+from labrig.analysis import analyze_run
+from labrig.record import open_run
+from labrig.report import write_report
+from labrig.report.rerun_view import write_view
+from tests.analysis.insertions import recorded
+from tests.analysis.synthetic import NOW, PROVENANCE
+
+
+@pytest.fixture(scope="module")
+def html() -> str:
+    """The page of an insertion past one obstacle."""
+    run = recorded()
+    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+    return write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+
+
+def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
+    """Depth, time, scale bar, plan, former plans, obstacle, target, and at the end path and truth are drawn."""
+    plates = re.findall(r'<svg class="view".*?</svg>', html, re.DOTALL)
+    assert len(plates) >= 3
+    for plate in plates:
+        assert plate.count('class="obstacle"') == 1
+        assert plate.count('class="target"') == 2
+        assert 'class="bar"' in plate
+        assert re.search(r"\d+\.\d mm, \d+ s</text>", plate)
+    assert all('class="plan"' in plate for plate in plates[:-1])
+    assert 'class="former"' in plates[-2]
+    assert 'class="taken"' in plates[-1]
+    assert 'class="true"' in plates[-1]
+
+
+def test_error_clearance_nis_and_heading_are_drawn_over_the_length(html: str) -> None:
+    """The four curves stand in the page, with the truth of a simulated rig."""
+    for words in ("error of the estimate", "Clearance", "NIS", "Heading", "truth"):
+        assert words in html
+
+
+def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
+    """The verdict tells the measured error and the true one."""
+    assert "1 of 1 insertion reached the target" in html
+    assert "Measured by the shaft" in html
+    assert "true error" in html
+
+
+def test_the_view_shows_the_insertion_too() -> None:
+    """The rerun file of an insertion holds more than its pictures: paths, plans and the estimate's curves."""
+    run = recorded()
+    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+    alone = write_view(run, None).stat().st_size
+    assert write_view(run, result).stat().st_size > alone + 20_000
+
+
+def test_what_a_person_wrote_stays_text(html: str) -> None:
+    """A title with markup is escaped."""
+    assert "To &lt;b&gt;there&lt;/b&gt;" in html
+    assert "<b>there" not in html

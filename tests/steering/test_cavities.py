@@ -1,0 +1,97 @@
+"""Cavities: how soon they are noticed, and paths that bear one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labrig.errors import InputError
+from labrig.steering import EstimatorSettings, PlanProblem, SteeringSettings, TipObservation, step_tip
+from labrig.steering.cavities import advance_belief, start_belief, step_belief
+from tests.steering.driven_needle import DrivenNeedle, drive
+from tests.steering.insertions import insert, settings
+
+RADIUS_MM = 27.6
+WATCHFUL = EstimatorSettings(RADIUS_MM, 0.2, math.radians(0.3), planar=True, cavity_every_mm=50.0)
+
+
+def heading_errors_deg(chosen: EstimatorSettings, seed: int) -> tuple[list[float], list[float]]:
+    """Follow 20 mm of arc, 8 mm straight and 20 mm of arc again; return errors of heading and probabilities."""
+    rng = np.random.default_rng(seed)
+    belief, place, heading = start_belief(np.eye(4), chosen), np.zeros(3), 0.0
+    errors, cavities = [], []
+    for step in range(48):
+        turn = 0.0 if 20 <= step < 28 else -1.0 / RADIUS_MM
+        place = place + np.array((0.0, math.sin(heading + turn / 2), math.cos(heading + turn / 2)))
+        heading += turn
+        seen = place + np.array((0.0, *rng.normal(0.0, 0.2, 2)))
+        belief = step_belief(belief, TipObservation(seen, 1.0), chosen)
+        errors.append(abs(math.degrees(belief.tip.heading_rad - heading)))
+        cavities.append(belief.cavity)
+    return errors, cavities
+
+
+def test_a_cavity_is_noticed_within_its_length() -> None:
+    """At its end it is believed in, soon after it no more, and the heading is worth twice as much as without."""
+    runs = [heading_errors_deg(WATCHFUL, seed) for seed in range(10)]
+    cavity = np.mean([run[1] for run in runs], axis=0)
+    assert cavity[:20].max() < 0.3
+    assert cavity[27] > 0.5
+    assert cavity[38:].max() < 0.3
+    blind = [heading_errors_deg(replace(WATCHFUL, cavity_every_mm=math.inf), seed)[0] for seed in range(10)]
+    assert np.mean([run[0][25:35] for run in runs]) < 0.5 * np.mean([run[25:35] for run in blind])
+
+
+def test_where_there_are_none_the_filter_is_the_plain_one() -> None:
+    """Without cavities a belief is the tip that `step_tip` gives, bit for bit."""
+    chosen, insertion = settings(planar=True), insert(3, planar=True)
+    belief = start_belief(np.eye(4), chosen)
+    tip = belief.tip
+    for observation in insertion.observations:
+        belief, tip = step_belief(belief, observation, chosen), step_tip(tip, observation, chosen)
+    np.testing.assert_array_equal(belief.tip.pose, tip.pose)
+    assert belief.cavity == 0.0
+
+
+@pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
+def test_expecting_cavities_costs_little_where_there_are_none(planar: bool) -> None:
+    """In even gel the heading stays nearly as good as without."""
+
+    def errors(chosen: EstimatorSettings) -> list[float]:
+        found = []
+        for seed in range(6):
+            insertion, belief = insert(seed, planar), start_belief(np.eye(4), chosen)
+            for truth, observation in zip(insertion.truth[1:], insertion.observations, strict=True):
+                belief = step_belief(belief, observation, chosen)
+                found.append(float(np.linalg.norm(belief.tip.rotation[:, 2] - truth[:3, 2])))
+        return found
+
+    plain = settings(planar)
+    assert np.mean(errors(replace(plain, cavity_every_mm=50.0))) < 1.25 * np.mean(errors(plain))
+
+
+def test_a_step_at_whose_end_nobody_looked_is_no_miss() -> None:
+    """What was seen last stays as it was; the tip moves on."""
+    belief = step_belief(
+        start_belief(np.eye(4), WATCHFUL), TipObservation(np.array((0.0, 0.0, 1.0)), 1.0), WATCHFUL
+    )
+    on = advance_belief(belief, TipObservation(None, 0.5), WATCHFUL)
+    assert (on.tip.nis, on.tip.misses, on.tip.accepted) == (belief.tip.nis, 0, True)
+    assert on.tip.position_mm[2] > belief.tip.position_mm[2] + 0.4
+
+
+def test_a_needle_is_steered_through_a_cavity() -> None:
+    """A needle that goes straight for 8 mm half-way still arrives within a millimetre."""
+    problem = PlanProblem((0.0, 5.0, 100.0), planar=True)
+    needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5, cavity_mm=(50.0, 58.0))
+    done = drive(needle, SteeringSettings(problem, replace(WATCHFUL, radius_sd_mm=0.6)), sigma_mm=0.2, seed=2)
+    assert done.command.stop == "target_reached"
+    assert np.linalg.norm(needle.place - problem.target_mm) < 1.0
+
+
+@pytest.mark.parametrize("change", [{"cavity_every_mm": 0.0}, {"cavity_mm": -1.0}, {"method": "paper"}])
+def test_cavities_of_no_length_are_refused(change: dict[str, object]) -> None:
+    """A length is above 0, and the paper's filter knows no cavities."""
+    with pytest.raises(InputError):
+        replace(WATCHFUL, **change)  # type: ignore[arg-type]

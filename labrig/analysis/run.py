@@ -28,7 +28,7 @@ from labrig.protocol import (
 from labrig.record import Run
 
 _OVERRIDABLE = ("analysis.",)
-# How an insertion was steered can be asked of its sightings again; see `labrig.experiments.steer_again`.
+# How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
 _OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 

@@ -87,7 +87,7 @@ def _what_if(path: Path, result: Path, overrides: tuple[str, ...], as_json: bool
     """Steer the insertions of a run again over what was seen in them; nothing for runs of another kind."""
     from dataclasses import asdict
 
-    from labrig.experiments import steer_again
+    from labrig.analysis import steer_again
     from labrig.protocol import InsertionProtocol, load_protocol
     from labrig.record import encode_document, open_run, write_atomically
 

@@ -48,7 +48,6 @@ from labrig.experiments.resumption import Past, past_of, trials_left
 from labrig.experiments.session import Progress, Session
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.steerability import run_steerability
-from labrig.experiments.what_if import WhatIf, steer_again
 from labrig.experiments.withdrawal import (
     SLOWLY,
     ReverseMove,
@@ -71,7 +70,6 @@ __all__ = [
     "ReverseMove",
     "Session",
     "Stance",
-    "WhatIf",
     "WithdrawalSpeeds",
     "check_backlash",
     "check_limits",
@@ -96,7 +94,6 @@ __all__ = [
     "run_camera_calibration",
     "run_steerability",
     "stance_of",
-    "steer_again",
     "trials_left",
     "trials_planned",
     "withdraw",

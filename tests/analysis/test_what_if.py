@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from labrig.analysis import insertion_settings, steer_again
 from labrig.errors import RecordError
-from labrig.experiments import steer_again
-from labrig.experiments.aim import Aim, steering_settings
 from labrig.protocol import InsertionProtocol, dump_yaml, load_protocol
 from labrig.record import Recorder, Run, open_run
 from labrig.steering import TipSighting, start_steering, step_steering
@@ -33,7 +32,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         dump_yaml(protocol), None, {},
     )  # fmt: skip
     recorder.event("trial_start", 0.0, trial=0, target_mm=TARGET_MM, tolerance_mm=2.0, obstacles=[])
-    settings = steering_settings(protocol, Aim(TARGET_MM, ()))
+    settings = insertion_settings(protocol, TARGET_MM, ())
     state, command = start_steering(settings)
     number = 0
     while command.stop is None:

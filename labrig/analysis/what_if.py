@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.errors import RecordError
-from labrig.experiments.aim import Aim, steering_settings
 from labrig.protocol import InsertionProtocol
 from labrig.record import Run
 from labrig.steering import (
@@ -110,9 +110,10 @@ def _steer_again(
     start: Mapping[str, Any],
     observations: Sequence[Mapping[str, Any]],
 ) -> WhatIf:
-    aim = Aim(_point(start["target_mm"]), tuple(_obstacle(one) for one in start["obstacles"]))
-    old = _steps(steering_settings(protocol, aim), observations)
-    new = _steps(steering_settings(other, aim), observations)
+    target_mm = _point(start["target_mm"])
+    obstacles = tuple(_obstacle(one) for one in start["obstacles"])
+    old = _steps(insertion_settings(protocol, target_mm, obstacles), observations)
+    new = _steps(insertion_settings(other, target_mm, obstacles), observations)
     return WhatIf(
         trial=int(start["trial"]),
         sightings=len(observations),

@@ -25,7 +25,8 @@ from labrig.protocol import (
     SteerabilityProtocol,
     load_protocol,
 )
-from labrig.record import Run
+from labrig.record import Run, write_atomically
+from labrig.vision import Mask
 
 _OVERRIDABLE = ("analysis.",)
 # How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
@@ -40,6 +41,7 @@ def analyze_run(
     progress: Progress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
+    mask: Mask | None = None,
 ) -> AnalysisResult:
     """Measure a run, or study the design that it asks for, and write a new numbered result, `RUN/analysis/NNN/`.
 
@@ -55,6 +57,8 @@ def analyze_run(
         Calendar time, aware.
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
+    mask : Mask or None
+        Pixels that are not the needle; a copy is kept with the result.
 
     Raises
     ------
@@ -89,8 +93,11 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = analyze_curvature(run, protocol, stamp, workers, progress)
-        return write_result(run.new_result_dir(), content, lines)
+        content, lines = analyze_curvature(run, protocol, stamp, workers, progress, mask=mask)
+        folder = run.new_result_dir()
+        if mask is not None:
+            write_atomically(folder / mask.kept_as, mask.content)
+        return write_result(folder, content, lines)
     if isinstance(protocol, DesignProtocol):
         answer, study = analyze_design(protocol, stamp, workers, progress)
         folder = run.new_result_dir()

@@ -11,6 +11,7 @@ from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
     IntrinsicsOption,
+    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -46,20 +47,22 @@ def reanalyze(
             show_default=False,
         ),
     ] = None,
+    mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
     from labrig.cli.pipeline import analyze, analyze_several
 
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    several = analyze_several(run_paths, command_line, overrides) if len(set(run_paths)) > 1 else {}
+    at_once = len(set(run_paths)) > 1 and mask is None
+    several = analyze_several(run_paths, command_line, overrides) if at_once else {}
 
     def one(path: Path) -> dict[str, object]:
         outcome = several.get(path)
         if isinstance(outcome, LabrigError):
             raise outcome
         old = _newest(path) if outcome is None else _parent(path, outcome.content.parent)
-        new = analyze(path, command_line, overrides) if outcome is None else outcome
+        new = analyze(path, command_line, overrides, mask) if outcome is None else outcome
         if not as_json:
             _print_old_and_new(path, old, new.document)
         row: dict[str, object] = {"analysis": str(new.path), "reason": _nothing_found(new.document)}

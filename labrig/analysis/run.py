@@ -28,8 +28,9 @@ from labrig.protocol import (
 from labrig.record import Run, write_atomically
 from labrig.vision import Mask
 
-# An insertion has no section analysis; its estimator can be asked what it would have said with other settings.
-_OVERRIDABLE = ("analysis.", "estimator.")
+_OVERRIDABLE = ("analysis.",)
+# How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
+_OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 
 def analyze_run(
@@ -112,14 +113,17 @@ def analyze_run(
 
 def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
     """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
-    allowed = " and ".join(f"{section}*" for section in _OVERRIDABLE)
-    for override in overrides:
-        if not override.startswith(_OVERRIDABLE):
-            raise InputError(
-                f"{override!r} cannot be changed after the run: only {allowed} can",
-                "for example analysis.window_start_mm=5",
-            )
     recorded = run.protocol
+    prefixes = _OVERRIDABLE_IN_INSERTIONS if isinstance(recorded, InsertionProtocol) else _OVERRIDABLE
+    for override in overrides:
+        if not override.startswith(prefixes):
+            example = (
+                "policy.deviation_mm=1" if prefixes is not _OVERRIDABLE else "analysis.window_start_mm=5"
+            )
+            raise InputError(
+                f"{override!r} cannot be changed after the run: only {', '.join(f'{one}*' for one in prefixes)} can",
+                f"for example {example}",
+            )
     return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
 
 

@@ -64,6 +64,7 @@ from labrig.analysis.result import (
     load_result,
 )
 from labrig.analysis.run import analyze_run
+from labrig.analysis.what_if import WhatIf, steer_again
 
 __all__ = [
     "PAPER_DESIGN_RADIUS_MM",
@@ -91,6 +92,7 @@ __all__ = [
     "SpecimenTruth",
     "Tolerances",
     "TruthComparison",
+    "WhatIf",
     "analyze_run",
     "analyze_runs",
     "design_basis",
@@ -103,5 +105,6 @@ __all__ = [
     "load_mapping",
     "load_result",
     "needle_in",
+    "steer_again",
     "study_design",
 ]

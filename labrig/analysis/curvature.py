@@ -8,12 +8,14 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import find_origins, refused_by_origin
 from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
+from labrig.analysis.sentinel import watch, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
 
 MEASURED_ROLES = ("advance", "final", "imported")
 
@@ -46,6 +48,8 @@ def analyze_curvature(
     stamp: Stamp,
     workers: int,
     progress: Progress | None,
+    *,
+    mask: Mask | None = None,
 ) -> tuple[CurvatureResult, CentreLines]:
     """Measure the pictures, group them, and compare them with the truth where there is one.
 
@@ -62,18 +66,38 @@ def analyze_curvature(
     trials = _trials(run)
     pictures = _pictures(run, trials)
     places = [run.pictures[int(one.line["frame"])] for one in pictures]
-    measured = measure_pictures(places, load_mapping(run), settings, workers, progress)
-    results = tuple(_result(one, each) for one, each in zip(pictures, measured, strict=True))
+    plane = load_mapping(run)
+    measured = measure_pictures(places, plane, settings, workers, progress, mask=mask)
+    origins = find_origins(run.read_frame, _lines(run.frame_table), plane, settings.sheath_diameter_mm)
+    sentinel = _sentinel(run, plane)
+    bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
+    results = watched(refused_by_origin(bare, origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
-        **stamp.fields({**asdict(settings), "roll_sd_deg": roll_sd_deg}, _damaged(pictures, measured)),
+        **stamp.fields(
+            {**asdict(settings), "roll_sd_deg": roll_sd_deg, **_kept(mask)}, _damaged(pictures, measured)
+        ),
         specimens=specimens,
         mean_radius_mm=mean_of_means(specimens),
         measurements=results,
+        origins=origins,
+        sentinel=sentinel,
         truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
     )
     return content, _centre_lines(results, measured)
+
+
+def _sentinel(run: Run, plane: PlaneMap) -> Sentinel | None:
+    """Return what the grid pictures say, where the protocol asks for them."""
+    protocol = run.protocol
+    if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
+        return None
+    return watch(run.read_frame, _lines(run.frame_table), plane, protocol.sentinel.pitch_mm)
+
+
+def _kept(mask: Mask | None) -> dict[str, str]:
+    return {} if mask is None else {"mask": mask.kept_as, "mask_sha256": mask.sha256}
 
 
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from labrig.record import RecordedPicture
 from labrig.vision import (
     CurvatureMeasurement,
     CurvatureSettings,
+    Mask,
     PlaneMap,
     measure_curvature,
 )
@@ -41,6 +42,8 @@ def measure_pictures(
     settings: CurvatureSettings,
     workers: int = DEFAULT_WORKERS,
     progress: Progress | None = None,
+    *,
+    mask: Mask | None = None,
 ) -> list[Measured]:
     """Measure every picture, in the order given, whatever the number of workers.
 
@@ -50,6 +53,8 @@ def measure_pictures(
     ----------
     progress : callable or None
         Called with how many are done and how many there are, after each picture.
+    mask : Mask or None
+        Pixels that are not the needle.
 
     Raises
     ------
@@ -58,7 +63,7 @@ def measure_pictures(
     """
     results: list[Measured] = []
     with _mapping(min(workers, len(pictures))) as map_in_order:
-        for result in map_in_order(partial(_measure, plane, settings), pictures):
+        for result in map_in_order(partial(_measure, plane, settings, mask), pictures):
             results.append(result)
             if progress is not None:
                 progress(len(results), len(pictures))
@@ -78,9 +83,13 @@ def _mapping(workers: int) -> Iterator[MapInOrder]:
         yield partial(pool.map, chunksize=_PICTURES_A_MESSAGE)
 
 
-def _measure(plane: PlaneMap, settings: CurvatureSettings, picture: RecordedPicture) -> Measured:
+def _measure(
+    plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None, picture: RecordedPicture
+) -> Measured:
     try:
-        return measure_curvature(picture.read(), plane, settings)
+        image = picture.read()
+        masked = None if mask is None else mask.masked(Path(picture.file).name, image)
+        return measure_curvature(image, plane, settings, masked=masked)
     except (PictureError, RecordError) as error:
         # Where the run lies on this computer is no part of a result.
         reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)

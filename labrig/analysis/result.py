@@ -47,6 +47,7 @@ class PictureResult(Model):
     radius_mm: float | None = None
     radius_ci95_mm: Point | None = None
     sigma_radius_mm: float | None = None
+    sigma_calibration_mm: float | None = None
     centre_mm: Point | None = None
     bend: str | None = None
     tip_mm: Point | None = None
@@ -146,6 +147,38 @@ class Stamp:
         return {**vars(self), "settings": dict(settings), "damage": said}
 
 
+class TrialOrigin(Model):
+    """Where the sheath's tip stood in a trial, found in the picture taken once it was in; None where that is unknown.
+
+    `disagreement_mm` is its distance from where the linear encoder and the other trials put it.
+    """
+
+    trial: int
+    frame: int
+    tip_mm: Point | None = None
+    tip_px: Point | None = None
+    heading_rad: float | None = None
+    linear_mm: float | None = None
+    disagreement_mm: float | None = None
+    accepted: bool
+    reason: str | None = None
+
+
+class Sentinel(Model):
+    """What the grid pictures before and after a run say; None where that is unknown.
+
+    `drift` is the largest relative change of scale, which is in the error bar of every radius; `bending_mm` by how much
+    the grid lost its shape. A run whose sentinel is not accepted states no radius.
+    """
+
+    drift: float | None = None
+    bending_mm: float | None = None
+    scale_before: float | None = None
+    scale_after: float | None = None
+    accepted: bool
+    reason: str | None = None
+
+
 class CurvatureResult(_Common):
     """Of steerability runs and imported pictures."""
 
@@ -154,6 +187,8 @@ class CurvatureResult(_Common):
     mean_radius_mm: float | None
     measurements: tuple[PictureResult, ...]
     truth: TruthComparison | None
+    origins: tuple[TrialOrigin, ...] = ()
+    sentinel: Sentinel | None = None
 
 
 class CalibrationResult(_Common):

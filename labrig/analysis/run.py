@@ -25,10 +25,12 @@ from labrig.protocol import (
     SteerabilityProtocol,
     load_protocol,
 )
-from labrig.record import Run
+from labrig.record import Run, write_atomically
+from labrig.vision import Mask
 
-# An insertion has no section analysis; its estimator can be asked what it would have said with other settings.
-_OVERRIDABLE = ("analysis.", "estimator.")
+_OVERRIDABLE = ("analysis.",)
+# How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
+_OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 
 def analyze_run(
@@ -39,6 +41,7 @@ def analyze_run(
     progress: Progress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
+    mask: Mask | None = None,
 ) -> AnalysisResult:
     """Measure a run, or study the design that it asks for, and write a new numbered result, `RUN/analysis/NNN/`.
 
@@ -54,6 +57,8 @@ def analyze_run(
         Calendar time, aware.
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
+    mask : Mask or None
+        Pixels that are not the needle; a copy is kept with the result.
 
     Raises
     ------
@@ -88,8 +93,11 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = analyze_curvature(run, protocol, stamp, workers, progress)
-        return write_result(run.new_result_dir(), content, lines)
+        content, lines = analyze_curvature(run, protocol, stamp, workers, progress, mask=mask)
+        folder = run.new_result_dir()
+        if mask is not None:
+            write_atomically(folder / mask.kept_as, mask.content)
+        return write_result(folder, content, lines)
     if isinstance(protocol, DesignProtocol):
         answer, study = analyze_design(protocol, stamp, workers, progress)
         folder = run.new_result_dir()
@@ -105,14 +113,17 @@ def analyze_run(
 
 def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
     """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
-    allowed = " and ".join(f"{section}*" for section in _OVERRIDABLE)
-    for override in overrides:
-        if not override.startswith(_OVERRIDABLE):
-            raise InputError(
-                f"{override!r} cannot be changed after the run: only {allowed} can",
-                "for example analysis.window_start_mm=5",
-            )
     recorded = run.protocol
+    prefixes = _OVERRIDABLE_IN_INSERTIONS if isinstance(recorded, InsertionProtocol) else _OVERRIDABLE
+    for override in overrides:
+        if not override.startswith(prefixes):
+            example = (
+                "policy.deviation_mm=1" if prefixes is not _OVERRIDABLE else "analysis.window_start_mm=5"
+            )
+            raise InputError(
+                f"{override!r} cannot be changed after the run: only {', '.join(f'{one}*' for one in prefixes)} can",
+                f"for example {example}",
+            )
     return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
 
 

@@ -9,6 +9,7 @@ import typer
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     IntrinsicsOption,
+    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -39,11 +40,12 @@ def curvature(
     sheath_diameter_mm: SheathDiameterOption = None,
     window_start_mm: Annotated[float, typer.Option(help="Arc length left off behind the sheath.")] = 4.0,
     window_end_mm: Annotated[float, typer.Option(help="Arc length left off at the tip.")] = 2.0,
+    mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a radius could be stated in every picture, 1 otherwise, 2 when no picture could be read."""
     from labrig.cli.mapping import plane_map
-    from labrig.vision import CurvatureSettings, measure_curvature, read_picture
+    from labrig.vision import CurvatureSettings, load_mask, measure_curvature, read_picture
 
     mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     settings = CurvatureSettings(
@@ -52,9 +54,14 @@ def curvature(
         window_start_mm=window_start_mm,
         window_end_mm=window_end_mm,
     )
-    rows = _measured(
-        images, lambda path: measure_curvature(read_picture(path), mapping, settings).to_json(), NOTHING
-    )
+    not_needle = None if mask is None else load_mask(mask)
+
+    def one(path: Path) -> dict[str, object]:
+        image = read_picture(path)
+        masked = None if not_needle is None else not_needle.masked(path.name, image)
+        return measure_curvature(image, mapping, settings, masked=masked).to_json()
+
+    rows = _measured(images, one, NOTHING)
     if as_json:
         print_json(rows)
     else:

@@ -48,6 +48,16 @@ SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)
 ]
 
+MaskOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        metavar="FILE",
+        help="Pixels that are not the needle: a picture, white there, or polygons as JSON.",
+        show_default=False,
+    ),
+]
+
 InsertionOption = Annotated[
     Literal["right", "left", "up", "down"],
     typer.Option("--insertion", help="Where the insertion points in the picture."),

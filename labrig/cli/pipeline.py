@@ -35,6 +35,7 @@ from labrig.experiments import (
 )
 from labrig.protocol import AnyProtocol, DesignProtocol, dump_yaml
 from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
+from labrig.vision import load_mask
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,9 @@ def analyze_several(
     return dict(zip(runs, outcomes, strict=True))
 
 
-def analyze(path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = ()) -> AnalysisResult:
+def analyze(
+    path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
+) -> AnalysisResult:
     """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
     run = open_run(path)
     doing, things = (
@@ -245,4 +248,5 @@ def analyze(path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...
             progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
             created=SystemClock().utc(),
             provenance=collect_provenance(command_line),
+            mask=None if mask is None else load_mask(mask),
         )

@@ -11,6 +11,7 @@ from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
     IntrinsicsOption,
+    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -46,24 +47,27 @@ def reanalyze(
             show_default=False,
         ),
     ] = None,
+    mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
     from labrig.cli.pipeline import analyze, analyze_several
 
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    several = analyze_several(run_paths, command_line, overrides) if len(set(run_paths)) > 1 else {}
+    at_once = len(set(run_paths)) > 1 and mask is None
+    several = analyze_several(run_paths, command_line, overrides) if at_once else {}
 
     def one(path: Path) -> dict[str, object]:
         outcome = several.get(path)
         if isinstance(outcome, LabrigError):
             raise outcome
         old = _newest(path) if outcome is None else _parent(path, outcome.content.parent)
-        new = analyze(path, command_line, overrides) if outcome is None else outcome
+        new = analyze(path, command_line, overrides, mask) if outcome is None else outcome
         if not as_json:
             _print_old_and_new(path, old, new.document)
-        row = {"analysis": str(new.path), "reason": _nothing_found(new.document)}
-        return _undamaged({**row, **_divergence(old, new.document, as_json)}, new.document["damage"])
+        row: dict[str, object] = {"analysis": str(new.path), "reason": _nothing_found(new.document)}
+        row |= _divergence(old, new.document, as_json) | _what_if(path, new.path, overrides, as_json)
+        return _undamaged(row, new.document["damage"])
 
     return _each(run_paths, one, as_json, key="analysis")
 
@@ -80,6 +84,52 @@ def _divergence(old: Mapping[str, Any] | None, new: Mapping[str, Any], as_json: 
     if not as_json:
         typer.echo("the numbers are identical" if found is None else f"first divergence: {_told(found)}")
     return {"parent": new["parent"], "first_divergence": None if found is None else asdict(found)}
+
+
+def _what_if(path: Path, result: Path, overrides: tuple[str, ...], as_json: bool) -> dict[str, object]:
+    """Steer the insertions of a run again over what was seen in them; nothing for runs of another kind."""
+    from dataclasses import asdict
+
+    from labrig.analysis import steer_again
+    from labrig.protocol import InsertionProtocol, load_protocol
+    from labrig.record import encode_document, open_run, write_atomically
+
+    run = open_run(path)
+    if not isinstance(run.protocol, InsertionProtocol):
+        return {}
+    other = load_protocol(path / "protocol.yaml", overrides)
+    assert isinstance(other, InsertionProtocol)
+    found = steer_again(run, other)
+    rows = [asdict(one) for one in found]
+    write_atomically(
+        result / "what_if.json", encode_document({"overrides": list(overrides), "insertions": rows})
+    )
+    for one in () if as_json else found:
+        _print_what_if(one)
+    return {"what_if": rows}
+
+
+def _print_what_if(one: Any) -> None:
+    old, new = one.old, one.new
+    rows: list[list[object]] = [
+        ["turns of the bevel", old.turns, new.turns],
+        ["paths found anew", old.replans, new.replans],
+        ["ends with", old.stop, new.stop],
+        ["tip estimated at y, mm", old.tip_mm[1], new.tip_mm[1]],
+        ["tip estimated at z, mm", old.tip_mm[2], new.tip_mm[2]],
+    ]
+    print_table((f"insertion {one.trial} steered again", "as it was", "what if"), rows)
+    if not one.as_recorded:
+        typer.echo(
+            "this labrig estimates otherwise than the one that made the run, with the run's own settings too"
+        )
+    first = one.divergence
+    typer.echo(
+        "every command is the same"
+        if first is None
+        else f"first command that differs: at {first.depth_mm:.1f} mm, frame {first.frame}, "
+        f"{first.what}: {first.old} as it was, {first.new} what if"
+    )
 
 
 def _told(found: Any) -> str:

@@ -175,8 +175,9 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         trials = trials_planned(protocol)
         duration_s = trials * sum(move.duration_s for move in planned_moves(protocol))
         advance = math.ceil(protocol.insertion.length_mm / protocol.insertion.frame_every_mm) - 1
-        pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE)
-        steps = 1 + len(protocol.specimens) + trials
+        grids = 0 if protocol.sentinel is None else 2
+        pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + grids
+        steps = 1 + len(protocol.specimens) + trials + 2 * grids
     elif isinstance(protocol, InsertionProtocol):
         trials, zero, found_first_s = protocol.repetitions, protocol.roll_zero, roll_zero_s(protocol)
         duration_s = found_first_s + trials * sum(move.duration_s for move in planned_moves(protocol))

@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from labrig.devices import (
     AxisReadback,
+    ClearBench,
     ConfirmAxesAtZero,
     ConfirmNeedleOut,
+    LayGraphPaper,
     MountNeedle,
     PlaceSpecimen,
     ShiftToHole,
@@ -39,6 +41,7 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> int:
     """Make insertions in their order, each specimen placed when its first one is due; return how many were made."""
+    _watch_grid(protocol, "grid-before", session)
     placed: Specimen | None = None
     behind = len(whole_sweep(protocol)) - len(trials)
     for done, trial in enumerate(trials, start=max(behind, 0)):
@@ -46,7 +49,17 @@ def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTria
             session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
             placed = trial.specimen
         _insert_once(protocol, trial, done, session)
+    _watch_grid(protocol, "grid-after", session)
     return len(trials)
+
+
+def _watch_grid(protocol: SteerabilityProtocol, role: str, session: Session) -> None:
+    """Photograph graph paper in the steering plane, where the protocol asks for it."""
+    if protocol.sentinel is None:
+        return
+    session.ask(LayGraphPaper(protocol.sentinel.pitch_mm))
+    session.look(role)
+    session.ask(ClearBench("the graph paper"))
 
 
 def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:

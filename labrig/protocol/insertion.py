@@ -128,13 +128,18 @@ class Estimator(Model):
         0.2, description="Standard deviation of a tip seen, along each axis [mm]."
     )
     process_sd_deg_per_root_mm: float = Field(
-        0.3, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
+        0.4, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
     )
     radius_sd_mm: NonNegativeMm = Field(
         0.6, description="Standard deviation of radius_mm; 0: the radius is not estimated [mm]."
     )
     start_sd_deg: float = Field(
         1.0, ge=0, le=20, description="Standard deviation of the sheath's direction [deg]."
+    )
+    cavity_every_mm: PositiveMm | None = Field(
+        50.0,
+        description="Cavities, in which the needle does not steer, are counted with, one in so much path; null: none "
+        "are [mm].",
     )
 
     def conflicts(self) -> Iterator[Conflict]:
@@ -144,6 +149,9 @@ class Estimator(Model):
                 f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
             )
             yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
+        if self.method == "paper" and self.cavity_every_mm is not None:
+            message = f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter knows no cavities"
+            yield Conflict("cavity_every_mm", message, "set it to null, or use the error-state filter")
 
 
 class Policy(Model):
@@ -157,7 +165,7 @@ class Policy(Model):
         30.0, description="Plan anew at every picture where no more than this is left [mm]."
     )
     final_mm: NonNegativeMm = Field(
-        12.0, description="Take what comes nearest to the target where no more than this is left [mm]."
+        8.0, description="Take what comes nearest to the target where no more than this is left [mm]."
     )
     backlash_mm: NonNegativeMm = Field(
         1.5, description="Insertion in which the curvature swings over after half a turn [mm]."

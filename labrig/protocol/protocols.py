@@ -158,6 +158,14 @@ class AnalysisWindow(Model):
         return self.window_start_mm + self.min_window_mm + self.window_end_mm
 
 
+class GridSentinel(Model):
+    """Graph paper that is photographed before and after the run, so that a camera that was bumped is noticed."""
+
+    pitch_mm: float = Field(
+        gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
+    )
+
+
 class SteerabilityProtocol(Protocol):
     """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
 
@@ -173,6 +181,9 @@ class SteerabilityProtocol(Protocol):
     sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
     insertion: Insertion = Field(description="How the needle goes in and comes out.")
     analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
 
     @property
     def lateral_reach_mm(self) -> float:

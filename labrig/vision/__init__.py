@@ -14,7 +14,9 @@ from labrig.vision.calibration_file import (
     save_plane,
 )
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
+from labrig.vision.grid_check import GridCheck, GridDrift, check_grid, compare_grids
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.mask import Mask, load_mask
 from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
@@ -34,9 +36,12 @@ __all__ = [
     "CurvatureSettings",
     "DrawnPlan",
     "Gel",
+    "GridCheck",
+    "GridDrift",
     "Insertion",
     "Intrinsics",
     "LensModel",
+    "Mask",
     "PaperPlace",
     "Picture",
     "PlaneMap",
@@ -51,12 +56,15 @@ __all__ = [
     "calibrate_intrinsics",
     "calibrate_plane",
     "calibration_created",
+    "check_grid",
+    "compare_grids",
     "cut_template",
     "draw_measurement",
     "draw_plan",
     "find_board",
     "find_board_corners",
     "load_intrinsics",
+    "load_mask",
     "load_plane",
     "load_template",
     "locate_tip",

@@ -4,8 +4,9 @@ The radius is stated over a declared window of arc length: it leaves out the fir
 over which the hinges close, and the bevel. Residuals along an edge are correlated over a millimetre or more, so
 the interval does not count rows: the window is cut into longer blocks, the mean residual of a block is one
 observation, and Student's t allows for how few blocks there are (batch means; Flegal and Jones 2010, Annals of
-Statistics 38:1034). Over rendered pictures that interval held the truth in 93 to 97 of 100. It speaks of one picture
-only: an error of the plane's scale comes on top of it.
+Statistics 38:1034). What is uncertain in lens and plane map (`PlaneMap.variations`) moves all blocks together and is
+added to the variance; the degrees of freedom are Welch's and Satterthwaite's. Over rendered pictures that interval held
+the truth in 93 to 97 of 100.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry import Circle, fit_circle
+from labrig.geometry import Arc, Circle, fit_arcs, fit_circle
 from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
@@ -30,6 +31,10 @@ _BLOCK_MM = 3.0
 # Fewer leave Student's t too little to go by; this also bounds the window from below.
 _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
+# Points through which the arcs of a path are fitted.
+_ARC_POINTS = 150
+# Points of the window at which lens and plane map are varied.
+_CALIBRATION_POINTS = 40
 # A row lies on the circle when it is off by no more than this part of the needle's diameter; so many rows must, and
 # their rms must stay below this part of it.
 _LARGEST_RESIDUAL = 0.1
@@ -94,6 +99,8 @@ class CurvatureMeasurement:
         Why not, as a sentence with value and limit.
     radius_mm, radius_ci95_mm, sigma_radius_mm : float, (float, float), float, or None
         Also there, where a circle could be fitted, for a radius that is not accepted.
+    sigma_calibration_mm : float or None
+        The part of `sigma_radius_mm` that lens and plane map bring, the same in all pictures through them.
     centre_mm : (float, float) or None
         Of the circle, (y, z).
     tip_mm, sheath_tip_mm, entry_mm : (float, float) or None
@@ -106,6 +113,8 @@ class CurvatureMeasurement:
     residual_rms_mm : float or None
         Of the centre line about the circle.
     bend : "+y", "-y" or None
+    arcs : tuple of Arc
+        Of a needle that lies on no single circle: the arcs of its path, from the window's start on, (y, z).
     centre_line_mm, centre_line_px : ndarray (N, 2)
         Columns (y, z) and (u, v), from the entry to the tip; empty unless found.
     window : (int, int)
@@ -121,6 +130,7 @@ class CurvatureMeasurement:
     radius_mm: float | None = None
     radius_ci95_mm: tuple[float, float] | None = None
     sigma_radius_mm: float | None = None
+    sigma_calibration_mm: float | None = None
     centre_mm: tuple[float, float] | None = None
     tip_mm: tuple[float, float] | None = None
     tip_px: tuple[float, float] | None = None
@@ -129,6 +139,7 @@ class CurvatureMeasurement:
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
     bend: Bend | None = None
+    arcs: tuple[Arc, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `labrig measure curvature --json` prints for a picture; the centre line is left out."""
@@ -139,6 +150,7 @@ class CurvatureMeasurement:
             "radius_mm": self.radius_mm,
             "radius_ci95_mm": _listed(self.radius_ci95_mm),
             "sigma_radius_mm": self.sigma_radius_mm,
+            "sigma_calibration_mm": self.sigma_calibration_mm,
             "centre_mm": _listed(self.centre_mm),
             "tip_mm": _listed(self.tip_mm),
             "tip_px": _listed(self.tip_px),
@@ -147,10 +159,28 @@ class CurvatureMeasurement:
             "arc_length_mm": self.arc_length_mm,
             "residual_rms_mm": self.residual_rms_mm,
             "bend": self.bend,
+            "arcs": [
+                {
+                    "radius_mm": _finite(arc.radius),
+                    "bend": "+y" if arc.curvature > 0.0 else "-y",
+                    "length_mm": arc.length,
+                    "curvature_per_mm": arc.curvature,
+                    "sigma_curvature_per_mm": arc.sigma_curvature,
+                    "start_mm": list(arc.start),
+                }
+                for arc in self.arcs
+            ],
+            "flip_points_mm": [list(arc.start) for arc in self.arcs[1:]],
         }
 
 
-def measure_curvature(image: Picture, plane: PlaneMap, settings: CurvatureSettings) -> CurvatureMeasurement:
+def measure_curvature(
+    image: Picture,
+    plane: PlaneMap,
+    settings: CurvatureSettings,
+    *,
+    masked: NDArray[np.bool_] | None = None,
+) -> CurvatureMeasurement:
     """Measure the radius of the needle's bend in one picture.
 
     Parameters
@@ -160,6 +190,8 @@ def measure_curvature(image: Picture, plane: PlaneMap, settings: CurvatureSettin
     plane : PlaneMap
         From calibration, or `PlaneMap.from_scale` for rectified pictures.
     settings : CurvatureSettings
+    masked : ndarray of bool (H, W), optional
+        Pixels that are not the needle, as `Mask.masked` gives them.
 
     Returns
     -------
@@ -174,7 +206,9 @@ def measure_curvature(image: Picture, plane: PlaneMap, settings: CurvatureSettin
     if plane.image_size is not None:
         require_size(image, plane.image_size, "the plane map")
     try:
-        shaft = locate_shaft(image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm)
+        shaft = locate_shaft(
+            image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, masked=masked
+        )
     except MeasurementRefusedError as refusal:
         return CurvatureMeasurement(
             found=False,
@@ -205,11 +239,19 @@ def _with_circle(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> 
     )
     if located.reason is not None:
         return located
-    rows = slice(*window)
+    return _fitted(located, shaft, plane, settings)
+
+
+def _fitted(
+    located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
+) -> CurvatureMeasurement:
+    """Return the measurement with the circle through its window."""
+    rows = slice(*located.window)
     points = shaft.centre_mm[rows]
     try:
         circle = fit_circle(points, method="robust")
-        sigma, ci95 = _uncertainty(circle, points, shaft.arc_mm[rows])
+        systematic = _calibration_sigma(circle, points, shaft.centre_px[rows], plane)
+        sigma, ci95 = _uncertainty(circle, points, shaft.arc_mm[rows], systematic)
     except MeasurementRefusedError as refusal:
         length_mm = np.ptp(shaft.arc_mm[rows])
         return replace(
@@ -224,10 +266,29 @@ def _with_circle(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> 
         radius_mm=circle.radius,
         radius_ci95_mm=ci95,
         sigma_radius_mm=sigma,
+        sigma_calibration_mm=systematic,
         centre_mm=circle.centre,
         residual_rms_mm=circle.residual_rms,
         bend=_bend(points, circle),
+        arcs=_arcs(circle, points, settings),
     )
+
+
+def _arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
+    """Return the arcs of a needle that lies on no single circle, none where it does."""
+    if _share_on_circle(circle, points, settings) >= _LEAST_ON_CIRCLE:
+        return ()
+    sample = points[:: max(1, len(points) // _ARC_POINTS)]
+    try:
+        arcs = fit_arcs(sample).arcs
+    except MeasurementRefusedError:
+        return ()
+    return arcs if len(arcs) > 1 else ()
+
+
+def _share_on_circle(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> float:
+    largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
+    return float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
 
 
 def _window(shaft: Shaft, settings: CurvatureSettings) -> tuple[int, int]:
@@ -250,19 +311,34 @@ def _too_short(shaft: Shaft, window: tuple[int, int], settings: CurvatureSetting
     )
 
 
+def _calibration_sigma(circle: Circle, points: FloatArray, px: FloatArray, plane: PlaneMap) -> float:
+    """Return the standard deviation of the radius that is uncertain in lens and plane map."""
+    sample = np.linspace(0, len(points) - 1, min(len(points), _CALIBRATION_POINTS)).astype(int)
+    offsets = points[sample] - np.asarray(circle.centre)
+    directions = offsets / np.hypot(*offsets.T)[:, None]
+    # A row of the pseudo-inverse is what moves the radius, and bears arcs that are nearly straight.
+    weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
+    here = plane.to_mm(px[sample])
+    moves = [weights @ np.sum(directions * (one.to_mm(px[sample]) - here), axis=1) for one in plane.varied()]
+    return float(np.linalg.norm(moves)) if moves else 0.0
+
+
 def _uncertainty(
-    circle: Circle, points: FloatArray, arc_mm: FloatArray
+    circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic_mm: float
 ) -> tuple[float, tuple[float, float] | None]:
     """Return the radius' standard deviation, and its 95 % interval unless unbounded, from the means of blocks.
+
+    `systematic_mm` is what the calibration adds, with degrees of freedom beyond counting.
 
     The interval is symmetric in the curvature, which is nearly normal also where the radius is not.
     """
     jacobian, residuals = _block_means(circle, points, arc_mm)
     freedom = len(residuals) - 3
     variance = float(residuals @ residuals) / freedom
-    # A row of the pseudo-inverse is what moves the radius, and bears arcs that are nearly straight.
-    sigma = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
-    reach = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, freedom)) * sigma / circle.radius
+    random = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
+    sigma = float(np.hypot(random, systematic_mm))
+    effective = freedom * (sigma / random) ** 4 if random else np.inf
+    reach = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, effective)) * sigma / circle.radius
     ci95 = (circle.radius / (1.0 + reach), circle.radius / (1.0 - reach)) if reach < 1.0 else None
     return sigma, ci95
 
@@ -295,7 +371,7 @@ def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: Curv
             "is the most: the arc is too gentle, too short or too rough."
         )
     largest_mm = _LARGEST_RESIDUAL * settings.needle_diameter_mm
-    on_circle = float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
+    on_circle = _share_on_circle(circle, points, settings)
     if on_circle < _LEAST_ON_CIRCLE:
         return (
             f"{below(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, and "
@@ -322,6 +398,10 @@ def _sentence(message: str) -> str:
 
 def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _listed(pair: tuple[float, float] | None) -> list[float] | None:

@@ -6,16 +6,17 @@ time the strip follows the shaft itself. Where the width drops from the sheath's
 tip; where the darkness ends is the needle's (`shaft_ends`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.limits import below
+from labrig.vision.mask import filled
 from labrig.vision.picture import Picture, as_grey
 from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_edges import LEAST_POINTS, Guide, find_edges, guide_through, straighten
+from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, guide_through, straighten
 from labrig.vision.shaft_ends import Diameters, longest_run, needle_end, sheath_end
 from labrig.vision.shaft_trace import Orientation, Trace, Widths, trace_shafts
 
@@ -29,8 +30,6 @@ _BORDER_PX = 2.0
 _BEYOND_MM = 6.0
 # A second shaft of this length and this part of the first one's strength makes the picture ambiguous.
 _RIVAL_MM, _RIVAL_STRENGTH = 8.0, 0.6
-# The needle's stated diameter holds within this factor.
-_DIAMETER_FACTOR = 1.7
 # The stated diameters hold within this factor.
 _DIAMETER_FACTOR = 1.7
 # Rows whose width differs more from the needle's are not its shaft (the bevel, a bubble at an edge).
@@ -39,6 +38,8 @@ _WIDTH_TOLERANCE = 0.25
 # bevel has begun to narrow the needle without being told from it by its width.
 _STEP_BLUR = 0.6
 _BEVEL_ONSET = 0.6
+# A row does not count where a mask comes as near to its middle, in needle diameters.
+_MASK_REACH = 0.6
 # Both edges must be seen over so much of the needle, and over this length at all.
 _LEAST_MEASURED = 0.5
 _LEAST_LENGTH_MM = 1.0
@@ -92,8 +93,33 @@ class _View:
         return self.plane.to_mm(self.px(points))
 
 
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """The turned grey picture, masked pixels filled, and which they are (uint8, 255), None where there are none."""
+
+    picture: Picture
+    masked: Picture | None
+
+    def edges(self, guide: Guide, widths: Widths) -> tuple[NDArray[np.float32], Edges]:
+        """Return the strip along a guide and the edges in it; rows that a mask touches do not count."""
+        strip = straighten(self.picture, guide, widths)
+        edges = find_edges(strip, widths)
+        if self.masked is None:
+            return strip, edges
+        middle, reach = strip.shape[1] // 2, int(np.ceil(_MASK_REACH * widths.needle_px))
+        touched = (
+            straighten(self.masked, guide, widths)[:, middle - reach : middle + reach + 1].max(axis=1) > 0.0
+        )
+        return strip, replace(edges, counts=edges.counts & ~touched)
+
+
 def locate_shaft(
-    image: Picture, plane: PlaneMap, diameter_mm: float, sheath_diameter_mm: float | None
+    image: Picture,
+    plane: PlaneMap,
+    diameter_mm: float,
+    sheath_diameter_mm: float | None,
+    *,
+    masked: NDArray[np.bool_] | None = None,
 ) -> Shaft:
     """Find the shaft in a picture.
 
@@ -105,6 +131,8 @@ def locate_shaft(
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
         None where no sheath is in the picture.
+    masked : ndarray of bool (H, W), optional
+        Pixels that are not the needle.
 
     Raises
     ------
@@ -113,12 +141,15 @@ def locate_shaft(
         shows instead.
     """
     view = _View(Orientation.of(image, plane.insertion), plane)
-    picture = view.orientation.picture(as_grey(image))
+    scene = _Scene(
+        view.orientation.picture(filled(as_grey(image), masked)),
+        None if masked is None else view.orientation.picture(masked.astype(np.uint8) * np.uint8(255)),
+    )
     diameters = Diameters(diameter_mm, sheath_diameter_mm)
     widths = diameters.widths(1.0 / plane.mm_per_px)
-    trace = _only_shaft(trace_shafts(picture, widths), widths, view)
-    guide = _refined_guide(picture, trace, widths, diameters)
-    return _measured(picture, guide, widths, diameters, view)
+    trace = _only_shaft(trace_shafts(scene.picture, widths), widths, view)
+    guide = _refined_guide(scene, trace, widths, diameters)
+    return _measured(scene, guide, widths, diameters, view)
 
 
 def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace:
@@ -147,11 +178,11 @@ def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace
     return first
 
 
-def _refined_guide(picture: Picture, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
+def _refined_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
     """Return a guide along the middle of the shaft's edges, from the border to some way beyond the tip."""
     scale = widths.px_per_mm
     coarse = guide_through(trace.points, scale, 0.0, 0.0)
-    edges = find_edges(straighten(picture, coarse, widths), widths)
+    _, edges = scene.edges(coarse, widths)
     run = longest_run(edges.counts, scale)
     entry = sheath_end(edges.width / scale, run, scale, diameters)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
@@ -163,16 +194,17 @@ def _refined_guide(picture: Picture, trace: Trace, widths: Widths, diameters: Di
         )
     before_mm = rows[0] / scale + _LARGEST_GAP_MM
     middle = coarse.at(rows.astype(np.float64), edges.middle[rows])
-    guide = guide_through(middle, scale, before_mm, _BEYOND_MM).inside(picture.shape[1], picture.shape[0])
+    guide = guide_through(middle, scale, before_mm, _BEYOND_MM).inside(
+        scene.picture.shape[1], scene.picture.shape[0]
+    )
     if len(guide.places) < LEAST_POINTS:
         raise MeasurementRefusedError("the shaft lies on the picture's border")
     return guide
 
 
-def _measured(picture: Picture, guide: Guide, widths: Widths, diameters: Diameters, view: _View) -> Shaft:
+def _measured(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters, view: _View) -> Shaft:
     """Measure the shaft in the strip along its refined guide."""
-    strip = straighten(picture, guide, widths)
-    edges = find_edges(strip, widths)
+    strip, edges = scene.edges(guide, widths)
     grid = np.arange(len(guide.places), dtype=np.float64)
     left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
     width_mm = np.hypot(*(right_mm - left_mm).T)
@@ -181,7 +213,7 @@ def _measured(picture: Picture, guide: Guide, widths: Widths, diameters: Diamete
     bar = run & _is_bar(width_mm, run, entry) & (grid > entry + _STEP_BLUR * widths.needle_px)
     tip = needle_end(strip, edges, np.flatnonzero(run), widths)
     if tip >= len(grid) - 1:
-        raise _no_tip(picture, guide.places[-1], view)
+        raise _no_tip(scene.picture, guide.places[-1], view)
     bar &= grid < tip
     _check(bar, width_mm, tip, diameters)
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))

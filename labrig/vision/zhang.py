@@ -4,13 +4,14 @@ Corners come from `boards`, camera and covariance from `bundle`; here the views 
 contradict are left out, and what is left is judged (`lens_evidence`).
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError, PictureError
+from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.boards import BoardSearch, board_points_mm, find_board
 from labrig.vision.bundle import Fit, LensModel, View, fit_camera, posed, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
@@ -37,7 +38,7 @@ def calibrate_from_pictures(
 ) -> Intrinsics:
     """Calibrate from named photographs of a board.
 
-    Photographs in which the board is not found are listed in `views` with the reason.
+    Photographs in which the board is not found, or of another size than most, are listed in `views` with the reason.
 
     Parameters
     ----------
@@ -51,8 +52,6 @@ def calibrate_from_pictures(
 
     Raises
     ------
-    PictureError
-        If the photographs are not all of one size.
     InputError
         If there are none, or the board's description is impossible.
     CalibrationRefusedError
@@ -62,6 +61,10 @@ def calibrate_from_pictures(
     board_points_mm(columns, rows, square_mm)
     names, boards, pixels, missed = [], [], [], {}
     for index, (name, image) in enumerate(pictures):
+        other = _of_another_size(image, size)
+        if other is not None:
+            missed[index] = ViewResidual(name, None, used=False, reason=other)
+            continue
         try:
             seen = find_board(image, columns, rows, search or BoardSearch())
             names.append(name)
@@ -82,17 +85,21 @@ def calibrate_from_pictures(
 
 
 def _common_size(pictures: Sequence[tuple[str, Picture]]) -> tuple[int, int]:
+    """Return the size that most pictures have; of several, the first one's."""
     if not pictures:
         raise InputError("no pictures to calibrate from", "give photographs of the board")
-    first, size = pictures[0][0], size_of(pictures[0][1])
-    for name, image in pictures[1:]:
-        if size_of(image) != size:
-            other = size_of(image)
-            raise PictureError(
-                f"{name} has {other[0]} x {other[1]} pixels, {first} has {size[0]} x {size[1]}",
-                "calibrate from pictures of one camera setting",
-            )
-    return size
+    return Counter(size_of(image) for _, image in pictures).most_common(1)[0][0]
+
+
+def _of_another_size(image: Picture, size: tuple[int, int]) -> str | None:
+    """Return why a picture is not of the camera setting that is calibrated, or None."""
+    found = size_of(image)
+    if found == size:
+        return None
+    return (
+        f"{found[0]} x {found[1]} pixels, the calibration is of {size[0]} x {size[1]}: "
+        "calibrate from pictures of one camera setting"
+    )
 
 
 def calibrate_intrinsics(

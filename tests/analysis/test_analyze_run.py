@@ -16,8 +16,9 @@ import pytest
 from labrig.analysis import CurvatureResult, analyze_run, load_centre_lines, load_result
 from labrig.errors import FileFormatError, InputError, RecordError
 from labrig.record import open_run
+from labrig.vision import load_mask
 from tests.analysis.conftest import Measured, measure
-from tests.analysis.synthetic import LENGTH_MM, NOW, Sweep, aborted, record_import, record_sweep
+from tests.analysis.synthetic import LENGTH_MM, NOW, PROVENANCE, Sweep, aborted, record_import, record_sweep
 
 
 def _raw_bytes(run: Path) -> dict[str, str]:
@@ -144,6 +145,7 @@ def test_workers_end_with_a_parent_that_was_killed(measured: Measured) -> None:
 import os, signal, sys
 from labrig.analysis import analyze_run
 from labrig.record import open_run
+from labrig.vision import load_mask
 from tests.analysis.synthetic import NOW
 
 def die(done, total):
@@ -313,3 +315,17 @@ def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()
     assert load_centre_lines(result).mm == {}
+
+
+def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
+    """What is masked is not measured, and the result keeps the file that said so, with its hash."""
+    (folder / "runs").mkdir()
+    file = folder / "not-needle.json"
+    file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')
+    run = record_sweep(folder / "runs", Sweep())
+    mask = load_mask(file)
+    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
+    assert isinstance(result.content, CurvatureResult)
+    assert not any(one.found for one in result.content.measurements)
+    assert (result.path / "mask.json").read_bytes() == file.read_bytes()
+    assert result.content.settings["mask_sha256"] == mask.sha256

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError, PictureError
+from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision import (
     BoardSearch,
     Charuco,
@@ -279,11 +279,26 @@ def test_says_that_there_is_no_board():
     assert "margin" in caught.value.hint
 
 
-def test_refuses_pictures_of_different_sizes():
-    """One calibration is of one camera setting; the error names both pictures and sizes."""
+def test_pictures_of_another_size_are_left_out():
+    """A picture of another camera setting is listed with both sizes, and the rest goes on."""
     picture, _ = drawn_board()
-    with pytest.raises(PictureError, match=r"b\.png has 100 x 100 pixels, a\.png has 560 x 480"):
-        calibrate_from_pictures([("a.png", picture), ("b.png", picture[:100, :100])], 7, 5, 10.0)
+    pictures = [("a.png", picture), ("b.png", picture[:100, :100]), ("c.png", picture)]
+    found = calibrate_from_pictures(pictures, 7, 5, 10.0)
+    assert [view.used for view in found.views] == [True, False, True]
+    assert "100 x 100 pixels, the calibration is of 560 x 480" in found.views[1].reason
+
+
+def test_views_of_another_camera_are_left_out():
+    """Among eight views of one camera one of another, of the same size, is contradicted by the others and named."""
+    views = good_views()
+    other = MATRIX * [[0.8, 1, 1], [1, 0.8, 1], [1, 1, 1]]
+    tilt = cv2.Rodrigues(np.deg2rad(np.array([25.0, 20.0, 5.0])))[0]
+    corners = (np.column_stack((BOARD, np.zeros(len(BOARD)))) - [24.0, 15.0, 0.0]) @ tilt.T + (0.0, 0.0, 90.0)
+    seen_there = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), other, np.zeros(5))[0].reshape(-1, 2)
+    found = calibrated([*views, seen_there])
+    assert not found.views[8].used
+    assert "from where the other views put them" in found.views[8].reason
+    assert found.fx == pytest.approx(1400.0, rel=2e-3)
 
 
 def test_refuses_pictures_without_any_board():

@@ -1,0 +1,111 @@
+"""Whether the camera still sees what it was calibrated for: ruled paper before and after a run.
+
+Seen through the plane map, paper must have its own pitch in every direction. What it has instead, its scale along two
+axes and how far its crossings are from an even grid, is compared before and after. The paper may be laid anew in
+between, so where it lies says nothing; a camera that was bumped out of its pose shows in scale and shape.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
+from labrig.vision.graph_paper import find_crossings
+from labrig.vision.limits import above
+from labrig.vision.picture import Picture, require_size
+from labrig.vision.plane import PlaneMap
+
+_LEAST_CROSSINGS = 60
+# A crossing further off than this part of the pitch was mistaken for something else.
+_GROSS = 0.25
+_LARGEST_DRIFT = 0.005
+_LARGEST_BENDING_MM = 0.1
+
+
+@dataclass(frozen=True)
+class GridCheck:
+    """Ruled paper seen through a plane map.
+
+    Attributes
+    ----------
+    scale, other_scale : float
+        Lengths through the map over true ones, the largest and the least over all directions.
+    residual_mm : float
+        Rms distance of the crossings from an even grid of these scales.
+    crossings : int
+    """
+
+    scale: float
+    other_scale: float
+    residual_mm: float
+    crossings: int
+
+
+@dataclass(frozen=True)
+class GridDrift:
+    """What changed between two checks.
+
+    Attributes
+    ----------
+    relative : float
+        Largest change of scale in any direction: the error bar that a length of the run gets.
+    bending_mm : float
+        By how much more the crossings are off an even grid.
+    accepted : bool
+    reason : str or None
+    """
+
+    relative: float
+    bending_mm: float
+    accepted: bool
+    reason: str | None
+
+
+def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
+    """Return what ruled paper of a known pitch looks like through a plane map.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        If the paper is not seen well enough.
+    PictureError
+        If the picture has another size than the map is for.
+    """
+    if plane.image_size is not None:
+        require_size(image, plane.image_size, "the plane map")
+    try:
+        found = find_crossings(image)
+        seen = plane.to_mm(found.pixels)
+    except MeasurementRefusedError as refusal:
+        raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
+    design = np.column_stack((found.indices * float(pitch_mm), np.ones(len(seen))))
+    kept = np.ones(len(seen), dtype=bool)
+    for _ in range(3):
+        affine = np.linalg.lstsq(design[kept], seen[kept], rcond=None)[0]
+        off = np.hypot(*(design @ affine - seen).T)
+        kept = off < _GROSS * found.step * pitch_mm
+        if kept.sum() < _LEAST_CROSSINGS:
+            raise CalibrationRefusedError(
+                f"{kept.sum()} crossings of ruled lines, {_LEAST_CROSSINGS} are needed",
+                "show more of the paper",
+            )
+    largest, least = np.linalg.svd(affine[:2], compute_uv=False)
+    return GridCheck(float(largest), float(least), float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum()))
+
+
+def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:
+    """Return what changed, refused where it is more than an error bar can stand for."""
+    drift = max(abs(after.scale / before.scale - 1.0), abs(after.other_scale / before.other_scale - 1.0))
+    bending = float(np.sqrt(max(after.residual_mm**2 - before.residual_mm**2, 0.0)))
+    reason = None
+    if drift > _LARGEST_DRIFT:
+        reason = (
+            f"Lengths changed by {above(100.0 * drift, 2)} % between the grid pictures before and after the run, and "
+            f"{100.0 * _LARGEST_DRIFT:g} % is the most: the camera was bumped; calibrate the plane again."
+        )
+    elif bending > _LARGEST_BENDING_MM:
+        reason = (
+            f"The grid after the run is {above(bending, 2)} mm out of shape, and {_LARGEST_BENDING_MM:g} mm is the "
+            "most: the camera was tilted, or the paper is bent; calibrate the plane again."
+        )
+    return GridDrift(drift, bending, reason is None, reason)

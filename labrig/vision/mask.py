@@ -1,0 +1,138 @@
+"""Pixels that a person says are not the needle: a picture of them, or polygons.
+
+The paper's authors removed such pixels by hand. Here the person says where they are, in a file that the record keeps:
+either a picture of the same size in which they are white, for every picture; or polygons, for every picture under "*"
+or for one under its file's name::
+
+    {"*": [[[0, 700], [1279, 700], [1279, 719]]], "000012.png": [[[600, 300], [640, 300], [640, 330]]]}
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from labrig.errors import FileFormatError, InputError, Problem
+from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
+
+BoolArray = NDArray[np.bool_]
+Polygon = tuple[tuple[float, float], ...]
+
+EVERY_PICTURE = "*"
+_WHITE = 128
+_POLYGONS: TypeAdapter[dict[str, tuple[Polygon, ...]]] = TypeAdapter(dict[str, tuple[Polygon, ...]])
+_LEAST_CORNERS = 3
+_SUBPIXEL_BITS = 4
+# Sides of the boxes [px] whose mean fills a masked pixel, and how much of one must be seen.
+_BOXES_PX = (15, 61, 241, 961)
+_LEAST_SEEN = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """What is not the needle.
+
+    Attributes
+    ----------
+    picture : ndarray of uint8 (H, W) or None
+        White where it is not.
+    polygons : Mapping
+        Polygons [px] by the name of the picture, "*" for all.
+    source : str
+        The file's name.
+    content : bytes
+        Of the file, for the record to keep.
+    """
+
+    picture: Picture | None
+    polygons: Mapping[str, tuple[Polygon, ...]]
+    source: str
+    content: bytes
+
+    @property
+    def sha256(self) -> str:
+        """Return the hash of the file's content."""
+        return hashlib.sha256(self.content).hexdigest()
+
+    @property
+    def kept_as(self) -> str:
+        """Return the name under which a result keeps the file."""
+        return "mask.json" if self.picture is None else f"mask{Path(self.source).suffix.lower()}"
+
+    def masked(self, name: str, image: Picture) -> BoolArray | None:
+        """Return which pixels (H, W) of the picture with this file name are not the needle; None where none are.
+
+        Raises
+        ------
+        PictureError
+            If the mask is a picture of another size.
+        """
+        width, height = size_of(image)
+        if self.picture is not None:
+            require_size(image, size_of(self.picture), f"the mask {self.source}")
+            return np.asarray(self.picture >= _WHITE)
+        wanted = (*self.polygons.get(EVERY_PICTURE, ()), *self.polygons.get(name, ()))
+        if not wanted:
+            return None
+        drawn = np.zeros((height, width), np.uint8)
+        for polygon in wanted:
+            fixed = np.rint(np.array(polygon) * 2**_SUBPIXEL_BITS).astype(np.int32)
+            cv2.fillPoly(drawn, [fixed], 255, shift=_SUBPIXEL_BITS)
+        return np.asarray(drawn > 0)
+
+
+def load_mask(path: Path) -> Mask:
+    """Read a mask: a picture, or polygons as JSON.
+
+    Raises
+    ------
+    FileFormatError
+        If a JSON file does not hold polygons.
+    InputError
+        If it cannot be read, or (as PictureError) is no picture.
+    """
+    if path.suffix.lower() != ".json":
+        picture = as_grey(read_picture(path))
+        return Mask(picture, {}, path.name, path.read_bytes())
+    try:
+        data = path.read_bytes()
+        found = _POLYGONS.validate_python(json.loads(data))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}", "check the path") from error
+    except (ValueError, ValidationError) as error:
+        raise _malformed(path, str(error).splitlines()[0]) from error
+    for name, polygons in found.items():
+        for polygon in polygons:
+            if len(polygon) < _LEAST_CORNERS or not np.isfinite(polygon).all():
+                raise _malformed(
+                    path, f"{name!r} has a polygon of {len(polygon)} corners, or without numbers"
+                )
+    return Mask(None, found, path.name, data)
+
+
+def _malformed(path: Path, what: str) -> FileFormatError:
+    hint = 'polygons by picture, "*" for all: {"*": [[[0, 0], [100, 0], [100, 50]]]}'
+    return FileFormatError((Problem(str(path), f"holds no polygons: {what}", hint),))
+
+
+def filled(picture: Picture, masked: BoolArray | None) -> Picture:
+    """Return a grey picture whose masked pixels have the grey value of what is around them."""
+    if masked is None or not masked.any():
+        return picture
+    seen = (~masked).astype(np.float32)
+    result = picture.copy()
+    missing = masked
+    # The nearest surroundings that have anything to say, in ever larger boxes.
+    for side in _BOXES_PX:
+        weight = cv2.blur(seen, (side, side))
+        mean = cv2.blur(picture.astype(np.float32) * seen, (side, side)) / np.maximum(weight, 1e-6)
+        known = missing & (weight > _LEAST_SEEN)
+        result[known] = np.rint(mean[known]).astype(np.uint8)
+        missing = missing & ~known
+    return result

@@ -1,0 +1,74 @@
+"""What grid pictures before and after a run do to its radii."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from labrig.analysis.result import PictureResult, Sentinel
+from labrig.analysis.sentinel import watch, watched
+from labrig.vision import PlaneMap
+from tests.analysis.test_origin import picture
+
+PX_PER_MM = 16.0
+PLANE = PlaneMap.from_scale(PX_PER_MM, (0.0, 0.0), "right", (800, 600))
+LINES = [
+    {"frame": 0, "role": "grid-before"},
+    {"frame": 1, "role": "final"},
+    {"frame": 2, "role": "grid-after"},
+]
+
+
+def grid(pitch_px: float) -> NDArray[np.uint8]:
+    """Draw ruled paper."""
+    v, u = np.mgrid[:600, :800]
+    offset = np.minimum(*(np.abs(axis - pitch_px * np.round(axis / pitch_px)) for axis in (u + 0.3, v + 0.4)))
+    dark = np.clip(1.6 - offset, 0.0, 1.0)
+    noise = np.random.default_rng(0).normal(0.0, 2.0, dark.shape)
+    return np.clip(200.0 - 70.0 * dark + noise, 0, 255).astype(np.uint8)
+
+
+def run_with(after_px: float) -> Sentinel:
+    """Return the sentinel of a run after which the grid has this pitch in the picture."""
+    return watch(lambda frame: grid(after_px if frame else PX_PER_MM), LINES, PLANE, 1.0)
+
+
+def radius(**known: object) -> PictureResult:
+    """Return an accepted picture with a radius."""
+    values = {"radius_mm": 28.0, "sigma_radius_mm": 0.05, "radius_ci95_mm": (27.9, 28.1), **known}
+    return picture(0).model_copy(update=values)
+
+
+def test_drift_becomes_an_error_bar() -> None:
+    """Two in a thousand of 28 mm stand in sigma and interval, the radius stays."""
+    sentinel = run_with(PX_PER_MM * 1.002)
+    assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
+    (wider,) = watched([radius()], sentinel)
+    assert wider.accepted
+    assert wider.radius_mm == 28.0
+    assert wider.sigma_radius_mm == pytest.approx(np.hypot(0.05, 0.056), rel=0.1)
+    assert wider.radius_ci95_mm == pytest.approx((28.0 - 0.149, 28.0 + 0.149), abs=0.015)
+
+
+def test_bumped_camera_refuses_every_radius() -> None:
+    """A scale that changed by two hundredths is no error bar: the reason stands with every picture."""
+    sentinel = run_with(PX_PER_MM * 1.02)
+    assert not sentinel.accepted
+    (refused,) = watched([radius()], sentinel)
+    assert not refused.accepted
+    assert "the camera was bumped" in (refused.reason or "")
+
+
+def test_run_without_both_pictures_is_told_so() -> None:
+    """An aborted run has no picture after it: nothing is refused, and the result says why nothing is known."""
+    sentinel = watch(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
+    assert sentinel.drift is None
+    assert "both before and after" in (sentinel.reason or "")
+    assert watched([radius()], sentinel) == (radius(),)
+    assert watched([radius()], None) == (radius(),)
+
+
+def test_pictures_that_show_no_grid_refuse() -> None:
+    """Where the grid was asked for and cannot be compared, no radius is stated."""
+    sentinel = watch(lambda _: np.full((600, 800), 120, np.uint8), LINES, PLANE, 1.0)
+    assert not sentinel.accepted
+    assert "cannot be compared" in (sentinel.reason or "")

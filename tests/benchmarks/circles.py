@@ -1,0 +1,31 @@
+"""Circles through certified point sets beside their answers in sixty digits."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from labrig.geometry import CircleMethod, fit_circle
+from tests.benchmarks.table import print_rows
+
+CIRCLES = Path(__file__).parents[3] / "shared" / "data" / "circlefit"
+METHODS: tuple[CircleMethod, ...] = ("geometric", "taubin")
+
+
+def print_table() -> None:
+    """Each set and method: centre and radius, and the largest relative difference."""
+    if not CIRCLES.is_dir():
+        print(f"skipped: {CIRCLES} is not here")
+        return
+    certified = json.loads((CIRCLES / "certified.json").read_text(encoding="utf-8"))
+    rows = []
+    for path in sorted(CIRCLES.glob("*.csv")):
+        points = np.genfromtxt(path, delimiter=",", comments="#")
+        points = points[np.isfinite(points).all(axis=1)]
+        for method in METHODS:
+            circle = fit_circle(points, method=method)
+            found = np.array([*circle.centre, circle.radius])
+            known = np.array(certified[path.stem][method], dtype=float)
+            off = float(np.abs(found / known - 1.0).max())
+            rows.append([path.stem, method, f"{circle.radius:.12g}", f"{off:.1e}", "1e-9"])
+    print_rows(("set", "method", "radius", "off", "limit"), rows)

@@ -1,0 +1,72 @@
+"""Grid pictures before and after a run: what a camera that was bumped does to them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.errors import CalibrationRefusedError, PictureError
+from labrig.vision import calibrate_plane, check_grid, compare_grids
+
+from .graph_paper_pictures import draw_paper, make_bench
+
+
+@pytest.fixture(scope="module")
+def before():
+    """Return the plane map, the picture of the paper that it was made from, and its check."""
+    bench = make_bench()
+    picture = draw_paper(bench)
+    plane = calibrate_plane(picture, bench.intrinsics, 1.0, (100.3, 200.7), "right")
+    return plane, picture, check_grid(picture, plane, 1.0)
+
+
+def warped(picture, matrix):
+    """Return the picture as a camera sees it that was moved so."""
+    size = picture.shape[::-1]
+    return cv2.warpPerspective(picture, np.array(matrix, float), size, borderMode=cv2.BORDER_REFLECT_101)
+
+
+def test_paper_seen_through_its_own_map_has_its_pitch(before):
+    """Scale one in every direction, crossings on an even grid."""
+    _, _, check = before
+    assert (check.scale, check.other_scale) == pytest.approx((1.0, 1.0), abs=2e-4)
+    assert check.residual_mm < 0.02
+    assert compare_grids(check, check).relative == 0.0
+
+
+def test_paper_laid_anew_is_no_drift(before):
+    """Turned and shifted paper has the same scale and shape: where it lies says nothing."""
+    plane, _, check = before
+    anew = check_grid(draw_paper(make_bench(turn_deg=4.0), seed=5), plane, 1.0)
+    drift = compare_grids(check, anew)
+    assert drift.accepted
+    assert drift.relative < 1e-3
+
+
+@pytest.mark.parametrize(("scale", "accepted"), [(1.003, True), (1.01, False)])
+def test_camera_that_came_closer_is_an_error_bar_or_refuses(before, scale, accepted):
+    """A drift of three in a thousand is stated as such; one of a hundredth is refused with value and limit."""
+    plane, picture, check = before
+    centre = np.array([400.0, 300.0]) * (1.0 - scale)
+    moved = warped(picture, [[scale, 0, centre[0]], [0, scale, centre[1]], [0, 0, 1]])
+    drift = compare_grids(check, check_grid(moved, plane, 1.0))
+    assert drift.accepted == accepted
+    assert drift.relative == pytest.approx(scale - 1.0, abs=5e-4)
+    assert accepted or "the camera was bumped" in drift.reason
+
+
+def test_camera_that_was_tilted_refuses(before):
+    """A tilt bends the grid out of its shape even where its mean scale stays."""
+    plane, picture, check = before
+    tilted = warped(picture, [[1, 0, 0], [0, 1, 0], [4e-5, 0, 1.0 - 400 * 4e-5]])
+    drift = compare_grids(check, check_grid(tilted, plane, 1.0))
+    assert not drift.accepted
+    assert "calibrate the plane again" in drift.reason
+
+
+def test_pictures_without_a_grid_are_refused(before):
+    """No paper, and a picture of another size, are told as what they are."""
+    plane, picture, _ = before
+    with pytest.raises(CalibrationRefusedError, match="no grid"):
+        check_grid(np.full_like(picture, 128), plane, 1.0)
+    with pytest.raises(PictureError, match="the plane map is for"):
+        check_grid(picture[:100], plane, 1.0)

@@ -1,0 +1,89 @@
+"""Masks: pixels that a person says are not the needle, as a picture or as polygons."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.errors import FileFormatError, InputError, PictureError
+from labrig.vision import CurvatureSettings, load_mask, measure_curvature
+
+from .rendering import Bench, Gel, Lens, Needle
+
+LENS = Lens()
+SETTINGS = CurvatureSettings()
+
+
+@pytest.fixture(scope="module")
+def two_needles():
+    """Return a picture with a second needle above the first, and the polygon around it."""
+    other = Needle(sheath_tip_mm=(8.0, 0.0), bend=1)
+    picture = Bench(LENS).picture(Needle(), Gel(extra=(other,), tracks_mm=()), 3)
+    return picture, [[0, 0], [1279, 0], [1279, 60], [420, 130], [0, 130]]
+
+
+def written(path, document):
+    """Return the path of a JSON file with this content."""
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize("names", [["*"], ["a.png"], ["other.png"]])
+def test_polygons_take_a_second_needle_away(two_needles, tmp_path, names):
+    """Two needles are refused; with one masked the other is measured, in the pictures that the polygon is for."""
+    picture, polygon = two_needles
+    mask = load_mask(written(tmp_path / "mask.json", {name: [polygon] for name in names}))
+    assert "Two shafts" in measure_curvature(picture, LENS.plane_map(), SETTINGS).reason
+    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("a.png", picture))
+    assert found.accepted == (names != ["other.png"])
+    if found.accepted:
+        assert found.radius_mm == pytest.approx(28.0, abs=0.1)
+
+
+def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
+    """A mask picture says the same as the polygon, in every picture of its size and in no other."""
+    picture, polygon = two_needles
+    drawn = cv2.fillPoly(np.zeros(picture.shape, np.uint8), [np.array(polygon, np.int32)], 255)
+    cv2.imwrite(str(tmp_path / "mask.png"), drawn)
+    mask = load_mask(tmp_path / "mask.png")
+    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("any.png", picture))
+    assert found.accepted
+    assert mask.kept_as == "mask.png"
+    assert mask.content == (tmp_path / "mask.png").read_bytes()
+    with pytest.raises(PictureError, match=r"the mask mask\.png is for 1280 x 720"):
+        mask.masked("any.png", picture[:100])
+
+
+def test_masked_stretch_of_the_needle_does_not_count():
+    """Where a mask touches the needle its edges are not used, and the radius stands all the same."""
+    picture = Bench(LENS).picture(Needle(), Gel(tracks_mm=()), 4)
+    masked = np.zeros(picture.shape, bool)
+    masked[:, 560:580] = True
+    whole = measure_curvature(picture, LENS.plane_map(), SETTINGS)
+    part = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=masked)
+    assert len(part.centre_line_px) <= len(whole.centre_line_px) - 15
+    assert not ((part.centre_line_px[:, 0] > 562) & (part.centre_line_px[:, 0] < 577)).any()
+    assert part.radius_mm == pytest.approx(whole.radius_mm, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("document", "said"),
+    [
+        ({"*": [[[0, 0], [1, 1]]]}, "2 corners"),
+        ([1, 2], "no polygons"),
+        ({"*": [[[0, 0], [1, 1], ["x", 2]]]}, "no poly"),
+    ],
+)
+def test_refuses_what_are_no_polygons(tmp_path, document, said):
+    """Files of another form are named with an example of the right one."""
+    with pytest.raises(FileFormatError, match=said) as caught:
+        load_mask(written(tmp_path / "mask.json", document))
+    assert '"*"' in caught.value.hint
+
+
+def test_refuses_masks_that_are_not_there(tmp_path):
+    """A missing file is wrong input, of either kind."""
+    for name in ("mask.json", "mask.png"):
+        with pytest.raises(InputError, match=name):
+            load_mask(tmp_path / name)

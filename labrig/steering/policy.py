@@ -26,9 +26,9 @@ class SteeringPolicy:
     final_mm, final_error_per_mm : float
         Where the target is no farther than this, take at every sighting what comes nearest to it, a millimetre of
         miss having this price beside the turns.
-    max_heading_rad : float
-        Cap on a path's angle to its start, wherever a path within it is found. A needle that leads far aside has
-        nothing left to correct with, so this is narrower than the problem's cap.
+    max_off_axis_rad : float
+        Cap on the path's angle to the start's axis, wherever a path within it is found: a needle that leads far aside
+        has nothing left to correct with.
     observe_every_mm : float
     backlash_mm : float
         Length along which the curvature swings over after a turn of the bevel.
@@ -55,7 +55,7 @@ class SteeringPolicy:
     near_deviation_mm: float = 0.2
     final_mm: float = 8.0
     final_error_per_mm: float = 40.0
-    max_heading_rad: float = math.radians(55.0)
+    max_off_axis_rad: float = math.radians(45.0)
     observe_every_mm: float = 1.0
     backlash_mm: float = 1.5
     closing_mm: float = 3.0
@@ -74,7 +74,7 @@ class SteeringPolicy:
             "arrival_mm",
             "stuck_mm",
             "most_misses",
-            "max_heading_rad",
+            "max_off_axis_rad",
         )
         for name, value in vars(self).items():
             if not (value > 0 if name in positive else value >= 0):
@@ -88,7 +88,7 @@ class SteeringPolicy:
             deviation_mm=math.inf,
             near_mm=0.0,
             final_mm=0.0,
-            max_heading_rad=math.pi / 2,
+            max_off_axis_rad=math.pi,
             backlash_mm=0.0,
             closing_mm=0.0,
         )

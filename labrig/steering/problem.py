@@ -78,6 +78,9 @@ class PlanProblem:
     max_length_mm : float
     max_heading_rad : float
         Largest angle between the path and its start, at most 90 degrees: the path never turns back.
+    axis, max_off_axis_rad : (x, y, z) or None, float
+        Largest angle between a direction and the path where its arcs end; None: no such cap. It holds a path that is
+        planned again and again to the direction in which it was planned first.
     planar : bool
         The path stays in the y-z plane of the start: delta_1 is 0 or pi, every later roll is pi (errata, planar rule).
     covariance : (k, k) array, optional
@@ -104,6 +107,8 @@ class PlanProblem:
     max_arcs: int = 6
     max_length_mm: float = 150.0
     max_heading_rad: float = math.pi / 2
+    axis: Point | None = None
+    max_off_axis_rad: float = math.pi / 2
     planar: bool = False
     covariance: FloatArray | None = None
     margin_sigmas: float = 2.0

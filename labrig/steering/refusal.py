@@ -84,6 +84,8 @@ def refusal_after_search(around: Surroundings) -> str:
         return f"no path of {problem.max_arcs} arcs leads to the target, obstacles or not"
     if shortest_mm > problem.max_length_mm:
         return f"too long: the shortest path is {shortest_mm:.1f} mm, and {problem.max_length_mm:g} mm are allowed"
+    if not len(counts):
+        return f"no path of {problem.max_arcs} arcs leads to the target without pointing too far aside"
     worst = int(np.argmax(counts))
     named = np.flatnonzero(field_order(around))[worst] + 1
     return f"blocked by obstacle {named}: it cuts {100 * counts[worst]:.0f} % of the paths that lead to the target"

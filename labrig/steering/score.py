@@ -43,6 +43,10 @@ def _within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArr
     # With a cap of 90 degrees or less an arc whose ends point forwards points forwards everywhere.
     headings = frames.rotations[:, :, 2, 2].min(axis=-1)
     good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - _ROUNDING)
+    if problem.axis is not None:
+        axis = np.asarray(problem.axis) @ np.asarray(problem.start)[:3, :3]
+        off = frames.rotations[:, 1:, :, 2] @ axis
+        good &= off.min(axis=-1) >= np.cos(problem.max_off_axis_rad) - _ROUNDING
     good &= np.all((psi[..., 0] >= 0) & (psi[..., 0] <= np.pi), axis=-1)
     good &= problem.radius_mm * psi[..., 0].sum(axis=-1) <= problem.max_length_mm + _ROUNDING
     return np.flatnonzero(good)

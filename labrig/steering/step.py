@@ -260,13 +260,15 @@ def _problem_ahead(state: SteeringState, settings: SteeringSettings) -> PlanProb
     from_mm = _acts_at(state.insertion_mm, settings)
     start = state.predicted(from_mm, settings)
     turned = sum(turn.roll_rad for turn in state.turns if turn.at_mm == from_mm)
+    along = np.asarray(settings.problem.start)[:3, 2]
     return replace(
         settings.problem,
         start=advanced(start, (Stretch(0.0, turned, bends=True),), 0.0),
         radius_mm=_radius_mm(state, settings),
         radius_range_mm=settings.problem.radius_range_mm if state.insertion_mm == 0.0 else None,
         cavity_mm=settings.estimator.cavity_mm if math.isfinite(settings.estimator.cavity_every_mm) else 0.0,
-        max_heading_rad=min(settings.policy.max_heading_rad, settings.problem.max_heading_rad),
+        axis=(float(along[0]), float(along[1]), float(along[2])),
+        max_off_axis_rad=settings.policy.max_off_axis_rad,
         max_length_mm=max(settings.problem.max_length_mm - from_mm, _HERE_MM),
         covariance=state.tip.covariance,
     )
@@ -276,7 +278,7 @@ def _planned(problem: PlanProblem, settings: SteeringSettings, *, thorough: bool
     """Return the path that keeps most of the clearance that is wanted, or why there is none with the whole of it."""
     known = replace(problem, covariance=None)
     least_mm = min(settings.policy.least_clearance_mm, problem.clearance_mm)
-    wide = replace(known, clearance_mm=least_mm, max_heading_rad=settings.problem.max_heading_rad)
+    wide = replace(known, clearance_mm=least_mm, axis=None)
     plans = (_sought(one, settings, thorough=thorough) for one in (problem, known, wide))
     tried: list[Plan] = []
     for plan in plans:

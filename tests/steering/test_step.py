@@ -178,3 +178,11 @@ def test_planner_and_estimator_speak_of_one_plane() -> None:
     """A planar problem with a spatial filter is refused."""
     with pytest.raises(InputError, match="planar"):
         SteeringSettings(PLANAR, EstimatorSettings(RADIUS_MM, 0.2, 0.005))
+
+
+@pytest.mark.parametrize("target_y_mm", [-15.0, 0.0, 15.0])
+def test_paths_do_not_lead_far_aside(target_y_mm: float) -> None:
+    """The tip never points farther from the start's axis than the policy's cap, but for its error and its lag."""
+    problem = replace(PLANAR, target_mm=(0.0, target_y_mm, 100.0))
+    states = drive(DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5), settings(problem)).states
+    assert max(abs(state.tip.heading_rad) for state in states) < math.radians(50.0)

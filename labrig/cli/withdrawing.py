@@ -75,7 +75,7 @@ def _again(description: RigDescription, runs_dir: Path, recorded: Path) -> str:
     """Return the command that goes on with a withdrawal, from the run in which the rig remembers the needle."""
     since = rig_state(description.state_path).since_run
     folder = recorded.parent if recorded.parent != Path() else runs_dir
-    return f"labrig devices withdraw --run {folder / str(since)}"
+    return f"labrig devices withdraw --rig FILE --run {folder / str(since)}"
 
 
 def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
@@ -88,14 +88,19 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
         )
     if given is None and state.since_run is None:
         raise InputError(f"which run left the needle is not known: {state.doubt}", "name it with --run RUN")
-    found = open_run(given if given is not None else runs_dir / str(state.since_run))
+    found = open_run(_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
     folder = found.path.resolve()
     if state.since_run not in {None, folder.name}:
         raise InputError(
             f"the needle was left by run {state.since_run}, not by {folder.name}",
-            f"labrig devices withdraw --run {found.path.parent / str(state.since_run)}",
+            f"labrig devices withdraw --rig FILE --run {found.path.parent / str(state.since_run)}",
         )
     return found
+
+
+def _folder(given: Path, runs_dir: Path) -> Path:
+    """Return the folder of a run that is given as one, or by its name in `runs_dir`, as hints name it."""
+    return given if given.exists() else runs_dir / given
 
 
 def _withdraw(

@@ -44,7 +44,8 @@ class Similarity:
     def warp(self, pivot_px: tuple[float, float]) -> FloatArray:
         """Return the (2, 3) map of the template's pixels; a positive turn is counter-clockwise on the screen."""
         turn = _turned(self.turn_rad, self.scale)
-        return np.column_stack((turn, np.asarray(self.lands_px) - turn @ pivot_px))
+        u, v = np.asarray(self.lands_px) - turn @ pivot_px
+        return np.array(((turn[0, 0], turn[0, 1], u), (turn[1, 0], turn[1, 1], v)))
 
     def stepped_back(self, step: FloatArray) -> "Similarity":
         """Return this map after the inverse of a small one: shift (2), turn and growth, in the template's pixels."""
@@ -107,6 +108,11 @@ class FittedPicture:
         )
         return _SCALE_WEIGHT * slopes * reach_px**2 / 2.0
 
+    @cached_property
+    def _pull(self) -> FloatArray:
+        """What holds the scale near 1, as a normal matrix (6, 6)."""
+        return np.diag((0.0, 0.0, 0.0, self._scale_weight, 0.0, 0.0))
+
     def fit(self, picture: Picture, start: Similarity) -> Similarity | None:
         """Return the best place near a start, or None where it runs away or out of the picture.
 
@@ -137,26 +143,31 @@ class FittedPicture:
         seen = self._seen(_smooth(picture), place)
         if seen is None:
             return 0.0
-        gain = np.linalg.solve(self._normal[4:, 4:], (seen @ self._columns[:, 4:]).astype(np.float64))[0]
-        return self._correlation(seen, float(gain))
+        gain, _ = self._brightness((seen @ self._columns[:, 4:]).astype(np.float64))
+        return self._correlation(seen, gain)
 
     def _step(self, seen: _Pixels, scale: float, number: int) -> FloatArray | None:
         """Return the step (4,) that brings the template nearer to what is seen, or None where nothing of it is seen."""
         right = (seen @ self._columns).astype(np.float64)
-        gain, offset = np.linalg.solve(self._normal[4:, 4:], right[4:])
+        gain, offset = self._brightness(right[4:])
         if gain <= 0.0:
             return None
-        normal = self._normal.copy()
+        normal = self._normal
         if self.robust:
-            weighted = self._columns * self._weights(seen, float(gain), float(offset), number)[:, None]
+            weighted = self._columns * self._weights(seen, gain, offset, number)[:, None]
             normal, right = (
                 (weighted.T @ self._columns).astype(np.float64),
                 (seen @ weighted).astype(np.float64),
             )
-        normal[3, 3] += self._scale_weight
         right[3] += self._scale_weight * gain * math.log(scale)
-        found = np.linalg.solve(normal, right)
+        found = np.linalg.solve(normal + self._pull, right)
         return found[:4] / found[4] if found[4] > 0.0 else None
+
+    def _brightness(self, right: FloatArray) -> tuple[float, float]:
+        """Return gain and offset of the template's grey levels, of their products with it and with a constant."""
+        (squares, total), (_, pixels) = self._normal[4:, 4:].tolist()
+        gain = float(pixels * right[0] - total * right[1]) / (pixels * squares - total**2)
+        return gain, (float(right[1]) - gain * total) / pixels
 
     def _correlation(self, seen: _Pixels, gain: float) -> float:
         """Return the correlation with the template, of which `gain` is the slope."""

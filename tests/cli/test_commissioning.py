@@ -199,7 +199,9 @@ def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_
     run = _left_in_tissue(at_bench.rig.parent)
     at_bench.remember(needle_in_tissue=True, since_run="killed")
     at_bench.types("yes", "yes", "no")
-    first = labrig("devices", "withdraw", "--run", run, "--rig", at_bench.rig, "--json")
+    by_name = ("--run", run.name, "--runs-dir", run.parent)
+    first = labrig("devices", "withdraw", *by_name, "--rig", at_bench.rig, "--json")
+    assert "again: labrig devices withdraw --rig FILE --run " in first.err
     assert (first.exit_code, first.json()["exit_status"]) == (3, "aborted")
     assert at_bench.state()["needle_in_tissue"] is True
     stood_mm = at_bench.shaft_mm(1, 2)

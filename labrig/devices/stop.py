@@ -9,7 +9,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.control import Reply, ask_to_stop, owner_of
 from labrig.devices.epos2 import Epos2
 from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
-from labrig.errors import MachineError, SafetyStopError
+from labrig.errors import BusError, MachineError, SafetyStopError
 
 _STOP_TIME_S = 3.0
 _NMT_STOP_ALL = bytes([0x02, 0x00])
@@ -54,7 +54,12 @@ def stop_rig(rig: RigDescription) -> StopReport:
         where = "its drives live inside the labrig that runs them; interrupt that one"
         return StopReport("none", (*before, f"{rig.name} is simulated: {where}"))
     clock = SystemClock()
-    with closing(open_can(rig.can, clock)) as link:
+    try:
+        link = open_can(rig.can, clock)
+    except BusError as error:
+        message = f"{'; '.join(before)}; {error.message}"
+        raise error.reworded(message, f"press the emergency stop; then: {error.hint}") from error
+    with closing(link):
         return StopReport("bus", (*before, *stop_drives(rig, link, clock)))
 
 

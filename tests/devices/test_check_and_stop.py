@@ -193,8 +193,9 @@ def test_stopping_a_simulated_rig_says_where_its_drives_are() -> None:
 
 def test_stopping_a_bench_without_a_bus_is_an_error() -> None:
     """It must not look as if the drives had been told."""
-    with pytest.raises(BusError, match="socketcan can0 cannot be opened"):
+    with pytest.raises(BusError, match="socketcan can0 cannot be opened") as refusal:
         stop_rig(load_rig(BENCH))
+    assert refusal.value.hint.startswith("press the emergency stop")
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ class SteeringPolicy:
     near_deviation_mm: float = 0.2
     final_mm: float = 8.0
     final_error_per_mm: float = 40.0
-    max_off_axis_rad: float = math.radians(45.0)
+    max_off_axis_rad: float = math.radians(50.0)
     observe_every_mm: float = 1.0
     backlash_mm: float = 1.5
     closing_mm: float = 3.0

@@ -25,6 +25,8 @@ from labrig.vision import (
 _DARKEST_GREY = 12.0
 _SIGMAS = 4.0
 _LEAST_REACH_PX = 12.0
+_MISSES_WITH_HEADING = 2
+"""A cavity leads the heading astray by as much as a fix may turn; after so many misses every heading is tried."""
 
 FloatArray = NDArray[np.float64]
 
@@ -97,7 +99,7 @@ def load_plane_map(rig: RigDescription) -> PlaneMap:
 
 
 def look_for_tip(eye: Eye, image: Picture, expected: FloatArray, tip: TipState, roll_rad: float) -> TipSeen:
-    """Look for the tip where it is expected; the more pictures have shown none, the wider.
+    """Look for the tip where it is expected; the more pictures have shown none, the wider, and then turned any way.
 
     Parameters
     ----------
@@ -112,8 +114,9 @@ def look_for_tip(eye: Eye, image: Picture, expected: FloatArray, tip: TipState, 
     heading_rad = math.atan2(expected[1, 2], expected[2, 2])
     reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / eye.plane.mm_per_px)
     region_px = next_region_px(max(eye.template.picture.shape) + 2 * reach_px, tip.misses)
+    asked_rad = heading_rad if tip.misses < _MISSES_WITH_HEADING else None
     fix = locate_tip(
-        image, eye.template, near_px=(u, v), heading_rad=heading_rad, roll_rad=roll_rad, region_px=region_px
+        image, eye.template, near_px=(u, v), heading_rad=asked_rad, roll_rad=roll_rad, region_px=region_px
     )
     position = None
     if fix.tip_px is not None:

@@ -1,0 +1,53 @@
+"""Where the tip is looked for, and turned how."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from labrig.analysis import insertion_settings
+from labrig.devices import load_rig
+from labrig.experiments.aim import aim_of
+from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip
+from labrig.protocol import InsertionProtocol, load_protocol
+from labrig.steering import start_steering
+from tests.experiments.sessions import PROTOCOLS
+
+SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
+
+
+def _seen(off_rad: float, misses: int) -> TipSeen:
+    """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml")
+    assert isinstance(protocol, InsertionProtocol)
+    eye = load_eye(load_rig(SIMULATED))
+    aim = aim_of(protocol, eye.plane)
+    state, _ = start_steering(insertion_settings(protocol, aim.target_mm, aim.obstacles))
+    image, (y_mm, z_mm) = _picture(eye)
+    heading_rad = eye.template.heading_rad + off_rad
+    expected = np.eye(4)
+    expected[1:3, 3] = y_mm, z_mm
+    expected[1:3, 1:3] = (
+        (math.cos(heading_rad), math.sin(heading_rad)),
+        (-math.sin(heading_rad), math.cos(heading_rad)),
+    )
+    return look_for_tip(eye, image, expected, replace(state.tip, misses=misses), eye.template.roll_rad)
+
+
+def _picture(eye: Eye) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], tuple[float, float]]:
+    """Return a grey picture with the template's own tip in it, and where that is in the plane."""
+    patch = eye.template.picture
+    image = np.full((720, 1280), int(np.median(patch)), np.uint8)
+    u, v = 350, 300
+    image[v : v + patch.shape[0], u : u + patch.shape[1]] = patch
+    tip_px = np.array([[u + eye.template.tip_px[0], v + eye.template.tip_px[1]]])
+    y_mm, z_mm = eye.plane.to_mm(tip_px)[0].tolist()
+    return image, (y_mm, z_mm)
+
+
+def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
+    """A cavity leads the heading astray by more than a fix may turn; then every heading is tried."""
+    assert _seen(0.0, misses=0).position_mm is not None
+    assert _seen(math.radians(25), misses=0).position_mm is None
+    assert _seen(math.radians(25), misses=2).position_mm is not None

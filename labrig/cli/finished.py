@@ -54,8 +54,8 @@ def tell(finished: Finished, as_json: bool) -> int:
             say(f"note: {finished.needle}")
         if finished.result is None:
             say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
-        if finished.result is None and finished.exit_status != "success":
-            say(f"go on with a sweep: labrig resume {finished.run}")
+        if finished.result is None and finished.exit_status != "success" and _is_sweep(finished.run):
+            say(f"go on with it: labrig resume {finished.run}")
     if as_json:
         print_json(document)
     elif finished.result is not None:
@@ -65,6 +65,14 @@ def tell(finished: Finished, as_json: bool) -> int:
         return finished.error.exit_code
     said = {} if finished.result is None else finished.result
     return 1 if said.get("accepted") is False or said.get("reached") is False else 0
+
+
+def _is_sweep(run: Path) -> bool:
+    """Tell whether a recorded run is a sweep, the one experiment that can be resumed."""
+    from labrig.protocol import SteerabilityProtocol
+    from labrig.record import open_run
+
+    return isinstance(open_run(run).protocol, SteerabilityProtocol)
 
 
 def print_result(result: Mapping[str, Any]) -> None:

@@ -86,6 +86,11 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
             f"no needle is in tissue, as rig {description.name} remembers",
             "there is nothing to withdraw; labrig devices jog --axis NAME moves an axis",
         )
+    if description.kind == "simulated":
+        raise InputError(
+            f"{description.name}: a simulated rig begins anew whenever it is opened, no needle is left in its gel",
+            "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
+        )
     if given is None and state.since_run is None:
         raise InputError(f"which run left the needle is not known: {state.doubt}", "name it with --run RUN")
     found = open_run(_folder(given if given is not None else Path(str(state.since_run)), runs_dir))

@@ -306,3 +306,12 @@ def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, 
 
 def _in_tissue(state_file: Path) -> bool:
     return state_file.exists() and json.loads(state_file.read_text())["needle_in_tissue"] is True
+
+
+def test_a_simulated_rig_has_no_needle_to_take_out(labrig: Labrig, tmp_path: Path) -> None:
+    """Its gel is new at every opening: the refusal says so, and how to practise with served drives."""
+    text = (ROOT / "calibration" / "rig-simulated.yaml").read_text(encoding="utf-8")
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text.replace("state_file: null ", "state_file: state.json "), encoding="utf-8")
+    done = labrig("devices", "withdraw", "--rig", rig)
+    assert (done.exit_code, "begins anew" in done.err, "devices simulate" in done.err) == (2, True, True)

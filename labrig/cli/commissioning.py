@@ -6,11 +6,10 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import typer
-
 from labrig.cli.options import rig_file
-from labrig.cli.output import print_json, say
+from labrig.cli.output import tell_checks
 from labrig.cli.person import TerminalOperator
+from labrig.cli.rigs import remark_on_yes
 from labrig.cli.signals import note_signals
 from labrig.devices import (
     AXES,
@@ -18,7 +17,6 @@ from labrig.devices import (
     HOMING_DIRECTIONS,
     Opening,
     Rig,
-    RigDescription,
     load_rig,
     open_rig,
 )
@@ -102,18 +100,5 @@ def _opened(careful: Careful, axes: tuple[str, ...], doing: str) -> Iterator[Rig
         yield rig
 
 
-def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
-    """Say that `--yes` does not answer where a person must."""
-    if yes and description.kind != "simulated":
-        say("note: --yes does not answer on a real rig; every question is asked")
-
-
 def _tell(findings: Sequence[Finding], *, as_json: bool) -> int:
-    if as_json:
-        print_json([asdict(finding) for finding in findings])
-    else:
-        for finding in findings:
-            typer.echo(f"{finding.status:4}  {finding.axis} {finding.check}: {finding.value}")
-            if finding.solution:
-                typer.echo(f"      {finding.solution}")
-    return 1 if any(finding.status == "FAIL" for finding in findings) else 0
+    return tell_checks([asdict(finding) for finding in findings], as_json)

@@ -7,7 +7,7 @@ import typer
 from labrig.cli import devices_motion
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, rig_file
-from labrig.cli.output import AsJson, print_json, say
+from labrig.cli.output import AsJson, print_json, say, tell_checks
 
 app = typer.Typer(
     help="Look after the rig: check it, move its axes, stop it.",
@@ -20,15 +20,7 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""
     from labrig.devices import check_rig, load_rig
 
-    results = check_rig(load_rig(rig_file(rig)))
-    if as_json:
-        print_json([asdict(result) for result in results])
-    else:
-        for result in results:
-            typer.echo(f"{result.status:4}  {result.check}: {result.value}")
-            if result.solution:
-                typer.echo(f"      {result.solution}")
-    return 1 if any(result.status == "FAIL" for result in results) else 0
+    return tell_checks([asdict(result) for result in check_rig(load_rig(rig_file(rig)))], as_json)
 
 
 @app.command("stop", help="Stop every axis of the rig now, through the labrig that has it or over the bus.")

@@ -25,7 +25,7 @@ from labrig.errors import LabrigError
 class Finished:
     """How it ended; `result` and `report` are None where it was not measured, or the answer is no.
 
-    `needle` says where the needle was left, and is empty where it is out.
+    `needle` says where the needle was left, and is empty where it is out; `can_resume` is for sweeps.
     """
 
     run: Path
@@ -35,6 +35,7 @@ class Finished:
     result: Mapping[str, object] | None
     error: LabrigError | None
     needle: str
+    can_resume: bool = False
 
 
 def tell(finished: Finished, as_json: bool) -> int:
@@ -54,7 +55,7 @@ def tell(finished: Finished, as_json: bool) -> int:
             say(f"note: {finished.needle}")
         if finished.result is None:
             say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
-        if finished.result is None and finished.exit_status != "success" and _is_sweep(finished.run):
+        if finished.result is None and finished.exit_status != "success" and finished.can_resume:
             say(f"go on with it: labrig resume {finished.run}")
     if as_json:
         print_json(document)
@@ -65,14 +66,6 @@ def tell(finished: Finished, as_json: bool) -> int:
         return finished.error.exit_code
     said = {} if finished.result is None else finished.result
     return 1 if said.get("accepted") is False or said.get("reached") is False else 0
-
-
-def _is_sweep(run: Path) -> bool:
-    """Tell whether a recorded run is a sweep, the one experiment that can be resumed."""
-    from labrig.protocol import SteerabilityProtocol
-    from labrig.record import open_run
-
-    return isinstance(open_run(run).protocol, SteerabilityProtocol)
 
 
 def print_result(result: Mapping[str, Any]) -> None:

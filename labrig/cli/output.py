@@ -3,9 +3,9 @@
 import io
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -77,6 +77,19 @@ def failure_lines(error: LabrigError) -> list[str]:
         if problem.hint:
             lines.append(f"hint: {problem.hint}")
     return lines
+
+
+def tell_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
+    """Print checks (`status`, `check`, `value`, `solution`, perhaps `axis`), and return 1 where one failed."""
+    if as_json:
+        print_json(checks)
+    else:
+        for one in checks:
+            axis = f"{one['axis']} " if "axis" in one else ""
+            typer.echo(f"{one['status']:4}  {axis}{one['check']}: {one['value']}")
+            if one["solution"]:
+                typer.echo(f"      {one['solution']}")
+    return 1 if any(one["status"] == "FAIL" for one in checks) else 0
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -33,7 +33,7 @@ from labrig.experiments import (
     find_problems,
     trials_planned,
 )
-from labrig.protocol import AnyProtocol, DesignProtocol, dump_yaml
+from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol, dump_yaml
 from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
 from labrig.vision import load_mask
 
@@ -58,6 +58,7 @@ class Recorded:
     outcome: Outcome
     needle: str
     signal_name: str | None
+    can_resume: bool = False
 
 
 def perform(order: Order) -> Finished:
@@ -85,7 +86,16 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
     """Measure what was recorded and write the report, where the run came to its end."""
     path, outcome = recorded.path, recorded.outcome
     if outcome.error is not None and not _has_an_answer(outcome.error):
-        return Finished(path, outcome.exit_status, outcome.reason, None, None, outcome.error, recorded.needle)
+        return Finished(
+            path,
+            outcome.exit_status,
+            outcome.reason,
+            None,
+            None,
+            outcome.error,
+            recorded.needle,
+            recorded.can_resume,
+        )
     if recorded.signal_name is not None:
         return _unmeasured(path, recorded.signal_name)
     try:
@@ -151,7 +161,9 @@ def record_on_rig(
     ):
         path, outcome = act(rig, reporter)
         needle = _needle_left(rig)
-    return Recorded(path, outcome, needle, interrupted())
+    return Recorded(
+        path, outcome, needle, interrupted(), can_resume=isinstance(protocol, SteerabilityProtocol)
+    )
 
 
 def _needle_left(rig: Rig) -> str:

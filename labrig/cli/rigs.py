@@ -4,9 +4,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labrig.cli.options import rig_file, rig_settings_as_typed
+from labrig.cli.output import say
 from labrig.devices import RigDescription, load_rig
 from labrig.errors import InputError
 from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol
+
+
+def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
+    """Say that `--yes` does not answer where a person must."""
+    if yes and description.kind != "simulated":
+        say("note: --yes does not answer on a real rig; every question is asked")
 
 
 def rig_for(

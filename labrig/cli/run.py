@@ -13,7 +13,7 @@ from labrig.cli.options import (
     SeedOption,
     SetOption,
 )
-from labrig.cli.output import AsJson, say
+from labrig.cli.output import AsJson
 
 
 def register(app: typer.Typer) -> None:
@@ -46,11 +46,12 @@ def run(
     """Exit with 0 when it succeeded; the record is kept whatever happens."""
     from labrig.cli.finished import tell
     from labrig.cli.pipeline import Order, perform
+    from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()
-    if yes and description is not None and description.kind != "simulated":
-        say("note: --yes does not answer on a real rig; every question is asked")
+    if description is not None:
+        remark_on_yes(description, yes=yes)
     order = Order(loaded, description, runs_dir, run_name, tuple(sys.argv), sources.named(loaded))
     return tell(perform(order), as_json)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import typer
 
-from labrig.cli.commissioning import remark_on_yes
 from labrig.cli.options import rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, say
 from labrig.cli.person import TerminalOperator
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
+from labrig.cli.rigs import remark_on_yes
 from labrig.cli.signals import note_signals
 from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig, rig_state
 from labrig.errors import InputError

@@ -1,6 +1,7 @@
 """The command line as a user has it: arguments in; exit code, standard output and standard error out."""
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,13 @@ def labrig(capsys: pytest.CaptureFixture[str]) -> Labrig:
         return Done(exit_code, captured.out, captured.err)
 
     return call
+
+
+def sweep_command(rig: Path, runs_dir: Path) -> list[str]:
+    """Return the command line of the paper's sweep, for a process of its own."""
+    return [
+        sys.executable, "-m", "labrig", "run", str(SWEEP), "--rig", str(rig), "--runs-dir", str(runs_dir),
+    ]  # fmt: skip
 
 
 SHORT_SWEEP = (

@@ -16,7 +16,7 @@ from labrig.devices import SystemClock
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.protocol import dump_yaml, load_protocol
 from labrig.record import Recorder, open_run
-from tests.cli.conftest import ROOT, SWEEP, Labrig
+from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
@@ -277,17 +277,7 @@ def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, 
     rig = tmp_path / "rig-simulated.yaml"
     text = rig.read_text(encoding="utf-8").replace("state_file: null ", "state_file: sim.state.json ")
     rig.write_text(text, encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "labrig",
-        "run",
-        str(SWEEP),
-        "--rig",
-        str(rig),
-        "--runs-dir",
-        str(tmp_path),
-    ]
+    command = sweep_command(rig, tmp_path)
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
         while not _in_tissue(tmp_path / "sim.state.json"):
             assert running.poll() is None

@@ -5,12 +5,11 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig, Sweep
+from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig, Sweep, sweep_command
 
 
 def _lines(path: Path) -> list[dict[str, object]]:
@@ -111,17 +110,7 @@ def test_an_unreachable_bus_is_one_clear_error(labrig: Labrig, tmp_path: Path) -
 def test_a_signal_stops_the_run_and_closes_its_record(name: str, tmp_path: Path) -> None:
     """INT, TERM and HUP end a background run with exit code 130, the axes stopped and the record aborted."""
     number = getattr(signal, f"SIG{name}")
-    command = [
-        sys.executable,
-        "-m",
-        "labrig",
-        "run",
-        str(SWEEP),
-        "--rig",
-        str(RIG),
-        "--runs-dir",
-        str(tmp_path),
-    ]
+    command = sweep_command(RIG, tmp_path)
     started = subprocess.Popen(
         ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", *command],
         stderr=subprocess.PIPE,

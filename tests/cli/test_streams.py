@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from labrig.cli.signals import Interruption, note_signals, raise_on_signals
-from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Sweep
+from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Sweep, sweep_command
 
 LABRIG = f'"{sys.executable}" -m labrig'
 
@@ -49,17 +49,7 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
 
 def test_a_log_that_dies_does_not_end_a_run(tmp_path: Path) -> None:
     """When nobody reads the progress any more, the needle is still withdrawn and the run succeeds."""
-    command = [
-        sys.executable,
-        "-m",
-        "labrig",
-        "run",
-        str(SWEEP),
-        "--rig",
-        str(RIG),
-        "--runs-dir",
-        str(tmp_path),
-    ]
+    command = sweep_command(RIG, tmp_path)
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run(

@@ -8,10 +8,10 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import find_origins, refused_by_origin
+from labrig.analysis.origin import find_origins, from_origins, refused_by_origin
 from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
-from labrig.analysis.sentinel import watch, watched
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp, TrialOrigin
+from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
@@ -68,10 +68,10 @@ def analyze_curvature(
     places = [run.pictures[int(one.line["frame"])] for one in pictures]
     plane = load_mapping(run)
     measured = measure_pictures(places, plane, settings, workers, progress, mask=mask)
-    origins = find_origins(run.read_frame, _lines(run.frame_table), plane, settings.sheath_diameter_mm)
-    sentinel = _sentinel(run, plane)
+    origins = _origins(run, protocol, plane)
+    sentinel = sentinel_of(run, plane)
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
-    results = watched(refused_by_origin(bare, origins), sentinel)
+    results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
@@ -88,12 +88,13 @@ def analyze_curvature(
     return content, _centre_lines(results, measured)
 
 
-def _sentinel(run: Run, plane: PlaneMap) -> Sentinel | None:
-    """Return what the grid pictures say, where the protocol asks for them."""
-    protocol = run.protocol
-    if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
-        return None
-    return watch(run.read_frame, _lines(run.frame_table), plane, protocol.sentinel.pitch_mm)
+def _origins(
+    run: Run, protocol: SteerabilityProtocol | ImportProtocol, plane: PlaneMap
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    if isinstance(protocol, ImportProtocol):
+        return ()
+    return find_origins(run.read_frame, _lines(run.frame_table), plane, protocol.sheath)
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from labrig.analysis.mapping import load_mapping
 from labrig.analysis.pictures import Progress, measure_pictures
 from labrig.analysis.result import RollZeroResult, Stamp
+from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
 from labrig.record import Run
@@ -28,7 +29,9 @@ def analyze_roll_zero(
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     files = [run.pictures[int(one["frame"])] for one in pictures]
-    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    plane = load_mapping(run)
+    sentinel = sentinel_of(run, plane)
+    measured = measure_pictures(files, plane, settings, workers, progress)
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)
@@ -44,6 +47,8 @@ def analyze_roll_zero(
         reasons.append(error.message)
     if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
         reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
+    if sentinel is not None and not sentinel.accepted:
+        reasons.append(sentinel.reason or "the grid pictures differ")
     return RollZeroResult(
         **stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
         accepted=not reasons,
@@ -52,4 +57,5 @@ def analyze_roll_zero(
         rolls_rad=tuple(rolls_rad),
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
+        sentinel=sentinel,
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from labrig.analysis.insertion_settings import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings, started_at
 from labrig.errors import RecordError
 from labrig.protocol import InsertionProtocol
 from labrig.record import Run
@@ -101,19 +101,22 @@ def steer_again(run: Run, other: InsertionProtocol) -> tuple[WhatIf, ...]:
 
 
 def _of_trial(events: Sequence[Mapping[str, Any]], trial: object) -> list[Mapping[str, Any]]:
-    return [event for event in events if event["kind"] == "observation" and event["trial"] == trial]
+    return [event for event in events if event.get("trial") == trial]
 
 
 def _steer_again(
     protocol: InsertionProtocol,
     other: InsertionProtocol,
     start: Mapping[str, Any],
-    observations: Sequence[Mapping[str, Any]],
+    events: Sequence[Mapping[str, Any]],
 ) -> WhatIf:
+    observations = [event for event in events if event["kind"] == "observation"]
     target_mm = _point(start["target_mm"])
     obstacles = tuple(_obstacle(one) for one in start["obstacles"])
-    old = _steps(insertion_settings(protocol, target_mm, obstacles), observations)
-    new = _steps(insertion_settings(other, target_mm, obstacles), observations)
+    old, new = (
+        _steps(started_at(insertion_settings(one, target_mm, obstacles), events), observations)
+        for one in (protocol, other)
+    )
     return WhatIf(
         trial=int(start["trial"]),
         sightings=len(observations),

@@ -53,6 +53,7 @@ from labrig.devices.epos2_errors import describe_abort, describe_emergency
 from labrig.devices.homing import BY_CURRENT, HERE, Homing
 from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
 from labrig.errors import (
+    HEARTBEAT_LOST,
     DriveError,
     DriveFaultError,
     DriveRefusedError,
@@ -161,10 +162,12 @@ class Epos2:
             raise self._silent(what) from error
 
     def _refused(self, what: str, error: SdoAbortedError) -> DriveRefusedError:
+        text = describe_abort(error.code)
         return DriveRefusedError(
-            f"{self.name} refused {what}: {describe_abort(error.code)} (SDO abort 0x{error.code:08X})",
+            f"{self.name} refused {what}: {text} (SDO abort 0x{error.code:08X})",
             "check rig file and drive settings against each other",
             code=error.code,
+            text=text,
         )
 
     def _silent(self, what: str) -> DriveSilentError:
@@ -592,6 +595,7 @@ class Epos2:
                 f"{self.name} has sent no heartbeat for {silent_s:.2f} s, expected one every "
                 f"{self._silence_s:g} s at the latest",
                 _CHECK_POWER,
+                fault=HEARTBEAT_LOST,
             )
 
     def refuse_unless_enabled(self, statusword: int) -> None:

@@ -320,10 +320,4 @@ def _state_result(rig: RigDescription) -> CheckResult:
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
-    command = f"labrig devices withdraw --rig FILE{f' --run {state.since_run}' if state.since_run else ''}"
-    return CheckResult(
-        "rig state",
-        status,
-        state.doubt,
-        f"{command} takes it out; after one by hand, the next run asks to confirm that it is out",
-    )
+    return CheckResult("rig state", status, state.doubt, state.way_out)

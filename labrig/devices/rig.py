@@ -37,11 +37,6 @@ Interrupted = Callable[[], str | None]
 
 _SYNC = 0x080
 
-_WITHDRAW_FIRST = (
-    "take it out along its path: labrig devices withdraw --rig FILE; "
-    "after one by hand, the next labrig run asks to confirm that it is out"
-)
-
 
 @dataclass(frozen=True)
 class Opening:
@@ -429,7 +424,7 @@ class Rig:
 
     def _refuse_in_tissue(self, what: str) -> None:
         if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(f"{what}: {self.state.doubt}", _WITHDRAW_FIRST)
+            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
 
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].

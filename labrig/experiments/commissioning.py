@@ -123,11 +123,7 @@ def make_sure_needle_is_out(rig: Rig) -> None:
         When one is, as the rig knows, or the operator says no.
     """
     if rig.state.needle_in_tissue:
-        run = rig.state.since_run
-        raise SafetyStopError(
-            f"no axis is moved by itself: {rig.state.doubt}",
-            f"take the needle out along its path: labrig devices withdraw --rig FILE --run {run}",
-        )
+        raise SafetyStopError(f"no axis is moved by itself: {rig.state.doubt}", rig.state.way_out)
     if rig.state.needle_in_tissue is None:
         _confirm(rig, ConfirmNeedleOut(rig.state.doubt))
         rig.mark_needle_out()

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError
+from labrig.errors import FileFormatError, LabrigError, fault_fields
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
@@ -53,8 +53,9 @@ def say(text: str) -> None:
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
-    """Return the JSON form of a failure: type, message and hint."""
-    return {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    """Return the JSON form of a failure: type, message and hint; of bus and drives also what fault it is."""
+    document = {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    return {**document, **fault_fields(error)}
 
 
 def print_failure(error: LabrigError, as_json: bool) -> None:

@@ -120,11 +120,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     numeric = [
         bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
     ]
-    for line in (list(heads), *cells):
-        padded = [
-            c.rjust(w) if right else c.ljust(w) for c, w, right in zip(line, widths, numeric, strict=True)
-        ]
-        typer.echo("  ".join(padded).rstrip())
+    fill = [str.rjust if right else str.ljust for right in numeric]
+    padded = (
+        "  ".join(pad(cell, width) for pad, cell, width in zip(fill, line, widths, strict=True)).rstrip()
+        for line in (heads, *cells)
+    )
+    typer.echo("\n".join(padded))
 
 
 def _print_blocks(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> None:

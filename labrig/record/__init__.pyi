@@ -13,7 +13,7 @@ from labrig.record.check import Verdict, check_run
 from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.journal import Journal
-from labrig.record.json_lines import as_recorded, encode_document
+from labrig.record.json_lines import as_recorded, decode_line, encode_document, encode_line
 from labrig.record.layout import WITHDRAWS, picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture
@@ -46,8 +46,10 @@ __all__ = [
     "collect_code_diff",
     "collect_provenance",
     "compare_runs",
+    "decode_line",
     "differing_values",
     "encode_document",
+    "encode_line",
     "find_runs",
     "is_url",
     "judge_run",

@@ -1,6 +1,7 @@
 """The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.analysis.mapping import load_mapping
@@ -52,4 +53,11 @@ def analyze_roll_zero(
         rolls_rad=tuple(rolls_rad),
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
+        offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
     )
+
+
+def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
+    """Return the constant of the least-squares cosine: the residuals of such a fit sum up to nothing."""
+    bends = (fit.bend_mm * math.cos(roll - fit.zero_rad) for roll in rolls_rad)
+    return math.fsum(stray + bend for stray, bend in zip(strays_mm, bends, strict=True)) / len(rolls_rad)

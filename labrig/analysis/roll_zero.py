@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import Progress, measure_pictures
+from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import RollZeroResult, Stamp
 from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
@@ -14,9 +14,7 @@ from labrig.steering import RollZeroFit, fit_roll_zero
 from labrig.vision import CurvatureMeasurement, CurvatureSettings
 
 
-def analyze_roll_zero(
-    run: Run, protocol: RollZeroProtocol, stamp: Stamp, workers: int, progress: Progress | None
-) -> RollZeroResult:
+def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -28,8 +26,8 @@ def analyze_roll_zero(
     """
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    files = [run.pictures[int(one["frame"])] for one in pictures]
-    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    places = tuple(run.pictures[int(one["frame"])] for one in pictures)
+    measured = (yield PictureWork(places, load_mapping(run), settings)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)

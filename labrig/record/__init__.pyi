@@ -16,7 +16,7 @@ from labrig.record.journal import Journal
 from labrig.record.json_lines import as_recorded, decode_line, encode_document, encode_line
 from labrig.record.layout import WITHDRAWS, picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
-from labrig.record.pictures import RecordedPicture
+from labrig.record.pictures import RecordedPicture, picture_count
 from labrig.record.places import is_url, output_folder, require_local
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Frames, Run, open_run
@@ -58,6 +58,7 @@ __all__ = [
     "note_on_run",
     "open_run",
     "output_folder",
+    "picture_count",
     "picture_file",
     "read_annotations",
     "repair_run",

@@ -2,20 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import find_origins, from_origins, refused_by_origin
-from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp, TrialOrigin
+from labrig.analysis.origin import from_origins, refused_by_origin
+from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
 from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
 
 MEASURED_ROLES = ("advance", "final", "imported")
 
@@ -46,11 +47,8 @@ def analyze_curvature(
     run: Run,
     protocol: SteerabilityProtocol | ImportProtocol,
     stamp: Stamp,
-    workers: int,
-    progress: Progress | None,
-    *,
-    mask: Mask | None = None,
-) -> tuple[CurvatureResult, CentreLines]:
+    mask: Mask | None,
+) -> Analysis[tuple[CurvatureResult, CentreLines]]:
     """Measure the pictures, group them, and compare them with the truth where there is one.
 
     The intervals of the groups carry how sure the bevel's roll is; those of single pictures speak of the picture alone.
@@ -59,17 +57,18 @@ def analyze_curvature(
     ------
     InputError
         When the run has no map from pixels to mm.
-    MachineError
-        When a worker process dies.
     """
     settings, roll_sd_deg = curvature_settings(protocol), protocol.analysis.roll_sd_deg
     trials = _trials(run)
     pictures = _pictures(run, trials)
-    places = [run.pictures[int(one.line["frame"])] for one in pictures]
-    plane = load_mapping(run)
-    measured = measure_pictures(places, plane, settings, workers, progress, mask=mask)
-    origins = _origins(run, protocol, plane)
-    sentinel = sentinel_of(run, plane)
+    places = tuple(run.pictures[int(one.line["frame"])] for one in pictures)
+    plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
+    others = (
+        partial(_origins, protocol, read, lines, plane),
+        partial(sentinel_of, protocol, read, lines, plane),
+    )
+    seen = yield PictureWork(places, plane, settings, mask, others)
+    measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
     results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
@@ -88,13 +87,8 @@ def analyze_curvature(
     return content, _centre_lines(results, measured)
 
 
-def _origins(
-    run: Run, protocol: SteerabilityProtocol | ImportProtocol, plane: PlaneMap
-) -> tuple[TrialOrigin, ...]:
-    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
-    if isinstance(protocol, ImportProtocol):
-        return ()
-    return find_origins(run.read_frame, _lines(run.frame_table), plane, protocol.sheath)
+from labrig.analysis.pictures import Analysis
+from labrig.analysis.result import CentreLines, CurvatureResult, Stamp
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

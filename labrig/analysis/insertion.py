@@ -119,7 +119,7 @@ def analyze_insertion(
     """
     template = load_template(run.calibration_path(TEMPLATE_FILE))
     plane = load_mapping(run)
-    sentinel = sentinel_of(run, plane)
+    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
     eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel)
     trials = run.trials.to_dict("records")
     insertions = []

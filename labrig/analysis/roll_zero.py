@@ -1,10 +1,11 @@
 """The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import Progress, measure_pictures
+from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import RollZeroResult, Stamp
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
@@ -14,9 +15,7 @@ from labrig.steering import RollZeroFit, fit_roll_zero
 from labrig.vision import CurvatureMeasurement, CurvatureSettings
 
 
-def analyze_roll_zero(
-    run: Run, protocol: RollZeroProtocol, stamp: Stamp, workers: int, progress: Progress | None
-) -> RollZeroResult:
+def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -28,10 +27,10 @@ def analyze_roll_zero(
     """
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    files = [run.pictures[int(one["frame"])] for one in pictures]
+    places = tuple(run.pictures[int(one["frame"])] for one in pictures)
     plane = load_mapping(run)
-    sentinel = sentinel_of(run, plane)
-    measured = measure_pictures(files, plane, settings, workers, progress)
+    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
+    measured = (yield PictureWork(places, plane, settings)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)
@@ -57,5 +56,12 @@ def analyze_roll_zero(
         rolls_rad=tuple(rolls_rad),
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
+        offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
         sentinel=sentinel,
     )
+
+
+def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
+    """Return the constant of the least-squares cosine: the residuals of such a fit sum up to nothing."""
+    bends = (fit.bend_mm * math.cos(roll - fit.zero_rad) for roll in rolls_rad)
+    return math.fsum(stray + bend for stray, bend in zip(strays_mm, bends, strict=True)) / len(rolls_rad)

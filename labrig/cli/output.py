@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError
+from labrig.errors import FileFormatError, LabrigError, fault_fields
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
@@ -53,8 +53,9 @@ def say(text: str) -> None:
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
-    """Return the JSON form of a failure: type, message and hint."""
-    return {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    """Return the JSON form of a failure: type, message and hint; of bus and drives also what fault it is."""
+    document = {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    return {**document, **fault_fields(error)}
 
 
 def print_failure(error: LabrigError, as_json: bool) -> None:
@@ -105,11 +106,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     numeric = [
         bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
     ]
-    for line in (list(heads), *cells):
-        padded = [
-            c.rjust(w) if right else c.ljust(w) for c, w, right in zip(line, widths, numeric, strict=True)
-        ]
-        typer.echo("  ".join(padded).rstrip())
+    fill = [str.rjust if right else str.ljust for right in numeric]
+    padded = (
+        "  ".join(pad(cell, width) for pad, cell, width in zip(fill, line, widths, strict=True)).rstrip()
+        for line in (heads, *cells)
+    )
+    typer.echo("\n".join(padded))
 
 
 def _print_blocks(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> None:

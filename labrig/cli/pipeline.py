@@ -1,6 +1,5 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,12 +8,12 @@ from pathlib import Path
 from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
 from labrig.cli.finished import Finished
 from labrig.cli.output import say
-from labrig.cli.person import TerminalOperator
 from labrig.cli.progress import Reporter, progress
-from labrig.cli.signals import Interruption, note_signals
+from labrig.cli.rigs import rig_for_person
+from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
-from labrig.devices import Rig, RigDescription, SystemClock, open_rig
+from labrig.devices import Rig, RigDescription, SystemClock
 from labrig.errors import (
     AnswerIsNoError,
     FileFormatError,
@@ -148,15 +147,9 @@ def record_on_rig(
     act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
 ) -> Recorded:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
+    doing = " ".join(("labrig", *command_line[1:]))
     with (
-        note_signals() as interrupted,
-        open_rig(
-            description,
-            seed=protocol.seed,
-            person=TerminalOperator(interrupted, sys.stdin),
-            interrupted=interrupted,
-            doing=" ".join(("labrig", *command_line[1:])),
-        ) as rig,
+        rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
         progress(protocol.experiment, work) as reporter,
     ):
         path, outcome = act(rig, reporter)

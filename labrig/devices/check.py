@@ -100,7 +100,12 @@ def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterato
     stack.callback(link.close)
     yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from check_axis(name, axis, Epos2(link, axis.node_id, name, plant.clock), rig.can.heartbeat)
+        yield from check_axis(
+            name,
+            axis,
+            Epos2(link, axis.node_id, name, plant.clock, axis.encoder_pulses_per_turn),
+            rig.can.heartbeat,
+        )
 
 
 def check_axis(

@@ -12,7 +12,7 @@ from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import POLL_S, Epos2, Identity
+from labrig.devices.epos2 import POLL_S, Epos2, Identity, wait_for_all
 from labrig.devices.homing import BY_CURRENT, HERE, Homing, require_homing_allowed
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
@@ -124,7 +124,7 @@ class Rig:
             name: Axis(
                 name,
                 axis,
-                Epos2(link, axis.node_id, name, self._dead_man),
+                Epos2(link, axis.node_id, name, self._dead_man, axis.encoder_pulses_per_turn),
                 self._dead_man,
                 description.can.heartbeat,
                 max_current_ma=opening.max_current_ma,
@@ -326,7 +326,7 @@ class Rig:
         failures = [
             *_tried(self.axes, Axis.call_halt),
             *_tried(self.axes, Axis.halt),
-            *_tried(self.axes, Axis.wait_until_still),
+            *self._wait_until_still().values(),
         ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
@@ -336,6 +336,9 @@ class Rig:
                 "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
                 "press the emergency stop, then see labrig devices check",
             )
+
+    def _wait_until_still(self) -> dict[str, str]:
+        return wait_for_all({axis.name: axis.looks_until_still() for axis in self.axes}, self._dead_man)
 
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
         """Stop everything; what cannot be stopped is told together with the error that is on its way."""

@@ -186,16 +186,16 @@ def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
-def record_calibration(folder: Path, views: int, *, hold_board: bool = True) -> Run:
+def record_calibration(folder: Path, views: int, *, hold_board: bool = True, gel: str = "null") -> Run:
     """Record a camera calibration by the simulated world's camera into `folder/calibration` and open it."""
-    text = """
+    text = f"""
 schema_version: 1
 experiment: camera-calibration
 title: Camera
 seed: 1
-board: {columns: 9, rows: 6, square_mm: 4}
+board: {{columns: 9, rows: 6, square_mm: 4}}
 views: 12
-plane: {pitch_mm: 1, origin_px: [320, 200], insertion: right}
+plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
 """
     world = World(WorldDescription(), seed=1)
     manifest = {

@@ -13,6 +13,7 @@ from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pic
 from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
 from labrig.analysis.sentinel import watch, watched
 from labrig.analysis.truth import compare_with_truth
+from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
 from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
@@ -110,17 +111,24 @@ def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict
 
 
 def _trials(run: Run) -> list[Trial]:
-    return [
-        Trial(
-            int(line["trial"]),
-            line["specimen"],
-            float(line["gelatin_percent"]),
-            int(line["hole"]),
-            line["needle_id"],
-        )
-        for line in _lines(run.trials)
-        if line["exit_status"] != "interrupted"  # another one was made in its stead
-    ]
+    # Of an interrupted one another was made in its stead.
+    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
+    try:
+        return [
+            Trial(
+                int(line["trial"]),
+                line["specimen"],
+                float(line["gelatin_percent"]),
+                int(line["hole"]),
+                line["needle_id"],
+            )
+            for line in made
+        ]
+    except KeyError as error:
+        raise RecordError(
+            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
+            "no labrig wrote it so; take the file from a copy of the run",
+        ) from error
 
 
 def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:

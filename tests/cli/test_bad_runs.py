@@ -31,6 +31,8 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 _SAY_ONLY = frozenset({"tag", "note"})
 """They append what a person says of a run, be it damaged."""
 
+_PLACES = ("damaged", "missing", "symbolic link", "goes backwards", "twice", "expected", "does not say")
+
 
 def _emptied(run: Path) -> None:
     (run / "manifest.json").unlink()
@@ -166,18 +168,7 @@ def test_what_is_damaged_is_told_by_every_command(
         assert exit_code == 0
     else:
         assert exit_code == 4
-        assert any(
-            word in said
-            for word in (
-                "damaged",
-                "missing",
-                "symbolic link",
-                "goes backwards",
-                "twice",
-                "expected",
-                "does not say",
-            )
-        )
+        assert any(word in said for word in _PLACES)
 
 
 @pytest.mark.parametrize("command", ["reanalyze", "report", "view", "export", "diff"])

@@ -9,14 +9,15 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import from_origins, refused_by_origin
+from labrig.analysis.origin import ReadFrame, find_origins, from_origins, refused_by_origin
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp, TrialOrigin
 from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
+from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
-from labrig.record import Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
+from labrig.record import Frames, Run
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, Picture, PlaneMap
 
 MEASURED_ROLES = ("advance", "final", "imported")
 
@@ -87,8 +88,20 @@ def analyze_curvature(
     return content, _centre_lines(results, measured)
 
 
-from labrig.analysis.pictures import Analysis
-from labrig.analysis.result import CentreLines, CurvatureResult, Stamp
+def _picture(frames: Frames, frame: int) -> Picture:
+    return frames[frame]
+
+
+def _origins(
+    protocol: SteerabilityProtocol | ImportProtocol,
+    read: ReadFrame,
+    lines: Sequence[Mapping[str, Any]],
+    plane: PlaneMap,
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    if isinstance(protocol, ImportProtocol):
+        return ()
+    return find_origins(read, lines, plane, protocol.sheath)
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:
@@ -105,17 +118,24 @@ def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict
 
 
 def _trials(run: Run) -> list[Trial]:
-    return [
-        Trial(
-            int(line["trial"]),
-            line["specimen"],
-            float(line["gelatin_percent"]),
-            int(line["hole"]),
-            line["needle_id"],
-        )
-        for line in _lines(run.trials)
-        if line["exit_status"] != "interrupted"  # another one was made in its stead
-    ]
+    # Of an interrupted one another was made in its stead.
+    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
+    try:
+        return [
+            Trial(
+                int(line["trial"]),
+                line["specimen"],
+                float(line["gelatin_percent"]),
+                int(line["hole"]),
+                line["needle_id"],
+            )
+            for line in made
+        ]
+    except KeyError as error:
+        raise RecordError(
+            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
+            "no labrig wrote it so; take the file from a copy of the run",
+        ) from error
 
 
 def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:

@@ -14,6 +14,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `vision` turns pixels into mm
 - `geometry` holds frames, signs, units, and circle fits
 - `errors` and `clock` are the error tree and what a clock is
+- `door` lets a room hand out its names when they are asked for; the face of such a room is its `__init__.pyi`
 
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """

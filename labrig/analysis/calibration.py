@@ -12,6 +12,7 @@ from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, Pict
 from labrig.protocol import CameraCalibrationProtocol
 from labrig.record import Run
 from labrig.vision import (
+    Gel,
     Intrinsics,
     Picture,
     PlaneMap,
@@ -115,8 +116,11 @@ def _calibrate_plane(
     if not papers:
         return None, ("no picture of the graph paper was recorded",)
     plane = protocol.plane
+    gel = None if plane.gel is None else Gel(plane.gel.index, plane.gel.depth_mm, plane.gel.paper_at)
     try:
-        found = calibrate_plane(papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion)
+        found = calibrate_plane(
+            papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion, gel=gel
+        )
     except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
         return None, (refusal.message,)
     return found, found.reasons

@@ -1,7 +1,7 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
@@ -287,8 +287,8 @@ class Axis:
         self._due_s = self._then = None
         self._drive.halt()
 
-    def wait_until_still(self) -> None:
-        """Return once the axis stands still, as its position reads; quick-stop it when halting does not do.
+    def looks_until_still(self) -> Iterator[None]:
+        """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
 
         Raises
         ------
@@ -297,18 +297,14 @@ class Axis:
         BusError
         """
         try:
-            self._drive.wait_until_still(self._stop_time_s(self._description.acceleration))
+            yield from self._drive.looks_until_still(self._stop_time_s(self._description.acceleration))
         except DriveError:
             self._drive.quick_stop()
-            self._drive.wait_until_still(self._stop_time_s(self._description.quick_stop_deceleration))
+            again_s = self._stop_time_s(self._description.quick_stop_deceleration)
+            yield from self._drive.looks_until_still(again_s)
 
     def _stop_time_s(self, deceleration: float) -> float:
         return self.max_speed / deceleration + _STOP_MARGIN_S
-
-    def stop(self) -> None:
-        """Stop this axis and see that it stands still. Raises `DriveError`, `BusError`."""
-        self.halt()
-        self.wait_until_still()
 
     # Connecting
 

@@ -256,6 +256,22 @@ class Board(Model):
     square_mm: float = Field(gt=0, le=500, description="Side of a square [mm].")
 
 
+class GelAbove(Model):
+    """The gel that will lie between the camera and the needle, whose refraction is corrected."""
+
+    index: float = Field(ge=1, le=2, description="Refractive index of the gel; gelatin has about 1.35.")
+    depth_mm: float = Field(
+        ge=0,
+        le=1000,
+        description="Depth of the needle below the gel's flat surface, which is parallel to the paper [mm].",
+    )
+    paper_at: Literal["needle", "surface"] = Field(
+        "needle",
+        description="Where the paper lies when it is photographed, in air: where the needle is to be, or on the gel's "
+        "surface.",
+    )
+
+
 class GraphPaper(Model):
     """The graph paper that lies in the steering plane, and the frame that it fixes."""
 
@@ -264,6 +280,11 @@ class GraphPaper(Model):
     )
     origin_px: PixelUv = Field(description="Pixel (u, v) that becomes the origin of the steering plane [px].")
     insertion: Direction = Field(description="Where the insertion points in the picture.")
+    gel: GelAbove | None = Field(
+        None,
+        description="The gel above the needle, to be corrected for; null where the paper lies at the needle's depth in "
+        "the same gel, or where there is none.",
+    )
 
 
 class CameraCalibrationProtocol(Protocol):

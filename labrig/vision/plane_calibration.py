@@ -92,7 +92,7 @@ def calibrate_plane(
         If the pitch, the origin or the direction is impossible, or (as PictureError) the picture has another
         size than the intrinsics.
     CalibrationRefusedError
-        If no grid is found, or no plane explains it.
+        If no grid is found, no plane explains it, or the gel would reach the camera.
     """
     size = size_of(image)
     origin, direction = checked_frame(origin_px, insertion)
@@ -123,6 +123,12 @@ def _with_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
     """Return the map behind a gel, its origin still at the origin's pixel."""
     if gel is None:
         return plane
+    height_mm = float(plane.camera_mm()[2])
+    if gel.depth_mm >= height_mm:
+        raise CalibrationRefusedError(
+            f"the gel's depth is {gel.depth_mm:g} mm, and the camera is only {below(height_mm, 0)} mm above the paper",
+            "measure from the gel's surface to the needle, in mm",
+        )
     bent = replace(plane, gel=gel)
     shift = np.eye(3)
     # The frame moves with the paper's plane; where the origin's ray ends up is (0, 0) again.

@@ -1,12 +1,14 @@
 """Lens and plane from the pictures of a camera calibration run."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from labrig.analysis import CalibrationResult, analyze_run, load_result
 from labrig.record import Run
-from labrig.vision import load_intrinsics, load_plane
+from labrig.vision import Gel, load_intrinsics, load_plane
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 
 
@@ -31,6 +33,19 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     assert content.intrinsics is not None
     assert content.intrinsics["fx"] == lens.fx
     assert load_result(run) is not None
+
+
+def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
+    """Index, depth and the paper's place reach the plane map; behind 10 mm of gel a pixel is longer than on it."""
+    told = record_calibration(tmp_path, views=10, gel="{index: 1.35, depth_mm: 10, paper_at: surface}")
+    content, folder = _analyse(told)
+    lens = load_intrinsics(folder / "intrinsics.json")
+    plane = load_plane(folder / "plane.json", lens)
+    assert plane.gel == Gel(1.35, 10.0, "surface")
+    assert content.plane is not None
+    assert content.plane["assumptions"] == list(plane.gel.assumptions())
+    on_paper = replace(plane, gel=None).to_mm([(320.0, 200.0), (321.0, 200.0)])
+    assert plane.mm_per_px > 1.02 * np.ptp(on_paper[:, 1])
 
 
 def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:

@@ -12,6 +12,8 @@ from pydantic import ValidationError
 from labrig.errors import FileFormatError
 from labrig.protocol import (
     CameraCalibrationProtocol,
+    GelAbove,
+    GraphPaper,
     ImportProtocol,
     SteerabilityProtocol,
     load_protocol,
@@ -46,6 +48,39 @@ def test_the_calibration_protocol_names_its_board():
     assert (protocol.board.columns, protocol.board.rows, protocol.board.square_mm) == (9, 6, 4)
     assert protocol.views == 16
     assert protocol.plane.origin_px == (150, 310)
+
+
+def test_the_calibration_protocol_shows_the_gel_that_it_could_correct():
+    """The example's comment is right YAML at its place, with the names of `labrig calibrate plane`'s options."""
+    text = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
+    assert _paper(text).gel is None
+    gel = _paper(text.replace("# gel:", "gel:")).gel
+    assert gel == GelAbove(index=1.35, depth_mm=10, paper_at="needle")
+
+
+@pytest.mark.parametrize(
+    ("gel", "key"),
+    [
+        ("{index: 0.9, depth_mm: 10}", "plane.gel.index"),
+        ("{index: 2.1, depth_mm: 10}", "plane.gel.index"),
+        ("{index: 1.35, depth_mm: -1}", "plane.gel.depth_mm"),
+        ("{index: 1.35}", "plane.gel.depth_mm"),
+        ("{depth_mm: 10}", "plane.gel.index"),
+        ("{index: 1.35, depth_mm: 10, paper_at: table}", "plane.gel.paper_at"),
+    ],
+)
+def test_a_gel_that_cannot_be_is_refused_at_its_key(gel: str, key: str):
+    """Before a picture is taken: index from 1 to 2, depth from 0, both together, paper at a place that is known."""
+    text = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
+    with pytest.raises(FileFormatError) as caught:
+        _paper(text.replace("# gel: {index: 1.35, depth_mm: 10, paper_at: needle}", f"gel: {gel}"))
+    assert [problem.where.partition(" ")[2] for problem in caught.value.problems] == [key]
+
+
+def _paper(text: str) -> GraphPaper:
+    protocol = parse_protocol(text, "calibration.yaml")
+    assert isinstance(protocol, CameraCalibrationProtocol)
+    return protocol.plane
 
 
 @pytest.mark.parametrize("name", ["steerability.yaml", "calibration.yaml"])

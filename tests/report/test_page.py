@@ -283,10 +283,11 @@ def test_imported_pictures_have_a_page_of_their_own(folder: Path) -> None:
 @pytest.mark.parametrize("views", [0, 10])
 def test_a_calibration_has_a_page_accepted_or_not(folder: Path, views: int) -> None:
     """Lens, residuals, coverage and plane are shown; a calibration without pictures says what is missing."""
-    made = make_page(record_calibration(folder, views))
+    made = make_page(record_calibration(folder, views, gel="{index: 1.35, depth_mm: 10}"))
     words = _words(made.html)
     assert _read(made.html).open == []
     if views:
+        assert "The gel's refractive index is 1.35 throughout." in words
         assert re.search(r"fx (1799|180[01])\.\d{3} 0\.\d{3}", words)
         assert "intrinsics.json, plane.json, result.json" in words
     else:

@@ -350,6 +350,14 @@ def test_refuses_impossible_gels(made, said):
         made()
 
 
+def test_refuses_a_gel_that_reaches_the_camera(bench, paper):
+    """A depth in another unit is found out: the camera's height over the paper is known."""
+    with pytest.raises(
+        CalibrationRefusedError, match=r"depth is 1200 mm, and the camera is only 5\d mm above the paper"
+    ):
+        calibrate_plane(paper, bench.intrinsics, 1.0, ORIGIN, "right", gel=Gel(1.35, 1200.0))
+
+
 def test_refraction_takes_a_calibrated_camera(paper):
     """Without intrinsics nobody knows where the camera stands."""
     with pytest.raises(InputError, match="needs the camera's intrinsics"):

@@ -51,11 +51,10 @@ def read_views(images: Sequence[Path]) -> tuple[list[tuple[str, Picture]], list[
         except PictureError as error:
             refused.append((path.name, error))
     if not pictures:
-        error = refused[0][1]
-        raise InputError(f"none of the {len(images)} pictures can be read: {error.message}", error.hint)
+        first = refused[0][1]
+        raise InputError(f"none of the {len(images)} pictures can be read: {first.message}", first.hint)
     unread = [
-        ViewResidual(name, None, used=False, reason=f"{error.message}: {error.hint}")
-        for name, error in refused
+        ViewResidual(name, None, used=False, reason=f"{why.message}: {why.hint}") for name, why in refused
     ]
     return pictures, unread
 

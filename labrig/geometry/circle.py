@@ -274,7 +274,7 @@ def _tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]:
         normal = weighted.T @ jacobian
         if np.linalg.cond(normal) > _LARGEST_RADIUS**2:
             raise _collinear(len(points))
-        step = np.linalg.solve(normal, -weighted.T @ residuals)
+        step = np.asarray(np.linalg.solve(normal, -weighted.T @ residuals), dtype=np.float64)
         if iteration >= _SCALE_STEPS:
             step = _sharper(points, model, scale, step)
         model = _moved(model, step)

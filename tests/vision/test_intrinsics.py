@@ -372,7 +372,7 @@ def test_lists_photographs_without_the_board():
     assert found.views[2].image == "blank.png"
     assert not found.views[2].used
     assert found.views[2].rms_px is None
-    assert "no board" in found.views[2].reason
+    assert "the picture is even grey" in found.views[2].reason
     assert [view.image for view in found.views] == [name for name, _ in pictures]
 
 

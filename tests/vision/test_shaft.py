@@ -138,4 +138,4 @@ def test_needle_of_a_pixel_is_refused():
     """A scale at which the needle is a pixel wide is refused by name."""
     plane = PlaneMap.from_scale(1.0, (0.0, 0.0), "right")
     with pytest.raises(MeasurementRefusedError, match=r"1\.2 pixels wide"):
-        locate_shaft(np.zeros((100, 100), np.uint8), plane, 1.2, None)
+        locate_shaft(np.eye(100, dtype=np.uint8) * np.uint8(200), plane, 1.2, None)

@@ -14,7 +14,7 @@ from .difference import Difference, compare_runs, differing_values
 from .durable import require_free_bytes, write_atomically
 from .journal import Journal
 from .json_lines import as_recorded, decode_line, encode_document, encode_line
-from .layout import WITHDRAWS, picture_file
+from .layout import WITHDRAWS, picture_file, run_lock
 from .lock import FileLock, LockOwner, lock_owner
 from .pictures import RecordedPicture, picture_count
 from .places import is_url, output_folder, require_local
@@ -64,6 +64,7 @@ __all__ = [
     "repair_run",
     "require_free_bytes",
     "require_local",
+    "run_lock",
     "tag_run",
     "with_numbers_apart",
     "write_atomically",

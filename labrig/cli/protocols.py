@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
 from labrig.errors import FileFormatError, Problem
 
 
@@ -51,12 +51,12 @@ def check(
         _print_check(problems, needs.duration_s, needs.disk_bytes)
     else:
         for problem in problems:
-            typer.echo(
+            print_line(
                 f"{problem.where}: {problem.message}" + (f"\n  hint: {problem.hint}" if problem.hint else "")
             )
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
-        typer.echo(
+        print_line(
             f"{protocol} {verdict} {where}: {needs.duration_s / 60:.0f} min of motion, "
             f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
             f"{needs.disk_bytes / 1e6:.0f} MB"
@@ -90,8 +90,8 @@ def schema(
     from labrig.protocol import protocol_schema, schema_text
 
     if of is Of.PROTOCOL:
-        typer.echo(schema_text(protocol_schema()), nl=False)
+        print_line(schema_text(protocol_schema()).rstrip())
         return
     from labrig.devices import rig_schema
 
-    typer.echo(schema_text(rig_schema()), nl=False)
+    print_line(schema_text(rig_schema()).rstrip())

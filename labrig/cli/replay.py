@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.output import AsJson, print_json
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import AnswerIsNoError, RecordError
 
 
@@ -54,15 +54,15 @@ def _print(document: Mapping[str, Any]) -> None:
     """Print whether all was the same, and what was compared; or the first difference with both values."""
     one = document["first_difference"]
     if one is None:
-        typer.echo("identical, to the last bit" if document["bit_exact"] else "identical")
+        print_line("identical, to the last bit" if document["bit_exact"] else "identical")
     else:
         place = f"after picture {_known(one['frame'])}, in trial {_known(one['trial'])}"
-        typer.echo(f"differs at t = {one['t_s']:.3f} s, {place}")
-        typer.echo(f"  {one['what']} in the record: {one['recorded']}")
-        typer.echo(f"  {one['what']} in the replay: {one['now']}")
+        print_line(f"differs at t = {one['t_s']:.3f} s, {place}")
+        print_line(f"  {one['what']} in the record: {one['recorded']}")
+        print_line(f"  {one['what']} in the replay: {one['now']}")
     if document["ended_early"]:
-        typer.echo(f"  {document['ended_early']}; it is compared up to there")
-    typer.echo("  the same: " + ", ".join(f"{count} {what}" for what, count in document["compared"].items()))
+        print_line(f"  {document['ended_early']}; it is compared up to there")
+    print_line("  the same: " + ", ".join(f"{count} {what}" for what, count in document["compared"].items()))
 
 
 def _known(number: object) -> str:

@@ -27,7 +27,9 @@ What is decided here:
   as it was, and not beside the what-if before it.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
-The result does not depend on the number of worker processes.
+The result does not depend on the number of worker processes. An analysis that measures pictures is a generator: it asks
+for a `PictureWork` and goes on with what was seen. So one run, and several of different lengths, keep every core busy
+until the end.
 """
 
 from labrig.analysis.batch import analyze_runs

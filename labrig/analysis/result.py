@@ -368,7 +368,10 @@ class InsertionResult(_Common):
 
 
 class RollZeroResult(_Common):
-    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused."""
+    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused.
+
+    `offset_mm` is where the sheath stands aside, the constant of that fit; None in results of earlier versions.
+    """
 
     kind: Literal["roll-zero"] = "roll-zero"
     accepted: bool
@@ -377,6 +380,7 @@ class RollZeroResult(_Common):
     rolls_rad: tuple[float, ...]
     deflections_mm: tuple[float, ...]
     fit: dict[str, float] | None
+    offset_mm: float | None = None
 
 
 AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult | InsertionResult | RollZeroResult

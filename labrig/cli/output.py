@@ -114,10 +114,23 @@ def tell_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
     else:
         for one in checks:
             axis = f"{one['axis']} " if "axis" in one else ""
-            print_line(f"{one['status']:4}  {axis}{one['check']}: {one['value']}")
+            tell(f"{one['status']:4}  {axis}{one['check']}: {one['value']}", 6)
             if one["solution"]:
-                print_line(f"      {one['solution']}")
+                tell(f"      {one['solution']}", 6)
     return 1 if any(one["status"] == "FAIL" for one in checks) else 0
+
+
+def tell(text: str, indent: int = 2) -> None:
+    """Print a sentence; a terminal has it folded between words, with all lines but the first indented."""
+    for line in text.splitlines() or [""]:
+        wrapped = textwrap.wrap(
+            line,
+            _terminal_columns(),
+            subsequent_indent=" " * indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        print_line("\n".join(wrapped))
 
 
 def print_table(

@@ -1,11 +1,11 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
+from labrig.cli.analyzing import analyze
 from labrig.cli.finished import Finished
 from labrig.cli.output import say
 from labrig.cli.progress import Reporter, progress
@@ -34,7 +34,6 @@ from labrig.experiments import (
 )
 from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol, dump_yaml
 from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
-from labrig.vision import load_mask
 
 
 @dataclass(frozen=True)
@@ -218,40 +217,3 @@ def free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
         number += 1
         name = f"{started:%Y%m%d-%H%M%S}-{experiment}-{number}"
     return name
-
-
-def analyze_several(
-    paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...]
-) -> dict[Path, AnalysisResult | LabrigError]:
-    """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
-    runs = list(dict.fromkeys(paths))
-    with progress("analysing runs", float(len(runs))) as reporter:
-        outcomes = analyze_runs(
-            runs,
-            overrides=overrides,
-            progress=lambda done, total, run: reporter(float(done), f"{done} of {total} runs, {run.name}"),
-            created=SystemClock().utc(),
-            provenance=collect_provenance(command_line),
-        )
-    return dict(zip(runs, outcomes, strict=True))
-
-
-def analyze(
-    path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
-) -> AnalysisResult:
-    """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
-    run = open_run(path)
-    doing, things = (
-        ("searching rotations for", "hinges")
-        if isinstance(run.protocol, DesignProtocol)
-        else ("measuring", "pictures")
-    )
-    with progress(f"{doing} {path.name}", 1.0) as reporter:
-        return analyze_run(
-            run,
-            overrides=overrides,
-            progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
-            created=SystemClock().utc(),
-            provenance=collect_provenance(command_line),
-            mask=None if mask is None else load_mask(mask),
-        )

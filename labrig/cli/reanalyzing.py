@@ -38,11 +38,11 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.pipeline import analyze, analyze_several
+    from labrig.cli.analyzing import analyze, analyze_several
 
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    at_once = len(set(run_paths)) > 1 and mask is None
-    several = analyze_several(run_paths, command_line, overrides) if at_once else {}
+    at_once = len(set(run_paths)) > 1
+    several = analyze_several(run_paths, command_line, overrides, mask) if at_once else {}
 
     def one(path: Path) -> dict[str, object]:
         outcome = several.get(path)

@@ -88,7 +88,10 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
             "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
         )
     if given is None and state.since_run is None:
-        raise InputError(f"which run left the needle is not known: {state.doubt}", "name it with --run RUN")
+        raise InputError(
+            f"which run left a needle is not known, if one did: {state.doubt}",
+            "name the run with --run RUN; where no needle is in tissue, labrig devices jog and home move the axes",
+        )
     found = open_run(_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
     folder = found.path.resolve()
     if state.since_run not in {None, folder.name}:

@@ -19,6 +19,7 @@ What is decided here
 - Whatever goes wrong, every axis is stopped, and standing still is read back; a halt goes out to all before any
   answer is awaited. What comes of each fault stands in a table that the tests hold. A closed rig has its power
   stages off.
+- What is moved outside of a run is noted beside the state file before it begins (`motion_log`); runs have their record.
 - One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
   through a socket that it looks at between two bus transactions.
 - Each setting of the camera is read back, and one that was not taken closes the rig.

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -14,6 +14,7 @@ from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity, wait_for_all
 from labrig.devices.homing import BY_CURRENT, HERE, Homing, require_homing_allowed
+from labrig.devices.motion_log import MotionLog
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
@@ -36,11 +37,6 @@ Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
 _SYNC = 0x080
-
-_WITHDRAW_FIRST = (
-    "take it out along its path: labrig devices withdraw --rig FILE; "
-    "after one by hand, the next labrig run asks to confirm that it is out"
-)
 
 
 @dataclass(frozen=True)
@@ -92,6 +88,8 @@ class Rig:
         What of it is opened, and how.
     store : StateStore or None
         What the rig knows of itself; by default what its state file says.
+    doing : str
+        What the rig is used for.
     """
 
     def __init__(
@@ -106,6 +104,7 @@ class Rig:
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
         store: StateStore | None = None,
+        doing: str = "labrig",
     ) -> None:
         self.description = description
         self._opening = opening
@@ -117,6 +116,7 @@ class Rig:
         self._interrupted = interrupted
         self._stop_requests = stop_requests
         self._store = store or StateStore(description.state_path)
+        self._motions = MotionLog(description.state_path, plant.clock.utc, doing)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
@@ -296,6 +296,16 @@ class Rig:
             self._stop_because_of(error)
             raise
 
+    def noting(self, axis_name: str, what: str) -> AbstractContextManager[None]:
+        """Note beside the state file, for as long as the block lasts, that an axis is moved outside of any run.
+
+        Raises
+        ------
+        DiskError
+            Before the block.
+        """
+        return self._motions.noting(self.axis(axis_name), what)
+
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
@@ -429,7 +439,7 @@ class Rig:
 
     def _refuse_in_tissue(self, what: str) -> None:
         if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(f"{what}: {self.state.doubt}", _WITHDRAW_FIRST)
+            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
 
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
@@ -646,6 +656,7 @@ def open_rig(
             interrupted=interrupted,
             stop_requests=stop_requests,
             opening=opening,
+            doing=doing,
         )
         stack.push(_closing(rig))
         rig.connect()

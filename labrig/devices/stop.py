@@ -51,8 +51,9 @@ def stop_rig(rig: RigDescription) -> StopReport:
         return StopReport("run", (f"asked {reply.owner} to stop", "it has seen every axis stand still"))
     before = _unstopped(rig, reply)
     if rig.can.interface == ONLY_SIMULATED:
-        where = "its drives live inside the labrig that runs them; interrupt that one"
-        return StopReport("none", (*before, f"{rig.name} is simulated: {where}"))
+        before = before if rig.state_path is not None else ()
+        where = "its drives are simulated inside the labrig that runs them, Ctrl+C there stops them"
+        return StopReport("none", (*before, f"{rig.name} has nothing to stop from here: {where}"))
     clock = SystemClock()
     try:
         link = open_can(rig.can, clock)

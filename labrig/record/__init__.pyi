@@ -13,10 +13,10 @@ from labrig.record.check import Verdict, check_run
 from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.journal import Journal
-from labrig.record.json_lines import as_recorded, encode_document
+from labrig.record.json_lines import as_recorded, decode_line, encode_document, encode_line
 from labrig.record.layout import WITHDRAWS, picture_file
 from labrig.record.lock import FileLock, LockOwner, lock_owner
-from labrig.record.pictures import RecordedPicture
+from labrig.record.pictures import RecordedPicture, picture_count
 from labrig.record.places import is_url, output_folder, require_local
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Frames, Run, open_run
@@ -46,8 +46,10 @@ __all__ = [
     "collect_code_diff",
     "collect_provenance",
     "compare_runs",
+    "decode_line",
     "differing_values",
     "encode_document",
+    "encode_line",
     "find_runs",
     "is_url",
     "judge_run",
@@ -56,6 +58,7 @@ __all__ = [
     "note_on_run",
     "open_run",
     "output_folder",
+    "picture_count",
     "picture_file",
     "read_annotations",
     "repair_run",

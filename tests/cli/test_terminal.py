@@ -1,21 +1,62 @@
-"""What a terminal is given: lines that fit it, and no control character that somebody else wrote."""
+"""What a terminal is given: lines that fit it, folded between words, and no control character of somebody else."""
 
-import fcntl
 import os
-import pty
 import shutil
-import struct
 import subprocess
 import sys
-import termios
 from pathlib import Path
 
 import pytest
 
 from labrig.cli.output import plain
-from tests.cli.conftest import ROOT, Labrig
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
 HOSTILE = "gel \x1b[2J\x1b]0;owned\x07 was \x9b31mcloudy\u202e <b>"
+
+
+def _at_terminal(columns: int, *arguments: object) -> list[str]:
+    """Return the lines that a command prints on a terminal of so many columns."""
+    screen, program = os.openpty()
+    command = [sys.executable, "-m", "labrig", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "dumb"}
+    with subprocess.Popen(command, stdout=program, stderr=subprocess.PIPE, env=environment) as running:
+        os.close(program)
+        shown = b"".join(iter(lambda: _read(screen), b""))
+        assert running.stderr is not None
+        assert running.stderr.read() == b""
+    os.close(screen)
+    return shown.decode().replace("\r\n", "\n").splitlines()
+
+
+def _read(screen: int) -> bytes:
+    """Return what has been printed; nothing once the program has ended, which Linux tells by an error."""
+    try:
+        return os.read(screen, 4096)
+    except OSError:
+        return b""
+
+
+def _words_too_long(lines: list[str], columns: int) -> list[str]:
+    return [line for line in lines if len(line) > columns and len(line.split()) > 1]
+
+
+@pytest.mark.parametrize("columns", [40, 80])
+def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -> None:
+    """No line of `labrig check` is wider than the terminal, and further lines of a problem stand further in."""
+    lines = _at_terminal(columns, "check", SWEEP, "--rig", RIG, "--set", "insertion.length_mm=500")
+    assert _words_too_long(lines, columns) == []
+    assert " ".join(" ".join(lines).split()).count("cannot run on rig simulated") == 1
+    first = next(number for number, line in enumerate(lines) if "insertion.length_mm" in line)
+    assert lines[first + 1].startswith("  ")
+
+
+def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
+    """`labrig devices check` at 40 columns."""
+    lines = _at_terminal(40, "devices", "check", "--rig", RIG)
+    assert _words_too_long(lines, 40) == []
+    assert any(line.startswith("PASS  bus") for line in lines)
 
 
 @pytest.fixture
@@ -30,43 +71,22 @@ def shelf(tmp_path: Path, labrig: Labrig) -> Path:
     return tmp_path
 
 
-def _on_a_terminal(columns: int, *arguments: str) -> str:
-    """Return what labrig writes to a terminal of that width."""
-    ours, its = pty.openpty()
-    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    own = {name: value for name, value in os.environ.items() if name not in {"COLUMNS", "LINES"}}
-    command = [sys.executable, "-m", "labrig", *arguments]
-    with subprocess.Popen(command, stdout=its, stderr=its, cwd=ROOT, env=own):
-        os.close(its)
-        parts = []
-        while part := _read(ours):
-            parts.append(part)
-    os.close(ours)
-    return b"".join(parts).decode()
-
-
-def _read(descriptor: int) -> bytes:
-    try:
-        return os.read(descriptor, 4096)
-    except OSError:  # the other end has closed the terminal
-        return b""
-
-
 @pytest.mark.parametrize("columns", [80, 40])
 def test_the_list_of_runs_fits(shelf: Path, columns: int) -> None:
     """Names are whole, tags and verdict are there, and no line is wider than the terminal."""
-    listed = _on_a_terminal(columns, "runs", "--runs-dir", str(shelf))
+    lines = _at_terminal(columns, "runs", "--runs-dir", shelf)
+    listed = "\n".join(lines)
     assert "20261121-091022-steerability" in listed
     assert "doubtful" in listed
     assert "pilot" in listed
-    assert max(len(line.rstrip()) for line in listed.splitlines()) <= columns
+    assert max(map(len, lines)) <= columns
 
 
 def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
     """Escape sequences of a note, asked for by a condition or printed whole, are written out."""
     run = str(shelf / "20261121-091022-steerability")
     for arguments in (("runs", "note", run), ("runs", "--runs-dir", str(shelf), "--where", "note~gel")):
-        printed = _on_a_terminal(200, *arguments)
+        printed = "\n".join(_at_terminal(200, *arguments))
         assert "cloudy" in printed
         assert not set(printed) & set("\x1b\x07\x9b\u202e")
         assert "\\x1b[2J" in printed

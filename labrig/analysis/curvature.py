@@ -14,6 +14,7 @@ from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
 from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
 from labrig.analysis.sentinel import watch, watched
 from labrig.analysis.truth import compare_with_truth
+from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Frames, Run
 from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, Picture, PlaneMap
@@ -117,17 +118,24 @@ def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict
 
 
 def _trials(run: Run) -> list[Trial]:
-    return [
-        Trial(
-            int(line["trial"]),
-            line["specimen"],
-            float(line["gelatin_percent"]),
-            int(line["hole"]),
-            line["needle_id"],
-        )
-        for line in _lines(run.trials)
-        if line["exit_status"] != "interrupted"  # another one was made in its stead
-    ]
+    # Of an interrupted one another was made in its stead.
+    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
+    try:
+        return [
+            Trial(
+                int(line["trial"]),
+                line["specimen"],
+                float(line["gelatin_percent"]),
+                int(line["hole"]),
+                line["needle_id"],
+            )
+            for line in made
+        ]
+    except KeyError as error:
+        raise RecordError(
+            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
+            "no labrig wrote it so; take the file from a copy of the run",
+        ) from error
 
 
 def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:

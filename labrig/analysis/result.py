@@ -437,8 +437,9 @@ def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) 
 
 
 def result_numbers(run: Run) -> tuple[int, ...]:
-    """Return the numbers of the run's results, rising."""
-    return tuple(sorted(int(file.parent.name) for file in run.path.glob(f"analysis/[0-9]*/{RESULT_FILE}")))
+    """Return the numbers of the run's results, rising. Raises `RecordError` where their folder is a link."""
+    folder = run.own("analysis")
+    return tuple(sorted(int(file.parent.name) for file in folder.glob(f"[0-9]*/{RESULT_FILE}")))
 
 
 def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
@@ -449,7 +450,7 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
     InputError
         When there is no result of that number.
     RecordError
-        When the result is damaged or of a newer schema.
+        When the result is damaged or of a newer schema, or a file of it is a symbolic link.
     """
     numbers = result_numbers(run)
     if number is None and not numbers:
@@ -460,8 +461,10 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
             f"{run.path} has no result {wanted:03d}",
             f"it has {list(numbers)}; `labrig reanalyze` makes another",
         )
-    path = run.path / "analysis" / f"{wanted:03d}"
+    path = run.own(f"analysis/{wanted:03d}")
     try:
+        for file in path.iterdir():
+            run.own(f"analysis/{wanted:03d}/{file.name}")
         content = _CONTENT.validate_json((path / RESULT_FILE).read_bytes())
     except (OSError, ValidationError) as error:
         raise RecordError(

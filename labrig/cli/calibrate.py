@@ -7,6 +7,7 @@ import typer
 
 from labrig.cli import template
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
+from labrig.cli.damage import require_undamaged
 from labrig.cli.options import InsertionOption, RigOption, rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.errors import CalibrationRefusedError, InputError, PictureError, RecordError
@@ -153,7 +154,9 @@ def adopt(
     from labrig.devices import load_rig
     from labrig.record import open_run, write_atomically
 
-    result = load_result(open_run(run_path))
+    run = open_run(run_path)
+    require_undamaged(run)
+    result = load_result(run)
     if result is None or not {"intrinsics.json", "plane.json"} <= {
         path.name for path in result.path.iterdir()
     }:

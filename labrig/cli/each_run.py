@@ -6,19 +6,17 @@ from typing import Annotated
 
 import typer
 
+from labrig.cli.damage import tell_damage
 from labrig.cli.output import failure_lines, print_json, say
-from labrig.errors import LabrigError, RecordError
+from labrig.errors import LabrigError, Problem, RecordError
 
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 
 
-def undamaged(row: dict[str, object], damage: Sequence[str]) -> dict[str, object]:
+def undamaged(row: dict[str, object], damage: Sequence[Problem | str]) -> dict[str, object]:
     """Return the row of a run, not ok where its record is damaged; what could be done has been done all the same."""
-    if not damage:
-        return row
-    for one in damage:
-        say(f"error: the record is damaged: {one}")
-    return {**row, "ok": False, "reason": f"the record is damaged: {'; '.join(damage)}"}
+    told = tell_damage(damage)
+    return row if told is None else {**row, "ok": False, "reason": told}
 
 
 def each_run(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str) -> int:

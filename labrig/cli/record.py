@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from labrig.cli.damage import tell_damage
 from labrig.cli.each_run import RunsArgument, each_run, undamaged
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
@@ -20,6 +21,7 @@ from labrig.cli.options import (
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, print_json, print_line
+from labrig.errors import RecordError
 
 
 def register(app: typer.Typer) -> None:
@@ -41,8 +43,7 @@ def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
         page = write_report(loaded, load_result(loaded), SystemClock().utc())
         if not as_json:
             print_line(str(page))
-        damage = [f"{problem.where}: {problem.message}" for problem in loaded.damage]
-        return undamaged({"report": str(page), "reason": None}, damage)
+        return undamaged({"report": str(page), "reason": None}, loaded.damage)
 
     return each_run(run_paths, one, as_json, key="report")
 
@@ -53,7 +54,7 @@ def view(
         bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
     ] = True,
     as_json: AsJson = False,
-) -> None:
+) -> int:
     """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
     from labrig.analysis import load_result
     from labrig.record import open_run
@@ -61,12 +62,14 @@ def view(
 
     run = open_run(run_path)
     path = write_view(run, load_result(run))
+    damage = tell_damage(run.damage)
     if as_json:
-        print_json({"run": str(run_path), "view": str(path)})
+        print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     else:
         print_line(str(path))
     if open_viewer:
         open_view(path)
+    return RecordError.exit_code if damage else 0
 
 
 def import_(

@@ -14,7 +14,7 @@ from labrig.devices import Opening, Rig, RigDescription, load_rig, rig_state
 from labrig.errors import InputError
 from labrig.experiments import Outcome, Session, Stance, conduct_withdrawal, recorded_path
 from labrig.protocol import dump_yaml
-from labrig.record import WITHDRAWS, Recorder, Run, collect_provenance, open_run
+from labrig.record import WITHDRAWS, Recorder, Run, collect_code_diff, collect_provenance, open_run
 
 
 def withdraw_and_tell(
@@ -139,4 +139,5 @@ def _record(rig: Rig, left: Run) -> Recorder:
         dump_yaml(left.protocol),
         dump_yaml(rig.description),
         {},
+        code_diff=collect_code_diff(),
     )

@@ -7,7 +7,8 @@
     RUN/
       manifest.json      what, when, by whom, provenance; `exit_status` is `incomplete` until it has ended
       protocol.yaml      as resolved; rig.yaml likewise, absent where no rig took part
-      code.diff          what the code differed from its commit, where it did
+      code.diff          what the code differed from its commit, where it did; code.002.diff of a resumed run's
+                         second session, and so on
       calibration/       copies of the files that map pixels to mm
       frames/NNNNNN.png  pictures, lossless, numbered from 000000
       frames.raw         in their place, where the camera is too fast for PNG: pictures one after another

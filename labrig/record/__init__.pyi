@@ -14,7 +14,7 @@ from labrig.record.difference import Difference, compare_runs, differing_values
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.journal import Journal
 from labrig.record.json_lines import as_recorded, decode_line, encode_document, encode_line
-from labrig.record.layout import WITHDRAWS, picture_file
+from labrig.record.layout import WITHDRAWS, picture_file, run_lock
 from labrig.record.lock import FileLock, LockOwner, lock_owner
 from labrig.record.pictures import RecordedPicture, picture_count
 from labrig.record.places import is_url, output_folder, require_local
@@ -64,6 +64,7 @@ __all__ = [
     "repair_run",
     "require_free_bytes",
     "require_local",
+    "run_lock",
     "tag_run",
     "with_numbers_apart",
     "write_atomically",

@@ -18,13 +18,13 @@ from labrig.cli.options import (
     OriginOption,
     PlaneOption,
     PxPerMmOption,
+    RunArgument,
+    RunsArgument,
     RunsDirOption,
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, failure_lines, print_json, print_table, say
 from labrig.errors import LabrigError, Problem, RecordError
-
-RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -271,7 +271,7 @@ def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json:
 
 
 def view(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    run_path: RunArgument,
     open_viewer: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
     ] = True,

@@ -45,6 +45,6 @@ Decided here:
   `Recorder.reopen`. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.
 """
 
-from labrig.door import open_door
+import lazy_loader
 
-__getattr__, __dir__, __all__ = open_door(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

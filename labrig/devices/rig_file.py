@@ -324,7 +324,8 @@ class RecordingDescription(Model):
         10.0, description="States recorded a second while axes move [Hz]."
     )
     fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
-        1.0, description="The record is forced to disk this often; a power cut loses no more [s]."
+        1.0,
+        description="The record is forced to disk this often; a power cut loses at most twice as much [s].",
     )
     least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
         100.0, description="A run ends as failed when its disk has less free space than this [MB]."

@@ -450,6 +450,11 @@ class RigDescription(Model):
         return {name: path for name, path in named.items() if path.is_file()}
 
 
+_OTHER_KINDS = {
+    "experiment": ("this is a protocol, expected a rig file", "such as calibration/rig-simulated.yaml")
+}
+
+
 def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     """Read a rig file.
 
@@ -465,7 +470,7 @@ def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     FileFormatError
         With every fault of the file, each with its line and column.
     """
-    return load_yaml_model(path, RigDescription, overrides).placed_in(Path(path).parent)
+    return load_yaml_model(path, RigDescription, overrides, _OTHER_KINDS).placed_in(Path(path).parent)
 
 
 def rig_schema() -> JsonSchema:

@@ -47,7 +47,7 @@ from labrig.analysis.divergence import Divergence, first_divergence
 from labrig.analysis.insertion_settings import insertion_settings, starting_at
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
-from labrig.analysis.origin import sheath_origin, unseen_origin
+from labrig.analysis.origin import aside_mm, sheath_origin, unseen_origin
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -105,6 +105,7 @@ __all__ = [
     "WhatIf",
     "analyze_run",
     "analyze_runs",
+    "aside_mm",
     "compare_steering",
     "design_basis",
     "design_file",

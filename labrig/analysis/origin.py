@@ -159,6 +159,13 @@ def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResul
     return one.model_copy(update=known)
 
 
+def aside_mm(tip_mm: Point, origin: TrialOrigin | None) -> float:
+    """Return how far aside of the sheath a tip lies, positive towards +y; of the plane's axis without one."""
+    if origin is None or origin.tip_mm is None or origin.heading_rad is None:
+        return tip_mm[0]
+    return told_from(tip_mm, origin.tip_mm, origin.heading_rad)[0]
+
+
 def told_from(point_mm: Point, origin_mm: Point, heading_rad: float) -> Point:
     """Return a point of the plane as (aside, along) of an origin with a heading; aside is positive to the left of it.
 

@@ -7,6 +7,7 @@ spreadsheets.
 
 import csv
 import io
+import math
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -178,12 +179,17 @@ class TrialOrigin(Model):
     accepted: bool
     reason: str | None = None
 
+    @property
+    def heading_deg(self) -> float | None:
+        """The heading as people read it."""
+        return None if self.heading_rad is None else math.degrees(self.heading_rad)
+
 
 class Sentinel(Model):
     """What the grid pictures before and after a run say; None where that is unknown.
 
-    `drift` is the largest relative change of scale, which is in the error bar of every radius; `bending_mm` by how much
-    the grid lost its shape. A run whose sentinel is not accepted states no radius.
+    `drift` is the largest relative change of scale, which is in the error bar of every length; `bending_mm` by how much
+    the grid lost its shape. A run whose sentinel is not accepted states none.
     """
 
     drift: float | None = None
@@ -192,6 +198,11 @@ class Sentinel(Model):
     scale_after: float | None = None
     accepted: bool
     reason: str | None = None
+
+    @property
+    def drift_percent(self) -> float | None:
+        """The drift as people read it."""
+        return None if self.drift is None else 100.0 * self.drift
 
 
 class CurvatureResult(_Common):
@@ -400,6 +411,7 @@ class RollZeroResult(_Common):
     deflections_mm: tuple[float, ...]
     fit: dict[str, float] | None
     offset_mm: float | None = None
+    origins: tuple[TrialOrigin, ...] = ()
     sentinel: Sentinel | None = None
 
 
@@ -449,7 +461,7 @@ def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) 
         write_atomically(path / LINES_FILE, _pack(lines))
         write_atomically(path / "measurements.csv", _csv(content.measurements, PictureResult))
         write_atomically(path / "specimens.csv", _csv(content.specimens, SpecimenResult))
-    if isinstance(content, CurvatureResult | InsertionResult) and content.origins:
+    if isinstance(content, CurvatureResult | InsertionResult | RollZeroResult) and content.origins:
         write_atomically(path / "origins.csv", _csv(content.origins, TrialOrigin))
     if isinstance(content, InsertionResult):
         for one in content.insertions:

@@ -1,18 +1,22 @@
 """The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
 
 from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import ReadFrame, aside_mm, find_origins
 from labrig.analysis.pictures import Analysis, PictureWork
-from labrig.analysis.result import RollZeroResult, Stamp
+from labrig.analysis.result import RollZeroResult, Stamp, TrialOrigin
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
-from labrig.protocol import RollZeroProtocol
+from labrig.protocol import RollZeroProtocol, Sheath
 from labrig.record import Run
 from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, PlaneMap
+
+_SHEATH_ROLE = "roll-zero-sheath"
 
 
 def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
@@ -25,14 +29,16 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
     RecordError
         When its lines are damaged.
     """
-    pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
+    lines = run.frame_table.to_dict("records")
+    pictures = [line for line in lines if line["role"] == "roll-zero"]
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     places = tuple(run.pictures[int(one["frame"])] for one in pictures)
     plane = load_mapping(run)
-    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
+    origins = _origins(run.read_frame, lines, plane, protocol.sheath)
+    sentinel = sentinel_of(protocol, run.read_frame, lines, plane)
     measured = (yield PictureWork(places, plane, settings)).measured
     seen = [
-        (float(line["rotation_rad"]), each.tip_mm[0])
+        (float(line["rotation_rad"]), aside_mm(each.tip_mm, _before(int(line["frame"]), origins)))
         for line, each in zip(pictures, measured, strict=True)
         if isinstance(each, CurvatureMeasurement) and each.tip_mm is not None
     ]
@@ -57,8 +63,26 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
         offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
+        origins=origins,
         sentinel=sentinel,
     )
+
+
+def _origins(
+    read: ReadFrame, lines: Sequence[Mapping[Any, Any]], plane: PlaneMap, sheath: Sheath
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each hole, where the protocol asks for it; holes are counted as trials here."""
+    if sheath.origin is None:
+        return ()
+    shown = [line for line in lines if line["role"] == _SHEATH_ROLE]
+    return find_origins(
+        read, [{**line, "trial": step} for step, line in enumerate(shown)], plane, sheath, _SHEATH_ROLE
+    )
+
+
+def _before(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
+    """Return the sheath that was found last before a picture."""
+    return next((one for one in reversed(origins) if one.frame < frame), None)
 
 
 def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:

@@ -15,20 +15,14 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from labrig.analysis import (
-    TrialOrigin,
-    insertion_settings,
-    sheath_origin,
-    starting_at,
-    unseen_origin,
-)
+from labrig.analysis import TrialOrigin, insertion_settings, starting_at
 from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
-from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
+from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
 from labrig.experiments.roll_zero import RollZeroOrder, find_roll_zero
 from labrig.experiments.session import Look, Session
-from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
+from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_sheath, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.protocol import InsertionProtocol, RollZeroSteps
@@ -41,7 +35,7 @@ from labrig.steering import (
     start_steering,
     step_steering,
 )
-from labrig.vision import DrawnPlan, Picture, draw_plan, measure_sheath
+from labrig.vision import DrawnPlan, Picture, draw_plan
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005
@@ -242,14 +236,10 @@ class _Insertion:
         sheath = self.protocol.sheath
         if sheath.origin is None:
             return None
-        require_light(look.image)
-        try:
-            pose = measure_sheath(look.image, self.eye.plane, sheath.diameter_mm)
-        except MeasurementRefusedError as refusal:
-            origin = unseen_origin(refusal.message, trial=self.trial, frame=look.frame)
-        else:
-            linear_mm = look.stance.linear_mm
-            origin = sheath_origin(pose, sheath, linear_mm, trial=self.trial, frame=look.frame)
+        linear_mm = look.stance.linear_mm
+        origin = look_for_sheath(
+            look.image, self.eye.plane, sheath, linear_mm, trial=self.trial, frame=look.frame
+        )
         self.session.note("origin", **origin.model_dump())
         return origin
 

@@ -26,6 +26,7 @@ from labrig.protocol import (
     InsertionProtocol,
     RollZeroProtocol,
     RollZeroSteps,
+    Sheath,
     SteerabilityProtocol,
 )
 from labrig.steering import start_steering
@@ -190,6 +191,11 @@ def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterato
         yield from aim_problems(protocol, aim_of(protocol, eye.plane), eye.plane)
 
 
+def _roll_pictures(steps: RollZeroSteps, sheath: Sheath) -> int:
+    """Return how many pictures finding the roll zero takes: of each insertion, and of the sheath before it."""
+    return steps.rolls * (1 if sheath.origin is None else 2)
+
+
 def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
     """Estimate rig time, pictures and disk of a run; a run without a rig (None) takes none of them.
 
@@ -210,10 +216,13 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         trials, zero, found_first_s = protocol.repetitions, protocol.roll_zero, roll_zero_s(protocol)
         duration_s = found_first_s + trials * sum(move.duration_s for move in planned_moves(protocol))
         looks = math.ceil(protocol.insertion.max_length_mm / protocol.insertion.frame_every_mm)
-        pictures = trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE) + (0 if zero is None else zero.rolls)
+        pictures = trials * (looks + PICTURES_A_TRIAL_BESIDE_ADVANCE) + (
+            0 if zero is None else _roll_pictures(zero, protocol.sheath)
+        )
         steps = 2 * trials + (0 if zero is None else 3 + zero.rolls)
     elif isinstance(protocol, RollZeroProtocol):
-        pictures, duration_s = protocol.roll_zero.rolls, order_of(protocol).duration_s
+        pictures = _roll_pictures(protocol.roll_zero, protocol.sheath)
+        duration_s = order_of(protocol).duration_s
         steps = 3 + protocol.roll_zero.rolls
     elif isinstance(protocol, CameraCalibrationProtocol):
         duration_s, pictures, steps = 0.0, protocol.views + 1, protocol.views + 2

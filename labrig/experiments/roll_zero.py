@@ -1,8 +1,12 @@
-"""The roll zero of a needle as it is clamped: short insertions at rolls spread over a turn, and how far each strays."""
+"""The roll zero of a needle as it is clamped: short insertions at rolls spread over a turn, and how far each strays.
+
+How far is told from the sheath, as it was found in each hole before the needle left it: its play is no bend.
+"""
 
 import math
 from dataclasses import asdict, dataclass
 
+from labrig.analysis import TrialOrigin, aside_mm
 from labrig.devices import (
     ConfirmAxesAtZero,
     MountNeedle,
@@ -13,7 +17,7 @@ from labrig.devices import (
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
 from labrig.experiments.session import Session
-from labrig.experiments.sight import load_plane_map
+from labrig.experiments.sight import load_plane_map, look_for_sheath
 from labrig.experiments.stance import Stance
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.protocol import Advance, GridSentinel, Needle, RollZeroProtocol, RollZeroSteps, Sheath
@@ -62,7 +66,8 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     Raises
     ------
     MeasurementRefusedError
-        When a picture does not show the tip, the bend is not the needle's, or the zero is too uncertain.
+        When a sheath stands elsewhere than it should, a picture does not show the tip, the bend is not the needle's,
+        or the zero is too uncertain.
     CalibrationRefusedError
         When the camera was bumped meanwhile.
     """
@@ -104,16 +109,34 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
     rig.mark_needle_in_tissue(session.recorder.run_name)
     session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
-    session.move("insertion", steps.length_mm, advance.speed_mm_s)
-    look = session.see("roll-zero")
+    origin = _find_sheath(order, step, plane, session)
+    look = None
+    if origin is None or origin.accepted:
+        session.move("insertion", steps.length_mm, advance.speed_mm_s)
+        look = session.see("roll-zero")
     speeds = WithdrawalSpeeds(
         advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
     )
     withdraw(session, (Stance(0.0, roll_rad, order.sheath.depth_mm),), speeds)
+    if look is None:
+        reason = "" if origin is None else (origin.reason or "")
+        raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")
     settings = CurvatureSettings(order.needle.diameter_mm, order.sheath.diameter_mm)
     measured = measure_curvature(look.image, plane, settings)
     if measured.tip_mm is None:
         raise MeasurementRefusedError(
             f"picture {look.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
         )
-    return measured.tip_mm[0]
+    return aside_mm(measured.tip_mm, origin)
+
+
+def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Session) -> TrialOrigin | None:
+    """Find where the sheath stands before the needle leaves it; None where that is not asked for."""
+    if order.sheath.origin is None:
+        return None
+    look = session.see("roll-zero-sheath")
+    origin = look_for_sheath(
+        look.image, plane, order.sheath, look.stance.linear_mm, trial=step, frame=look.frame
+    )
+    session.note("roll_zero_sheath", **origin.model_dump())
+    return origin

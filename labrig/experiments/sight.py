@@ -1,4 +1,4 @@
-"""Seeing the tip: where it is expected, where a picture shows it, and which pictures show nothing."""
+"""Seeing the tip, where it is expected and where a picture shows it; the sheath; and which pictures show nothing."""
 
 import math
 from dataclasses import dataclass
@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.analysis import TrialOrigin, sheath_origin, unseen_origin
 from labrig.devices import RigDescription
-from labrig.errors import CameraError, InputError
+from labrig.errors import CameraError, InputError, MeasurementRefusedError
+from labrig.protocol import Sheath
 from labrig.steering import TipState
 from labrig.vision import (
     Picture,
@@ -19,6 +21,7 @@ from labrig.vision import (
     load_plane,
     load_template,
     locate_tip,
+    measure_sheath,
     next_region_px,
 )
 
@@ -122,6 +125,29 @@ def look_for_tip(eye: Eye, image: Picture, expected: FloatArray, tip: TipState, 
     if fix.tip_px is not None:
         position = np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
     return TipSeen(fix, position, (u, v), heading_rad, region_px)
+
+
+def look_for_sheath(
+    image: Picture, plane: PlaneMap, sheath: Sheath, linear_mm: float, *, trial: int, frame: int
+) -> TrialOrigin:
+    """Return where the sheath stands in a picture that shows it alone; refused where it is not seen.
+
+    Parameters
+    ----------
+    linear_mm : float
+        The linear encoder's reading at the exposure.
+
+    Raises
+    ------
+    CameraError
+        For a dark picture.
+    """
+    require_light(image)
+    try:
+        pose = measure_sheath(image, plane, sheath.diameter_mm)
+    except MeasurementRefusedError as refusal:
+        return unseen_origin(refusal.message, trial=trial, frame=frame)
+    return sheath_origin(pose, sheath, linear_mm, trial=trial, frame=frame)
 
 
 def require_light(image: Picture) -> None:

@@ -27,8 +27,11 @@ from labrig.report.figures import Design, GelSeries, steerability_figure
 from labrig.report.palette import Mark, mark
 from labrig.report.pictures import CameraView, DrawnPicture, draw_camera_view, draw_thumbnail
 from labrig.report.provenance import Rows
+from labrig.report.sheath_view import draw_sheath_view, worth_showing
 from labrig.report.words import count_of, number, signed
 from labrig.vision import Intrinsics, PlaneMap
+
+_SHEATHS_SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,11 @@ def curvature_page(run: Run, result: AnalysisResult, content: CurvatureResult) -
         "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
         "figure": _figure(run, rows, content, lines),
         "view": _camera_view(run, content, lines, plane),
+        "sheaths": [
+            view
+            for one in worth_showing(content.origins, _SHEATHS_SHOWN)
+            if (view := draw_sheath_view(run, one, plane)) is not None
+        ],
         "groups": _sheet_groups(rows, [Sheet(one, draw_thumbnail(run, one, lines, plane)) for one in shown]),
         "refused": [one for one in content.measurements if _stands_alone(one)],
         "expected": _expected_refusals(content.measurements),
@@ -192,7 +200,11 @@ def _camera_view(
     candidates = [
         one for one in content.measurements if one.role == "final" and one.accepted and one.specimen == first
     ] or [one for one in content.measurements if one.accepted]
-    return draw_camera_view(run, candidates[-1], lines, plane) if candidates else None
+    if not candidates:
+        return None
+    shown = candidates[-1]
+    commanded_mm = next((one.expected_mm for one in content.origins if one.trial == shown.trial), None)
+    return draw_camera_view(run, shown, lines, plane, commanded_mm)
 
 
 def _sheet_groups(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:

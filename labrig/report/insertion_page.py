@@ -13,6 +13,7 @@ from labrig.errors import RecordError
 from labrig.record import Run
 from labrig.report.insertion_figure import insertion_figure
 from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
+from labrig.report.sheath_view import draw_sheath_view, worth_showing
 from labrig.report.words import count_of, number
 from labrig.vision import PlaneMap, size_of
 
@@ -22,6 +23,7 @@ _MOST_PANELS = 8
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
 _OCCASIONS = {
     "start": "the first plan",
+    "origin": "planned from where the sheath was found",
     "schedule": "planned anew as the protocol says",
     "deviation": "planned anew: the rest of the path would have missed",
     "near": "planned anew near the target, as at each picture from here on",
@@ -79,6 +81,11 @@ def insertion_page(run: Run, result: AnalysisResult, content: InsertionResult) -
         "folder": f"analysis/{result.path.name}",
         "simulated": any(one.true_target_error_mm is not None for one in content.insertions),
         "shown": [_shown(run, one, plane) for one in sorted(shown, key=lambda one: one.trial)],
+        "sheaths": [
+            view
+            for one in worth_showing(content.origins, _SHOWN)
+            if (view := draw_sheath_view(run, one, plane)) is not None
+        ],
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
@@ -94,7 +101,7 @@ def insertion_verdict(content: InsertionResult) -> list[str]:
         where = "is never further than" if several else "is"
         sentences.append(
             f"Measured by the shaft in the final picture, the needle's end {where} "
-            f"{number(content.target_error_mm)} mm from it."
+            f"{number(content.target_error_mm)} mm from it{_surely(content)}."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")
@@ -103,6 +110,12 @@ def insertion_verdict(content: InsertionResult) -> list[str]:
             f"the needle kept {least}{number(content.true_min_clearance_mm)} mm off the obstacles."
         )
     return [" ".join(sentences)]
+
+
+def _surely(content: InsertionResult) -> str:
+    """Return how sure a single error is, as words; nothing for several, whose table says it."""
+    sigma_mm = content.insertions[0].sigma_target_error_mm if content.made == 1 else None
+    return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
 
 
 def _shown(run: Run, one: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
@@ -130,7 +143,10 @@ def _moments(run: Run, one: InsertionTrial) -> Iterator[_Moment]:
 
 
 def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
-    found = [index for index, plan in enumerate(plans) if plan.found]
+    anew = any(plan.because == "origin" for plan in plans)
+    found = [
+        index for index, plan in enumerate(plans) if plan.found and not (anew and plan.because == "start")
+    ]
     near = [index for index in found if plans[index].because == "near"]
     kept = [index for index in found if plans[index].because != "near"] + near[:1]
     if len(kept) < _MOST_PANELS:

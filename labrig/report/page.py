@@ -91,7 +91,7 @@ def _parts(run: Run, result: AnalysisResult) -> tuple[str, Sequence[str], Rows, 
                 "roll-zero",
                 roll_zero_verdict(content),
                 calibration_rows(run),
-                roll_zero_page(run, content),
+                roll_zero_page(run, content, f"analysis/{result.path.name}"),
             )
         case content:
             shown = curvature_page(run, result, content)

@@ -31,6 +31,8 @@ VIEW = JpegSize(1280, 85)
 # A polyline of this many points looks like a curve at any size that a page has.
 _LINE_POINTS = 60
 _CIRCLE_POINTS = 180
+# Long enough that a degree shows.
+_DIRECTION_MM = 30.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class DrawnPicture:
     window: str = ""
     circle: tuple[str, ...] = ()
     tip: Pixel | None = None
+    found: tuple[Pixel, Pixel] | None = None
 
 
 @dataclass(frozen=True)
@@ -77,13 +80,24 @@ def draw_thumbnail(run: Run, one: PictureResult, lines: CentreLines, plane: Plan
     return _draw(run, one, lines, plane, THUMBNAIL)
 
 
-def draw_camera_view(run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap) -> CameraView | None:
-    """Return the camera's view of a picture in which the sheath was found; None where it cannot be shown."""
+def draw_camera_view(
+    run: Run,
+    one: PictureResult,
+    lines: CentreLines,
+    plane: PlaneMap,
+    commanded_mm: tuple[float, float] | None = None,
+) -> CameraView | None:
+    """Return the camera's view of a picture in which the sheath was found; None where it cannot be shown.
+
+    The axes start where the sheath's tip was commanded to be, or, where that is not known, at its tip.
+    """
     picture = _draw(run, one, lines, plane, VIEW)
     if picture is None or one.sheath_tip_mm is None:
         return None
-    origin = np.asarray(one.sheath_tip_mm)
+    origin = np.asarray(one.sheath_tip_mm if commanded_mm is None else commanded_mm)
     length_mm, bar = scale_bar((picture.width, picture.height), plane)
+    text_px = picture.width / 48
+    u, v = pixel(plane.to_px([np.asarray(one.sheath_tip_mm) - (0.0, 0.6 * length_mm)])[0])
     return CameraView(
         picture=picture,
         axes=tuple(
@@ -92,8 +106,8 @@ def draw_camera_view(run: Run, one: PictureResult, lines: CentreLines, plane: Pl
         ),
         scale_mm=length_mm,
         scale=bar,
-        sheath=pixel(plane.to_px([origin - (0.0, 0.6 * length_mm)])[0]),
-        text_px=picture.width / 48,
+        sheath=(min(max(u, 2.5 * text_px), picture.width - 2.5 * text_px), v),
+        text_px=text_px,
     )
 
 
@@ -130,7 +144,17 @@ def _draw(
         window=polyline(_thinned(window)),
         circle=_circle(one, plane, (width, height)),
         tip=one.tip_px,
+        found=_found(one, plane),
     )
+
+
+def _found(one: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
+    """Return the line that shows the trial's origin and direction; None where they are not known."""
+    if one.origin_mm is None or one.origin_heading_rad is None:
+        return None
+    along = np.array([np.sin(one.origin_heading_rad), np.cos(one.origin_heading_rad)])
+    start, end = plane.to_px(np.asarray(one.origin_mm) + np.outer([0.0, _DIRECTION_MM], along))
+    return pixel(start), pixel(end)
 
 
 def _circle(one: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:

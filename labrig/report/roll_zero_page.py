@@ -48,11 +48,12 @@ def roll_zero_verdict(result: RollZeroResult) -> list[Markup]:
     ]
 
 
-def roll_zero_page(run: Run, result: RollZeroResult) -> dict[str, Any]:
+def roll_zero_page(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
     """Return what the template needs, everything drawn."""
     shots = _shots(run)
     return {
         "content": result,
+        "folder": folder,
         "rows": _rows(result),
         "figure": _figure(result, "roll-zero") if result.rolls_rad else None,
         "shots": shots,

@@ -22,6 +22,7 @@ _CIRCLE: _Colour = (233, 180, 86)
 _ENTRY: _Colour = (115, 158, 0)
 _TIP: _Colour = (0, 94, 213)
 _SHEATH: _Colour = (167, 121, 204)
+_OUTLINE: _Colour = (0, 0, 0)
 # The circle is drawn this far beyond the fitted window, so that its course shows against the needle's.
 _BEYOND_MM = 4.0
 _CIRCLE_POINTS = 200
@@ -29,8 +30,8 @@ _DASH_ROWS = 10
 _SUBPIXEL_BITS = 4
 _AXIS_MM = 10.0
 # The sheath's arrow goes beyond the axis, and its words stand clear of those of the axes.
-_SHEATH_MM = 16.0
-_BELOW_PX = np.array([8.0, 36.0])
+_SHEATH_MM = 24.0
+_BELOW_PX = np.array([-90.0, 60.0])
 # Marks are this long compared with the picture's width, and at least so many pixels.
 _MARK, _LEAST_MARK_PX = 0.012, 5.0
 
@@ -108,7 +109,8 @@ def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], h
     turn = np.linspace(0.0, 2.0 * np.pi, 40)
     _polyline(drawn, start + _LEAST_MARK_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
     found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
-    _name(drawn, found, start + _BELOW_PX, _SHEATH)
+    for width, colour in ((3, _OUTLINE), (1, _SHEATH)):
+        _name(drawn, found, start + _BELOW_PX, colour, width)
 
 
 def _arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArray, FloatArray]:
@@ -120,9 +122,9 @@ def _arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArra
     return start, end
 
 
-def _name(drawn: Picture, name: str, place: FloatArray, colour: _Colour) -> None:
+def _name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
     u, v = (int(one) for one in place)
-    cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width_px, cv2.LINE_AA)
 
 
 def _arc_mm(centre: tuple[float, float], radius: float, measurement: CurvatureMeasurement) -> FloatArray:

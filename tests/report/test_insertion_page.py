@@ -35,6 +35,21 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
     assert 'class="true"' in plates[-1]
 
 
+def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -> None:
+    """The sheath's end enlarged, an arrow for each with its name; how far apart they are stands below and in a table."""
+    (cut,) = re.findall(r'<svg class="view cut".*?</svg>', html, re.DOTALL)
+    for kind in ("found", "commanded"):
+        assert f'<line class="{kind}"' in cut
+    assert ">found</text>" in cut
+    assert ">command</text>" in cut
+    assert re.search(
+        r"<b>Trial 0</b>: [+−]0\.\d\d mm along, [+−]0\.\d\d mm across, [+−]\d\.\d\d degrees", html
+    )
+    assert "origins.csv" in html
+    assert "planned from where the sheath was found" in html
+    assert "the first plan" not in html
+
+
 def test_error_clearance_nis_and_heading_are_drawn_over_the_length(html: str) -> None:
     """The four curves stand in the page, with the truth of a simulated rig."""
     for words in ("error of the estimate", "Clearance", "NIS", "Heading", "truth"):
@@ -45,6 +60,7 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
     """The verdict tells the measured error and the true one."""
     assert "1 of 1 insertion reached the target" in html
     assert "Measured by the shaft" in html
+    assert re.search(r"from it \(standard deviation 0\.\d\d mm\)", html)
     assert "true error" in html
 
 

@@ -86,7 +86,7 @@ def test_nothing_is_fetched_from_anywhere(page: Page) -> None:
 def test_linked_files_are_there(page: Page) -> None:
     """The tables that the page links to stand beside it, by relative paths."""
     links = {a["href"] or "" for tag, a in _read(page.html).elements if tag == "a"}
-    assert {Path(link).name for link in links} == {"specimens.csv", "measurements.csv"}
+    assert {Path(link).name for link in links} == {"specimens.csv", "measurements.csv", "origins.csv"}
     assert all((page.run.path / link).is_file() for link in links)
 
 

@@ -52,4 +52,4 @@ def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
     assert first.result is not None
     shown = first.result.content.model_copy(update={"offset_mm": None})
     assert isinstance(shown, RollZeroResult)
-    assert "fitted cosine" not in roll_zero_page(first.run, shown)["figure"]
+    assert "fitted cosine" not in roll_zero_page(first.run, shown, "analysis/001")["figure"]

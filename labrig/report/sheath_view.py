@@ -1,0 +1,97 @@
+"""The sheath's end, cut out of its picture and enlarged: where it was found beside where it was commanded to be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis import TrialOrigin
+from labrig.errors import RecordError
+from labrig.record import Run
+from labrig.report.pictures import Arrow, JpegSize, data_uri, jpeg, pixel
+from labrig.vision import PlaneMap, size_of
+
+# What is shown to each side of the tip, and how long the arrows are; their names stand aside of their ends.
+_AROUND_MM, _FOUND_MM, _COMMANDED_MM, _ASIDE_MM = 6.0, 4.6, 3.6, 0.8
+_CUT_OUT = JpegSize(1000, 88)
+
+
+@dataclass(frozen=True)
+class SheathView:
+    """A piece of a picture with two arrows in it, from the tip along the insertion; lines are in the piece's pixels.
+
+    `commanded` is None where the protocol does not say what to expect.
+    """
+
+    origin: TrialOrigin
+    href: str
+    width: int
+    height: int
+    text_px: float
+    found: Arrow
+    commanded: Arrow | None
+
+
+@dataclass(frozen=True)
+class _Ray:
+    """An arrow in the plane: from where, which way, how long, and how far aside of its end its name stands."""
+
+    from_mm: tuple[float, float]
+    heading_rad: float
+    length_mm: float
+    name_aside_mm: float
+
+
+def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathView | None:
+    """Return the sheath's end enlarged; None where it was not found or its picture cannot be read."""
+    if origin.tip_mm is None or origin.tip_px is None or origin.heading_rad is None:
+        return None
+    try:
+        image = run.read_frame(origin.frame)
+    except RecordError:
+        return None
+    corner, size = _piece(origin.tip_px, size_of(image), plane)
+    cut = image[corner[1] : corner[1] + size[1], corner[0] : corner[0] + size[0]]
+    if not cut.size:
+        return None
+    found = _arrow("found", _Ray(origin.tip_mm, origin.heading_rad, _FOUND_MM, -_ASIDE_MM), plane, corner)
+    commanded = None
+    if origin.expected_mm is not None:
+        commanded = _arrow("command", _Ray(origin.expected_mm, 0.0, _COMMANDED_MM, _ASIDE_MM), plane, corner)
+    return SheathView(
+        origin=origin,
+        href=data_uri(jpeg(cut, _CUT_OUT), "image/jpeg"),
+        width=cut.shape[1],
+        height=cut.shape[0],
+        text_px=cut.shape[1] / 22,
+        found=found,
+        commanded=commanded,
+    )
+
+
+def worth_showing(origins: Sequence[TrialOrigin], most: int) -> tuple[TrialOrigin, ...]:
+    """Return some origins in their order: refused ones first of all, then those furthest off, up to `most`."""
+    found = [one for one in origins if one.tip_mm is not None]
+    ranked = sorted(found, key=lambda one: (one.accepted, -(one.disagreement_mm or 0.0), one.trial))
+    return tuple(sorted(ranked[:most], key=lambda one: one.trial))
+
+
+def _piece(
+    tip_px: tuple[float, float], size: tuple[int, int], plane: PlaneMap
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the corner (u, v) and the size of the piece about the tip that lies in the picture."""
+    half = _AROUND_MM / plane.mm_per_px
+    low = [max(0, round(middle - half)) for middle in tip_px]
+    high = [min(most, round(middle + half)) for middle, most in zip(tip_px, size, strict=True)]
+    return (low[0], low[1]), (max(0, high[0] - low[0]), max(0, high[1] - low[1]))
+
+
+def _arrow(name: str, ray: _Ray, plane: PlaneMap, corner: tuple[int, int]) -> Arrow:
+    """Return an arrow along a heading; its name stands aside of its end."""
+    along = np.array([np.sin(ray.heading_rad), np.cos(ray.heading_rad)])
+    aside = np.array([np.cos(ray.heading_rad), -np.sin(ray.heading_rad)])
+    start = np.asarray(ray.from_mm)
+    end = start + ray.length_mm * along
+    px: NDArray[np.float64] = plane.to_px(np.array([start, end, end + ray.name_aside_mm * aside])) - corner
+    return Arrow(name, *(pixel(one) for one in px))

@@ -1,0 +1,156 @@
+"""Graph paper before and after a run, and the sheath before each insertion of a roll zero; cameras that are bumped."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labrig.analysis import AnalysisResult, InsertionResult, RollZeroResult, analyze_run
+from labrig.devices import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
+from labrig.experiments import Outcome
+from labrig.protocol import AnyProtocol, load_protocol
+from labrig.record import Run, open_run
+from labrig.report import write_report
+from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
+from tests.experiments.test_insertion import EVEN, certified, insertion
+
+NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
+STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
+
+
+def nearer(opened: Bench, part: float) -> None:
+    """Bring the camera nearer to the bench by a part of its distance."""
+    world = opened.opened.plant.world
+    lens = world.description.lens
+    moved = lens.model_copy(update={"distance_mm": lens.distance_mm * (1.0 - part)})
+    world.description = world.description.model_copy(update={"lens": moved})
+
+
+def conducted(opened: Bench, protocol: AnyProtocol, bump: float, when: type[object]) -> tuple[Outcome, Run]:
+    """Conduct a run in which the camera comes nearer once the operator has answered a kind of request."""
+    bumps = [bump]
+
+    def then(request: OperatorRequest) -> None:
+        if isinstance(request, when) and bumps:
+            nearer(opened, bumps.pop())
+
+    rig = opened.opened.rig
+    rig.operator = Watched(rig.operator, then)
+    return opened.conduct(protocol)
+
+
+def analysed(run: Run) -> AnalysisResult:
+    """Analyse a run."""
+    return analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+
+
+def page(run: Run, result: AnalysisResult) -> str:
+    """Return the run's page."""
+    return write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+
+
+def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: Path) -> None:
+    """Three in a thousand over 20 mm: the run succeeds, and its standard deviation has grown by them."""
+    protocol = insertion(*NEAR)
+    with certified(tmp_path, protocol, EVEN) as opened:
+        outcome, run = conducted(opened, protocol, 0.003, ConfirmPlan)
+    assert outcome.exit_status == "success"
+    roles = run.frame_table["role"].tolist()
+    assert (roles[0], roles[-1]) == ("grid-before", "grid-after")
+    result = analysed(run)
+    assert isinstance(result.content, InsertionResult)
+    sentinel, (one,) = result.content.sentinel, result.content.insertions
+    assert sentinel is not None
+    assert sentinel.accepted
+    assert sentinel.drift == pytest.approx(0.003, abs=5e-4)
+    assert one.sigma_target_error_mm is not None
+    assert one.sigma_target_error_mm > 0.003 * 19.0
+    assert "The plane map held" in page(run, result)
+
+
+def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
+    """Two per cent: the run ends as failed with exit code 1, no error is stated, nobody says that it was reached."""
+    protocol = insertion(*NEAR)
+    with certified(tmp_path, protocol, EVEN) as opened:
+        outcome, run = conducted(opened, protocol, 0.02, ConfirmPlan)
+    assert isinstance(outcome.error, CalibrationRefusedError)
+    assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
+    assert "the camera was bumped" in outcome.reason
+    result = analysed(run)
+    assert isinstance(result.content, InsertionResult)
+    (one,) = result.content.insertions
+    assert (one.target_error_mm, one.reached, result.content.reached) == (None, False, False)
+    assert "the camera was bumped" in (one.unmeasured or "")
+    assert "the camera was bumped" in page(run, result)
+
+
+def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
+    """No paper is laid where the protocol says nothing of it."""
+    protocol = insertion("target.position_mm=[0,-2,20]")
+    with certified(tmp_path, protocol, EVEN) as opened:
+        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
+        opened.conduct(protocol)
+    assert not any(isinstance(one, LayGraphPaper | ClearBench) for one in watched.asked)
+
+
+def roll_zero(*overrides: str) -> AnyProtocol:
+    """Return a short search for the roll zero."""
+    return load_protocol(PROTOCOLS / "roll-zero.yaml", [*STEPS, *overrides])
+
+
+def events(run: Run, kind: str) -> list[dict[str, Any]]:
+    """Return the events of one kind."""
+    lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    return [one for one in map(json.loads, lines) if one["kind"] == kind]
+
+
+def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
+    """With half a millimetre and a degree of play from hole to hole the zero is found all the same, and found again."""
+    play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.6")
+    protocol = roll_zero("sentinel={pitch_mm: 1}")
+    with bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
+        outcome, run = opened.conduct(protocol)
+    assert outcome.exit_status == "success"
+    assert len(events(run, "roll_zero_sheath")) == 4
+    (fit,) = events(run, "roll_zero")
+    assert abs(math.degrees(fit["zero_rad"])) < 2.0
+    assert fit["residual_rms_mm"] < 0.1
+    result = analysed(run)
+    assert isinstance(result.content, RollZeroResult)
+    assert result.content.accepted
+    assert result.content.fit is not None
+    assert result.content.fit["zero_rad"] == pytest.approx(fit["zero_rad"], abs=1e-9)
+    assert [one.accepted for one in result.content.origins] == [True] * 4
+    shown = page(run, result)
+    assert "Where the sheath stood" in shown
+    assert "The plane map held" in shown
+
+
+def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) -> None:
+    """The grid is out of scale by two per cent afterwards: the rig knows no zero, the answer is no."""
+    protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
+    with bench(tmp_path, protocol, EVEN) as opened:
+        outcome, run = conducted(opened, protocol, 0.02, ShiftToHole)
+        assert opened.opened.rig.roll_zero_of("N1") is None
+    assert isinstance(outcome.error, CalibrationRefusedError)
+    assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
+    result = analysed(run)
+    assert isinstance(result.content, RollZeroResult)
+    assert not result.content.accepted
+    assert any("the camera was bumped" in reason for reason in result.content.reasons)
+
+
+def test_a_roll_zero_is_not_sought_from_a_sheath_that_slipped(tmp_path: Path) -> None:
+    """A millimetre along: the needle stays in, the sheath is drawn back, and the sentence says why."""
+    protocol = roll_zero()
+    with bench(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
+        outcome, run = opened.conduct(protocol)
+        assert opened.opened.rig.state.needle_in_tissue is False
+    assert isinstance(outcome.error, MeasurementRefusedError)
+    assert "the sheath slipped" in outcome.reason
+    assert run.states["insertion_mm"].max() < 0.01
+    assert abs(run.states.iloc[-1]["linear_mm"]) < 0.05

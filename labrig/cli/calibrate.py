@@ -9,7 +9,7 @@ import typer
 from labrig.cli import template
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
 from labrig.cli.damage import require_undamaged
-from labrig.cli.options import InsertionOption, RigOption, rig_file
+from labrig.cli.options import InsertionOption, RigOption, RunArgument, rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
 
@@ -144,7 +144,7 @@ def plane(
     "adopt", help="Copy the calibration that a run of protocols/calibration.yaml found to the rig's files."
 )
 def adopt(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibration run.")],
+    run_path: RunArgument,
     rig: RigOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,

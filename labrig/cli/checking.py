@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from labrig.cli.options import RunsArgument
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
 from labrig.errors import LabrigError, Problem, RecordError
 
@@ -17,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    run_paths: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    run_paths: RunsArgument,
     repair: Annotated[
         bool,
         typer.Option(

@@ -2,15 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from labrig.cli.damage import tell_damage
 from labrig.cli.output import failure_lines, print_json, say
 from labrig.errors import LabrigError, Problem, RecordError
-
-RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 
 
 def undamaged(row: dict[str, object], damage: Sequence[Problem | str]) -> dict[str, object]:

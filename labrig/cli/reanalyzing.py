@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.each_run import RunsArgument, each_run, undamaged
-from labrig.cli.options import MaskOption
+from labrig.cli.each_run import each_run, undamaged
+from labrig.cli.options import MaskOption, RunsArgument
 from labrig.cli.output import AsJson, print_line, print_table, say
 from labrig.errors import LabrigError, RecordError
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.damage import tell_damage
-from labrig.cli.each_run import RunsArgument, each_run, undamaged
+from labrig.cli.each_run import each_run, undamaged
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
@@ -17,6 +17,8 @@ from labrig.cli.options import (
     OriginOption,
     PlaneOption,
     PxPerMmOption,
+    RunArgument,
+    RunsArgument,
     RunsDirOption,
     SheathDiameterOption,
 )
@@ -49,7 +51,7 @@ def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
 
 
 def view(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    run_path: RunArgument,
     open_viewer: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
     ] = True,

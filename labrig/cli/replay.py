@@ -1,12 +1,12 @@
 """`labrig replay`: the same procedure on recorded devices, and whether it does what it did."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from labrig.cli.damage import require_undamaged
+from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import AnswerIsNoError
 
@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every command and every line is the recorded one, and with 1 at the first that differs."""

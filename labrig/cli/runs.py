@@ -10,15 +10,13 @@ import typer
 from labrig.cli import checking
 from labrig.cli.damage import Damaged, tell_damage
 from labrig.cli.interrupted import next_steps
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunArgument, RunsArgument, RunsDirOption
 from labrig.cli.output import AsJson, fits, print_json, print_line, print_table, say
 from labrig.errors import RecordError
 
 app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
 checking.register(app)
 
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
-RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 ByOption = Annotated[
     str | None,
     typer.Option(

@@ -36,7 +36,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
 
 
 def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -> None:
-    """The sheath's end enlarged, an arrow for each with its name; how far apart they are stands below and in a table."""
+    """The sheath enlarged, an arrow for each with its name; how far apart they are stands below and in a table."""
     (cut,) = re.findall(r'<svg class="view cut".*?</svg>', html, re.DOTALL)
     for kind in ("found", "commanded"):
         assert f'<line class="{kind}"' in cut

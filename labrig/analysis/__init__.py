@@ -17,11 +17,16 @@ What is decided here:
   insertions, and how sure the bevel's roll is (`analysis.roll_sd_deg`): a bevel out of the plane by rho shows
   r / cos(rho), so the lower end is multiplied by the cosine of 1.96 standard deviations. It does not cover what
   else all of them share: the scale of the plane calibration, refraction in the gel, the optics.
+- **The origin of a trial** is the sheath's tip and heading in the picture taken once it is in. Origin and linear
+  encoder say where it should be; what is off along the insertion, across it or turned has a limit and a sentence of
+  its own. A radius does not depend on it; where the needle's tip is told from it, the table says so.
+- **Graph paper before and after a run** puts drift into the error bars of radii and of target errors, or refuses them.
 - **The mean radius of a run is the mean of its groups' means**, which is what "an average of 27.6 mm" is in
   the paper.
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
   design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
-- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it. What
+- **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it; its
+  standard deviation holds the reading of that end, lens, plane map and drift. What
   was known and told on the way is worked out again from the recorded pictures and the turns that were made.
 - **The parent of a result is the newest one with the run's own settings**, so that each what-if stands beside the run
   as it was, and not beside the what-if before it.

@@ -144,7 +144,7 @@ def from_origins(
     It is the one of the trial; of an imported picture the sheath's end in that picture.
     """
     by_trial = {one.trial: one for one in origins}
-    return tuple(_from_origin(one, by_trial.get(-1 if one.trial is None else one.trial)) for one in results)
+    return tuple(_from_origin(one, None if one.trial is None else by_trial.get(one.trial)) for one in results)
 
 
 def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResult:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import sys
 import tempfile
 from collections import defaultdict
@@ -70,6 +71,18 @@ def _accuracy(document: dict[str, Any]) -> list[list[str]]:
         ["mean error of the pictures, mm", f"{sum(errors) / len(errors):+.4f}", "-"],
         [f"refused, of {len(finals)}", str(refused), "1"],
         [f"95 % intervals that hold the truth, of {len(errors)}", str(covered), "-"],
+        *_sheaths(document, truth),
+    ]
+
+
+def _sheaths(document: dict[str, Any], truth: dict[int, dict[str, Any]]) -> list[list[str]]:
+    """Return how far from the truth the sheath's tip was found, and how many trials are refused for it."""
+    origins = document["result"]["origins"]
+    off_mm = [math.dist(one["tip_mm"], truth[one["trial"]]["sheath_tip_mm"]) for one in origins]
+    refused = sum(not one["accepted"] for one in origins)
+    return [
+        ["sheath's tip found, worst error mm", f"{max(off_mm):.3f}", "0.05"],
+        [f"sheaths refused, of {len(origins)}", str(refused), "0"],
     ]
 
 

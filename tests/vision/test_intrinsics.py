@@ -359,9 +359,9 @@ def test_uncertainty_over_the_picture_is_about_what_mrcal_says():
     found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
     corners = np.vstack([view.corners_px for view in found.views])
     sigma = projection_sigma_px(found, [(320.0, 240.0), (100.0, 100.0), (5.0, 5.0)], corners)
-    assert 0.01 < sigma[0] < 0.05
-    assert 0.1 < sigma[1] < 0.4
-    assert 4.0 < sigma[2] < 16.0
+    assert 0.01 < sigma[0] < 0.04
+    assert sigma[1] == pytest.approx(0.14, abs=0.03)
+    assert 5.0 < sigma[2] < 15.0
     assert np.array(found.projection_sigma_px).shape == (7, 9)
 
 
@@ -497,7 +497,9 @@ def test_corners_of_a_cut_board_are_numbered_as_they_lie(quarter_turns):
 def test_standard_deviations_are_numbers_or_unknown():
     """With hardly more corners than unknowns they are never NaN, as OpenCV's own may be."""
     corners = [0, 8, 22, 31, 45, 53]
-    for count in (1, 2, 3):
+    with pytest.raises(CalibrationRefusedError, match="6 corners are too few for a camera, 8 are the least"):
+        calibrate_intrinsics([BOARD[corners]], [good_views()[1][corners]], SIZE)
+    for count in (2, 3):
         views = [view[corners] for view in good_views()[:count]]
         found = calibrate_intrinsics([BOARD[corners]] * count, views, SIZE)
         assert not found.accepted

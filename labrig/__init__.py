@@ -14,7 +14,9 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `vision` turns pixels into mm
 - `geometry` holds frames, signs, units, and circle fits
 - `errors` and `clock` are the error tree and what a clock is
-- `door` lets a room hand out its names when they are asked for; the face of such a room is its `__init__.pyi`
+
+The names of `record`, `protocol` and `devices` stand in a stub, `__init__.pyi`, and each is imported when it is first
+asked for (lazy_loader): `labrig runs` lists thousands of runs without pandas or OpenCV.
 
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """

@@ -26,6 +26,6 @@ What is decided here
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
 """
 
-from labrig.door import open_door
+import lazy_loader
 
-__getattr__, __dir__, __all__ = open_door(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,13 +1,10 @@
-from labrig.devices.axis import Axis, AxisReadback, Setpoint
-from labrig.devices.camera import Camera, CameraSettings, Frame, PictureSource
-from labrig.devices.check import CheckResult, CheckStatus, check_calibration, check_rig
-from labrig.devices.cia402 import DriveState
-from labrig.devices.clocks import SimulatedClock, SystemClock
-from labrig.devices.homing import DIRECTIONS as HOMING_DIRECTIONS
-from labrig.devices.homing import HERE as HOMING_HERE
-from labrig.devices.homing import ORDER as HOME_ORDER
-from labrig.devices.homing import ZEROS
-from labrig.devices.operator import (
+from .axis import Axis, AxisReadback, Setpoint
+from .camera import Camera, CameraSettings, Frame, PictureSource
+from .check import CheckResult, CheckStatus, check_calibration, check_rig
+from .cia402 import DriveState
+from .clocks import SimulatedClock, SystemClock
+from .homing import HOME_ORDER, HOMING_DIRECTIONS, HOMING_HERE, ZEROS
+from .operator import (
     Answer,
     ClearBench,
     ConfirmAxesAtZero,
@@ -33,13 +30,13 @@ from labrig.devices.operator import (
     WithdrawNeedle,
     request_details,
 )
-from labrig.devices.past import PastInsertion
-from labrig.devices.replayed.comparison import Comparison, ReplayDifference
-from labrig.devices.replayed.opening import open_replayed, recorded_rig
-from labrig.devices.replayed.plant import ReplayedPlant
-from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
-from labrig.devices.rig import AXES, Opening, Rig, open_rig
-from labrig.devices.rig_file import (
+from .past import PastInsertion
+from .replayed.comparison import Comparison, ReplayDifference
+from .replayed.opening import open_replayed, recorded_rig
+from .replayed.plant import ReplayedPlant
+from .replayed.recording import Recording, recording_without_rig, recordings
+from .rig import AXES, Opening, Rig, open_rig
+from .rig_file import (
     AxisDescription,
     RigDescription,
     check_axis_move,
@@ -47,9 +44,9 @@ from labrig.devices.rig_file import (
     rig_schema,
     unknown_entries,
 )
-from labrig.devices.simulated.serving import ServedBus, serve_drives
-from labrig.devices.state import RigState, RollZero, rig_state
-from labrig.devices.stop import StopReport, stop_rig
+from .simulated.serving import ServedBus, serve_drives
+from .state import RigState, RollZero, rig_state
+from .stop import StopReport, stop_rig
 
 __all__ = [
     "AXES",

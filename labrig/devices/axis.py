@@ -9,7 +9,7 @@ from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import DIRECTIONS, Homing
+from labrig.devices.homing import HOMING_DIRECTIONS, Homing
 from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, HomingDescription, check_move
 from labrig.errors import DriveError, DriveFaultError, MachineError, SafetyStopError
 
@@ -379,7 +379,7 @@ class Axis:
 
     def homing_direction(self, method: int) -> int:
         """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
-        return -DIRECTIONS[method] if self._description.reversed else DIRECTIONS[method]
+        return -HOMING_DIRECTIONS[method] if self._description.reversed else HOMING_DIRECTIONS[method]
 
     @property
     def homing(self) -> HomingDescription:
@@ -392,7 +392,7 @@ class Axis:
         offset = round(described.offset * scale.quadcounts_per_unit)
         return Homing(
             method,
-            offset=-DIRECTIONS[method] * offset,
+            offset=-HOMING_DIRECTIONS[method] * offset,
             position=scale.to_quadcounts(described.position),
             switch_rpm=scale.to_rpm(described.speed),
             index_rpm=max(1, scale.to_rpm(described.speed) // 10),

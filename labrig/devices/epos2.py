@@ -51,7 +51,7 @@ from labrig.devices.cia402 import (
     plan_controlword,
 )
 from labrig.devices.epos2_errors import describe_abort, describe_emergency
-from labrig.devices.homing import BY_CURRENT, HERE, Homing
+from labrig.devices.homing import BY_CURRENT, HOMING_HERE, Homing
 from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
 from labrig.errors import (
     HEARTBEAT_LOST,
@@ -537,7 +537,7 @@ class Epos2:
         self.adjust(dict(_homing_settings(homing)))
         self.write(od.CONTROLWORD, ENABLE)
         # An attained bit left from an earlier homing is not believed until it has been seen to fall.
-        self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HERE
+        self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
 
     def has_homed(self) -> bool:
@@ -568,7 +568,7 @@ class Epos2:
         self.wait_until_still(ANSWER_TIME_S)
         # Even a fresh bit can be wrong; that the counter has been set cannot be.
         position = self.position()
-        if homing.method == HERE and abs(position - homing.position) > STILL_COUNTS:
+        if homing.method == HOMING_HERE and abs(position - homing.position) > STILL_COUNTS:
             raise DriveError(
                 f"{self.name} reads {position} quadcounts after homing here, expected {homing.position}",
                 _CHECK_POWER,
@@ -747,7 +747,7 @@ def _homing_settings(homing: Homing) -> Iterable[tuple[od.Entry, int]]:
     yield od.HOMING_METHOD, homing.method
     yield od.HOME_OFFSET, homing.offset
     yield od.HOME_POSITION, homing.position
-    if homing.method != HERE:
+    if homing.method != HOMING_HERE:
         yield od.HOMING_SPEED_SWITCH, homing.switch_rpm
         yield od.HOMING_SPEED_INDEX, homing.index_rpm
         yield od.HOMING_ACCELERATION, homing.rpm_per_s

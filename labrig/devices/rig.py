@@ -13,7 +13,7 @@ from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import POLL_S, Epos2, Identity, wait_for_all
-from labrig.devices.homing import BY_CURRENT, HERE, Homing, require_homing_allowed
+from labrig.devices.homing import BY_CURRENT, HOMING_HERE, Homing, require_homing_allowed
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
@@ -370,7 +370,7 @@ class Rig:
         """
         self._refuse_in_tissue("no axis is homed")
         for axis in self.axes:
-            self.home(axis.name, Homing(HERE))
+            self.home(axis.name, Homing(HOMING_HERE))
 
     def home(self, axis_name: str, homing: Homing) -> None:
         """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.

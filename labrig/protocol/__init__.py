@@ -19,6 +19,6 @@ An experiment is added by a `Protocol` subclass in `protocols.py` and its name i
 `labrig schema > protocols/protocol.schema.json`.
 """
 
-from labrig.door import open_door
+import lazy_loader
 
-__getattr__, __dir__, __all__ = open_door(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,5 +1,5 @@
-from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection, load_design
-from labrig.protocol.insertion import (
+from .design_file import Basis, NeedleDesign, TubeSection, load_design
+from .insertion import (
     Advance,
     InsertionObstacle,
     InsertionProtocol,
@@ -9,8 +9,8 @@ from labrig.protocol.insertion import (
     RollZeroSteps,
     Target,
 )
-from labrig.protocol.load import AnyProtocol, load_protocol, load_scenario, parse_protocol, protocol_schema
-from labrig.protocol.model import (
+from .load import AnyProtocol, load_protocol, load_scenario, parse_protocol, protocol_schema
+from .model import (
     Conflict,
     Direction,
     Line,
@@ -23,7 +23,7 @@ from labrig.protocol.model import (
     Seed,
     SpeedMmS,
 )
-from labrig.protocol.protocols import (
+from .protocols import (
     AnalysisWindow,
     Board,
     CameraCalibrationProtocol,
@@ -42,10 +42,10 @@ from labrig.protocol.protocols import (
     Specimen,
     SteerabilityProtocol,
 )
-from labrig.protocol.scenario import Scenario
-from labrig.protocol.schema import JsonSchema, model_schema, schema_text
-from labrig.protocol.tree import Plain
-from labrig.protocol.yaml_file import (
+from .scenario import Scenario
+from .schema import JsonSchema, model_schema, schema_text
+from .tree import Plain
+from .yaml_file import (
     dump_yaml,
     load_yaml_model,
     model_of_values,

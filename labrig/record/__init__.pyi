@@ -1,4 +1,4 @@
-from labrig.record.annotations import (
+from .annotations import (
     Annotations,
     Judgement,
     Note,
@@ -7,22 +7,22 @@ from labrig.record.annotations import (
     read_annotations,
     tag_run,
 )
-from labrig.record.can_log import CanFrame
-from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
-from labrig.record.check import Verdict, check_run
-from labrig.record.difference import Difference, compare_runs, differing_values
-from labrig.record.durable import require_free_bytes, write_atomically
-from labrig.record.journal import Journal
-from labrig.record.json_lines import as_recorded, decode_line, encode_document, encode_line
-from labrig.record.layout import WITHDRAWS, picture_file, run_lock
-from labrig.record.lock import FileLock, LockOwner, lock_owner
-from labrig.record.pictures import RecordedPicture, picture_count
-from labrig.record.places import is_url, output_folder, require_local
-from labrig.record.provenance import collect_code_diff, collect_provenance
-from labrig.record.reader import Frames, Run, open_run
-from labrig.record.repair import repair_run
-from labrig.record.tables import with_numbers_apart
-from labrig.record.writer import Recorder
+from .can_log import CanFrame
+from .catalogue import FoundRun, RunSummary, find_runs, list_runs
+from .check import Verdict, check_run
+from .difference import Difference, compare_runs, differing_values
+from .durable import require_free_bytes, write_atomically
+from .journal import Journal
+from .json_lines import as_recorded, decode_line, encode_document, encode_line
+from .layout import WITHDRAWS, picture_file, run_lock
+from .lock import FileLock, LockOwner, lock_owner
+from .pictures import RecordedPicture, picture_count
+from .places import is_url, output_folder, require_local
+from .provenance import collect_code_diff, collect_provenance
+from .reader import Frames, Run, open_run
+from .repair import repair_run
+from .tables import with_numbers_apart
+from .writer import Recorder
 
 __all__ = [
     "WITHDRAWS",

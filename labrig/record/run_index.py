@@ -15,7 +15,7 @@ from typing import Any
 from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
-_FORMAT = 1
+_FORMAT = 2
 _BUSY_TIMEOUT_S = 2.0
 
 Row = dict[str, Any]

@@ -21,7 +21,7 @@ from labrig.devices.cia402 import (
     decode_state,
 )
 from labrig.devices.epos2 import STILL_COUNTS, still_time_s
-from labrig.devices.homing import HERE, Homing
+from labrig.devices.homing import HOMING_HERE, Homing
 from labrig.errors import DriveError
 from tests.devices.rigs import OneDrive, one_drive
 
@@ -54,10 +54,10 @@ def _ready(one: OneDrive) -> OneDrive:
 
 
 def _home_here(one: OneDrive) -> None:
-    one.driver.start_homing(Homing(HERE))
+    one.driver.start_homing(Homing(HOMING_HERE))
     while not one.driver.has_homed():
         one.clock.sleep(0.005)
-    one.driver.finish_homing(Homing(HERE))
+    one.driver.finish_homing(Homing(HOMING_HERE))
 
 
 def _run_until_done(one: OneDrive) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -68,7 +69,8 @@ def analyze_curvature(
         partial(find_origins, read, lines, plane, settings.sheath_diameter_mm),
         partial(_sentinel, protocol, read, lines, plane),
     )
-    seen = yield PictureWork(places, plane, settings, mask, others)
+    named = None if mask is None else mask.with_names(_sources(pictures))
+    seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
     results = watched(refused_by_origin(bare, origins), sentinel)
@@ -102,6 +104,13 @@ def _sentinel(
     if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
         return None
     return watch(read, lines, plane, protocol.sentinel.pitch_mm)
+
+
+def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
+    """Return what each imported picture was called, by its file's name in the record."""
+    return {
+        Path(one.line["file"]).name: str(one.line["source"]) for one in pictures if one.line.get("source")
+    }
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

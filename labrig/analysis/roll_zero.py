@@ -11,10 +11,12 @@ from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
 from labrig.record import Run
 from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
 
 
-def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
+def analyze_roll_zero(
+    run: Run, protocol: RollZeroProtocol, stamp: Stamp, mask: Mask | None
+) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -27,7 +29,7 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     places = tuple(run.pictures[int(one["frame"])] for one in pictures)
-    measured = (yield PictureWork(places, load_mapping(run), settings)).measured
+    measured = (yield PictureWork(places, load_mapping(run), settings, mask)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)

@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """What turns a picture into a place: the plane map, the template with its heading told from that plane, and a mask."""
+    """What turns a picture into a place: plane map, mask, and the template with its heading told from that plane."""
 
     plane: PlaneMap
     template: TipTemplate

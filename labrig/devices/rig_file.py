@@ -330,7 +330,7 @@ class RecordingDescription(Model):
     )
     fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
         1.0,
-        description="The record is forced to disk this often; a power cut loses at most twice as much [s].",
+        description="The record is forced to disk this often; a power cut loses at most what came since [s].",
     )
     least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
         100.0, description="A run ends as failed when its disk has less free space than this [MB]."

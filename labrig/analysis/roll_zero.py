@@ -14,12 +14,14 @@ from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol, Sheath
 from labrig.record import Run
 from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, PlaneMap
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
 
 _SHEATH_ROLE = "roll-zero-sheath"
 
 
-def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
+def analyze_roll_zero(
+    run: Run, protocol: RollZeroProtocol, stamp: Stamp, mask: Mask | None
+) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -36,7 +38,7 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
     plane = load_mapping(run)
     origins = _origins(run.read_frame, lines, plane, protocol.sheath)
     sentinel = sentinel_of(protocol, run.read_frame, lines, plane)
-    measured = (yield PictureWork(places, plane, settings)).measured
+    measured = (yield PictureWork(places, plane, settings, mask)).measured
     seen = [
         (float(line["rotation_rad"]), aside_mm(each.tip_mm, _before(int(line["frame"]), origins)))
         for line, each in zip(pictures, measured, strict=True)

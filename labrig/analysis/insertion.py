@@ -1,13 +1,15 @@
 """How near to their targets the insertions of a run ended, and what was known of the tip on the way.
 
-Errors are measured on the final pictures by the end of the shaft. What happened on the way is estimated again from the
-recorded pictures and the turns that were made, by the functions that steered: with the settings of the protocol it
-comes out as it was, and with others (`labrig reanalyze --set estimator.radius_sd_mm=0`) as it would have been.
+Errors are measured on the final pictures by the end of the shaft. The way there is gone again over the recorded
+pictures by the step that steered: the tip is found anew, its pose estimated with the turns that were made, and what the
+step says then is written down. With the settings of the protocol it comes out as it was, to the last digit; with others
+(`labrig reanalyze --set planner.radius_mm=32`) each command is what would have been told there. The needle went where
+the run sent it all the same: it is a comparison picture by picture, and no forecast of another path.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +20,7 @@ from labrig.analysis.insertion_settings import insertion_settings
 from labrig.analysis.mapping import load_mapping
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import (
+    InsertionCommand,
     InsertionObstacle,
     InsertionPlan,
     InsertionResult,
@@ -33,12 +36,14 @@ from labrig.steering import (
     Obstacle,
     Plan,
     PlannedArc,
+    SteeringCommand,
     SteeringSettings,
     SteeringState,
     TipSighting,
     sample_path,
     sighted,
     start_steering,
+    step_steering,
     turned,
 )
 from labrig.vision import (
@@ -143,7 +148,7 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
     truth = next((one for one in eye.run.truth.to_dict("records") if one["trial"] == number), None)
     true = _true_path(truth)
     events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
-    steps = tuple(_steps(events, settings, eye, true))
+    steps, commands = _gone_again(events, settings, eye, true)
     end, unmeasured = _end(line.get("final_frame"), eye)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
     return InsertionTrial(
@@ -169,8 +174,10 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         length_mm=_number(line.get("depth_mm")),
         missed_sightings=sum(not one.believed for one in steps),
         mean_nis=_mean([one.nis for one in steps if one.believed]),
-        steps=steps,
+        steps=tuple(steps),
         plans=tuple(_plan(one, settings) for one in events if one["kind"] == "plan"),
+        as_recorded=[one.estimate_mm for one in steps] == _recorded_estimates(events),
+        commands=tuple(commands),
     )
 
 
@@ -188,24 +195,52 @@ def _verdict(line: _Line, error_mm: float | None, tolerance_mm: float) -> dict[s
     }
 
 
-def _steps(
+def _gone_again(
     events: Sequence[_Line], settings: SteeringSettings, eye: _Eye, true: _True
-) -> Iterator[InsertionStep]:
-    """Follow the record: turn the bevel where it was turned, and take in each picture where it was taken."""
-    state, _ = start_steering(settings)
-    state = replace(state, turns=())
+) -> tuple[list[InsertionStep], list[InsertionCommand]]:
+    """Take the step that steered at each picture, with the turns that were made and not those that it would have made.
+
+    A turn that it asks for and that was made is its own, so that the same settings give the same digits.
+    """
+    state, command = start_steering(settings)
+    steps, commands = list[InsertionStep](), [_command(None, state, command)]
     for event in events:
         if event["kind"] == "flip":
-            state = turned(state, event["to_rad"] - event["from_rad"], settings)
+            if command.roll_rad == 0.0:
+                state = turned(state, event["to_rad"] - event["from_rad"], settings)
+            command = replace(command, roll_rad=0.0)
         elif event["kind"] == "observation":
-            depth_mm = float(event["depth_mm"])
-            predicted = state.predicted(depth_mm, settings)
+            if command.roll_rad != 0.0:
+                state = replace(state, turns=state.turns[:-1])
+            predicted = state.predicted(float(event["depth_mm"]), settings)
             fix = _look_again(event, predicted, eye)
-            position = None
-            if fix.tip_px is not None:
-                position = np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
-            state = sighted(state, TipSighting(depth_mm, position), settings)
-            yield _step(event, fix, state, _Places(predicted[:3, 3], position, settings, true))
+            sighting = _sighting(event, fix, eye)
+            if command.stop is None:
+                state, command = step_steering(state, sighting, settings)
+                commands.append(_command(int(event["frame"]), state, command))
+            else:
+                state = sighted(state, sighting, settings)
+            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
+            steps.append(_step(event, fix, state, places))
+    return steps, commands
+
+
+def _command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
+    return InsertionCommand(
+        frame=frame,
+        depth_mm=state.insertion_mm,
+        roll_rad=command.roll_rad,
+        observe_at_mm=command.observe_at_mm,
+        run_to_mm=command.run_to_mm,
+        sought=state.why,
+        replans=max(state.replans, 0),
+        stop=command.stop,
+    )
+
+
+def _recorded_estimates(events: Sequence[_Line]) -> list[Point]:
+    """Return where the live run believed the tip, (y, z), at each picture."""
+    return [_point2(one["estimate"]["position_mm"][1:]) for one in events if one["kind"] == "observation"]
 
 
 def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
@@ -223,6 +258,11 @@ def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
         roll_rad=float(event["bevel_rad"]),
         region_px=float(event["region_px"]),
     )
+
+
+def _sighting(event: _Line, fix: TipFix, eye: _Eye) -> TipSighting:
+    position = None if fix.tip_px is None else np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
+    return TipSighting(float(event["depth_mm"]), position)
 
 
 def _step(event: _Line, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:

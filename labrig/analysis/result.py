@@ -268,6 +268,24 @@ class InsertionStep(Model):
     true_heading_rad: float | None
 
 
+class InsertionCommand(Model):
+    """What the step that steers says at a picture, by the settings of the result and knowing the turns that were made.
+
+    `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
+    turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
+    first, and why to stop; after the first stop there are no more.
+    """
+
+    frame: int | None
+    depth_mm: float
+    roll_rad: float
+    observe_at_mm: float
+    run_to_mm: float
+    sought: str | None
+    replans: int
+    stop: str | None
+
+
 class InsertionPlan(Model):
     """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
 
@@ -297,7 +315,9 @@ class InsertionTrial(Model):
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
     is no tip. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
     to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
-    of freedom, so 2 where the noise is what the protocol says.
+    of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
+    the live run to the last digit, as it is with its settings and its code; older results say neither that nor
+    `commands`.
     """
 
     trial: int
@@ -324,6 +344,8 @@ class InsertionTrial(Model):
     mean_nis: float | None
     steps: tuple[InsertionStep, ...]
     plans: tuple[InsertionPlan, ...]
+    as_recorded: bool | None = None
+    commands: tuple[InsertionCommand, ...] = ()
 
 
 class InsertionResult(_Common):

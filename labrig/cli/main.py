@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labrig import __version__
-from labrig.cli.output import print_failure
+from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
 
@@ -20,7 +20,8 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "replay": ("replay",),
     "protocols": ("check", "schema"),
     "plan": ("plan",),
-    "record": ("report", "reanalyze", "view", "import"),
+    "record": ("report", "view", "import"),
+    "reanalyzing": ("reanalyze",),
     "exporting": ("export",),
     "design": ("design",),
     "runs": ("runs",),
@@ -33,7 +34,7 @@ GROUPS = (["runs"], ["calibrate"], ["measure"], ["devices"])
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"labrig {__version__}")
+        print_line(f"labrig {__version__}")
         raise typer.Exit
 
 

@@ -324,7 +324,8 @@ class RecordingDescription(Model):
         10.0, description="States recorded a second while axes move [Hz]."
     )
     fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
-        1.0, description="The record is forced to disk this often; a power cut loses no more [s]."
+        1.0,
+        description="The record is forced to disk this often; a power cut loses at most twice as much [s].",
     )
     least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
         100.0, description="A run ends as failed when its disk has less free space than this [MB]."
@@ -449,6 +450,11 @@ class RigDescription(Model):
         return {name: path for name, path in named.items() if path.is_file()}
 
 
+_OTHER_KINDS = {
+    "experiment": ("this is a protocol, expected a rig file", "such as calibration/rig-simulated.yaml")
+}
+
+
 def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     """Read a rig file.
 
@@ -464,7 +470,7 @@ def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     FileFormatError
         With every fault of the file, each with its line and column.
     """
-    return load_yaml_model(path, RigDescription, overrides).placed_in(Path(path).parent)
+    return load_yaml_model(path, RigDescription, overrides, _OTHER_KINDS).placed_in(Path(path).parent)
 
 
 def rig_schema() -> JsonSchema:

@@ -18,7 +18,7 @@ from labrig.record.condition import (
     values_by_name,
 )
 from labrig.record.field_index import remembered_fields
-from labrig.record.fields import annotation_fields, file_fields, manifest_fields
+from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
@@ -123,9 +123,9 @@ def find_runs(
     signatures = _signatures(runs_dir)
     summaries = _listed(runs_dir, signatures)
     fields, known = _fields_of(runs_dir, summaries, signatures, names)
-    if known and condition is not None:
+    if summaries and condition is not None:
         condition.require_known(known)
-    if known and sort is not None:
+    if summaries and sort is not None:
         require_field(sort, known, "--sort")
     found = [
         FoundRun(summary, values)
@@ -211,7 +211,7 @@ def _fields_of(
         for folder, summary in zip(folders, summaries, strict=True)
     }
     found = values_by_name(names, whole)
-    return [found[folder] for folder in folders], known | _OF_SUMMARIES.keys()
+    return [found[folder] for folder in folders], known | _OF_SUMMARIES.keys() | ANNOTATION_FIELDS
 
 
 def _field_signature(run: str) -> str:

@@ -205,15 +205,17 @@ def test_the_index_forgets_the_fields_of_runs_that_are_gone(tmp_path: Path) -> N
     """A run that was removed, and the fields that a run has no more, leave nothing behind."""
     for name in ("one", "two"):
         closed_run(tmp_path, name)
-    note_on_run(tmp_path / "one", "cloudy gel", revises=None, by="Chen", at=ENDED)
+    result = open_run(tmp_path / "one").new_result_dir()
+    (result / "result.json").write_bytes(encode_document({"mean_radius_mm": 27.0}))
     assert len(find_runs(tmp_path, "seed=7")) == 2
     shutil.rmtree(tmp_path / "two")
-    (tmp_path / "one" / "notes.jsonl").unlink()
+    shutil.rmtree(result)
     assert len(find_runs(tmp_path, "seed=7")) == 1
     with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
         left = {(bytes(name), bytes(path)) for name, path in index.execute("SELECT name, path FROM cells")}
     assert {name for name, _ in left} == {b"one"}
-    assert (b"one", b"note") not in left
+    assert (b"one", b"seed") in left
+    assert (b"one", b"result.mean_radius_mm") not in left
 
 
 def test_a_search_reads_only_the_fields_that_it_asks_for(tmp_path: Path) -> None:

@@ -44,9 +44,10 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.divergence import Divergence, first_divergence
-from labrig.analysis.insertion_settings import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings, starting_at
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
+from labrig.analysis.origin import sheath_origin, unseen_origin
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -64,6 +65,7 @@ from labrig.analysis.result import (
     RollZeroResult,
     SpecimenResult,
     SpecimenTruth,
+    TrialOrigin,
     TruthComparison,
     load_centre_lines,
     load_result,
@@ -98,6 +100,7 @@ __all__ = [
     "SpecimenTruth",
     "Steered",
     "Tolerances",
+    "TrialOrigin",
     "TruthComparison",
     "WhatIf",
     "analyze_run",
@@ -113,6 +116,9 @@ __all__ = [
     "load_mapping",
     "load_result",
     "needle_in",
+    "sheath_origin",
+    "starting_at",
     "steered",
     "study_design",
+    "unseen_origin",
 ]

@@ -9,10 +9,10 @@ import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import ReadFrame, find_origins, refused_by_origin
+from labrig.analysis.origin import ReadFrame, find_origins, from_origins, refused_by_origin
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
-from labrig.analysis.sentinel import watch, watched
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp, TrialOrigin
+from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
@@ -65,13 +65,13 @@ def analyze_curvature(
     places = tuple(run.pictures[int(one.line["frame"])] for one in pictures)
     plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
     others = (
-        partial(find_origins, read, lines, plane, settings.sheath_diameter_mm),
-        partial(_sentinel, protocol, read, lines, plane),
+        partial(_origins, protocol, read, lines, plane),
+        partial(sentinel_of, protocol, read, lines, plane),
     )
     seen = yield PictureWork(places, plane, settings, mask, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
-    results = watched(refused_by_origin(bare, origins), sentinel)
+    results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
@@ -92,16 +92,16 @@ def _picture(frames: Frames, frame: int) -> Picture:
     return frames[frame]
 
 
-def _sentinel(
+def _origins(
     protocol: SteerabilityProtocol | ImportProtocol,
     read: ReadFrame,
     lines: Sequence[Mapping[str, Any]],
     plane: PlaneMap,
-) -> Sentinel | None:
-    """Return what the grid pictures say, where the protocol asks for them."""
-    if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
-        return None
-    return watch(read, lines, plane, protocol.sentinel.pitch_mm)
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    if isinstance(protocol, ImportProtocol):
+        return ()
+    return find_origins(read, lines, plane, protocol.sheath)
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.insertion_settings import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings, started_at
 from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import find_origins
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import (
     InsertionCommand,
@@ -27,8 +28,10 @@ from labrig.analysis.result import (
     InsertionStep,
     InsertionTrial,
     Point,
+    Sentinel,
     Stamp,
 )
+from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol import InsertionProtocol
 from labrig.record import Run
@@ -60,8 +63,12 @@ FloatArray = NDArray[np.float64]
 _Line = Mapping[Any, Any]
 
 TEMPLATE_FILE = "template.png"
+# The picture in which the plan is shown, taken before the needle leaves the sheath.
+_SHEATH_ROLE = "scene"
 # Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
+# How sure the end of a shaft is read, in pixels: by `python -m tests.benchmarks insertion`, measured beside true.
+_READ_PX = 0.5
 _NO_POINTS = np.empty((0, 2))
 
 
@@ -73,6 +80,7 @@ class _Eye:
     plane: PlaneMap
     template: TipTemplate
     protocol: InsertionProtocol
+    sentinel: Sentinel | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +124,8 @@ def analyze_insertion(
     """
     template = load_template(run.calibration_path(TEMPLATE_FILE))
     plane = load_mapping(run)
-    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol)
+    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
+    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel)
     trials = run.trials.to_dict("records")
     insertions = []
     for number, trial in enumerate(trials, start=1):
@@ -137,6 +146,10 @@ def analyze_insertion(
         replans=sum(one.replans for one in insertions),
         length_mm=_worst([one.length_mm for one in insertions]),
         insertions=tuple(insertions),
+        origins=find_origins(
+            run.read_frame, run.frame_table.to_dict("records"), plane, protocol.sheath, _SHEATH_ROLE
+        ),
+        sentinel=sentinel,
     )
 
 
@@ -144,17 +157,17 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
     number = int(line["trial"])
     target_mm = _point3(line["target_mm"])
     obstacles = tuple(Obstacle(_point3(one["position_mm"]), one["radius_mm"]) for one in line["obstacles"])
-    settings = insertion_settings(eye.protocol, target_mm, obstacles)
+    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
+    settings = started_at(insertion_settings(eye.protocol, target_mm, obstacles), events)
     truth = next((one for one in eye.run.truth.to_dict("records") if one["trial"] == number), None)
     true = _true_path(truth)
-    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
     steps, commands = _gone_again(events, settings, eye, true)
     end, unmeasured = _end(line.get("final_frame"), eye)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
     return InsertionTrial(
         trial=number,
         start_t_s=float(line["start_t_s"]),
-        **_verdict(line, error_mm, settings.problem.tolerance_mm),
+        **_verdict(line, error_mm, settings.problem.tolerance_mm, eye.sentinel),
         target_mm=target_mm,
         tolerance_mm=settings.problem.tolerance_mm,
         obstacles=tuple(
@@ -165,6 +178,7 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _points(end.centre_line_mm),
         target_error_mm=error_mm,
+        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm[1:], eye),
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm[1:]) if steps else None,
         true_target_error_mm=None if truth is None else _number(truth.get("true_target_error_mm")),
@@ -181,9 +195,14 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
     )
 
 
-def _verdict(line: _Line, error_mm: float | None, tolerance_mm: float) -> dict[str, Any]:
-    """Return how an insertion ended: as it was steered, unless the shaft says that it missed."""
+def _verdict(
+    line: _Line, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
+) -> dict[str, Any]:
+    """Return how an insertion ended: as it was steered, unless the shaft says that it missed, or a bump hides it."""
     outcome = _said(line.get("outcome"), "stopped")
+    if sentinel is not None and not sentinel.accepted and outcome == "reached":
+        cause = sentinel.reason or ""
+        return {"outcome": "unknown", "stop": "camera_bumped", "cause": cause, "reached": False}
     if outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
         cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
         return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
@@ -329,12 +348,32 @@ def _end(frame: object, eye: _Eye) -> tuple[ShaftTip | None, str | None]:
     number = _number(frame)
     if number is None:
         return None, "there is no final picture"
+    if eye.sentinel is not None and not eye.sentinel.accepted:
+        return None, eye.sentinel.reason
     needle, sheath = eye.protocol.needle, eye.protocol.sheath
     try:
         image = eye.run.pictures[int(number)].read()
         return measure_shaft_tip(image, eye.plane, needle.diameter_mm, sheath.diameter_mm), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{eye.run.path}/", "")
+
+
+def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float:
+    """Return the standard deviation of the distance from the target to the end of the shaft.
+
+    What is uncertain in lens and plane map moves the end along each of its axes; the end is read to half a pixel, a
+    bevel having no edge square to the shaft; what the grid pictures say of drift counts over the length from the
+    origin.
+    """
+    tip_mm = np.array(end.tip_mm)
+    towards = tip_mm - target_mm
+    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    moved = [
+        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.varied()
+    ]
+    drift = 0.0 if eye.sentinel is None else (eye.sentinel.drift or 0.0)
+    reading_mm = _READ_PX * eye.plane.mm_per_px
+    return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
 
 
 def _true_path(truth: _Line | None) -> _True:

@@ -19,6 +19,8 @@ _HINTS = {
     errno.EROFS: "the disk is mounted read-only: choose another folder",
     errno.ENOTDIR: "a file stands where a folder is needed: choose another folder",
     errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOLCK: "that disk knows no locks: keep the runs on a local one",
+    errno.ENOTSUP: "that disk cannot do this: keep the runs on a local one",
 }
 
 

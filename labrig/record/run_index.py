@@ -110,7 +110,8 @@ def change_index(path: Path, change: Callable[[sqlite3.Connection], None]) -> No
         except sqlite3.OperationalError:
             # Another labrig writes it, or this account may not: the next listing tries again.
             return
-        except sqlite3.DatabaseError:
+        except (sqlite3.DatabaseError, ValueError):
+            # What SQLite says of a spoilt file may hold bytes of it that are no text.
             with suppress(OSError):
                 path.unlink()
             continue

@@ -162,12 +162,16 @@ def _resumed(run: Run) -> list[tuple[str, str]]:
     times = len(run.sessions)
     if times == 0:
         return []
-    repeated = [
-        f"trial {event['repeats']} was interrupted and repeated as trial {event['trial']}"
-        for event in run.lines("events")
-        if event["kind"] == "trial_start" and "repeats" in event
-    ]
+    begun = {event["trial"]: event for event in run.lines("events") if event["kind"] == "trial_start"}
+    repeated = [_repetition(begun[one["repeats"]], one) for one in begun.values() if "repeats" in one]
     return [("Resumed", "; ".join(["once" if times == 1 else f"{times} times", *repeated]))]
+
+
+def _repetition(lost: Mapping[str, object], again: Mapping[str, object]) -> str:
+    return (
+        f"trial {lost['trial']} was interrupted and repeated as trial {again['trial']}, "
+        f"{again['hole_position_mm']:g} mm from the first entry point instead of {lost['hole_position_mm']:g} mm"
+    )
 
 
 def _pictures(run: Run) -> str:

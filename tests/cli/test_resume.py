@@ -56,9 +56,10 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     assert [one["n"] for one in done.json()["result"]["specimens"]] == [2, 2]
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
-    assert "trial 1 was interrupted and repeated as trial 4" in (run / "report.html").read_text(
-        encoding="utf-8"
-    )
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "trial 1 was interrupted and repeated as trial 4, 20 mm from the first entry point" in page
+    assert "Resumed with, session 2" in page
+    assert open_run(run).sessions[0]["provenance"]["python"]
     (row,) = labrig("runs", "--runs-dir", tmp_path, "--json").json()
     assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
 

@@ -150,6 +150,8 @@ def tag(
 
     at = _now()
     said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
+    for run in runs:
+        _say_page_is_older(run)
     if as_json:
         print_json([_said(run, annotations) for run, annotations in said])
         return
@@ -180,6 +182,7 @@ def note(
         annotations = read_annotations(run)
     else:
         annotations = note_on_run(run, text, revises=revise, by=_person(by), at=_now())
+        _say_page_is_older(run)
     if as_json:
         print_json(_said(run, annotations))
         return
@@ -203,6 +206,7 @@ def verdict(
     from labrig.record import judge_run
 
     annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
+    _say_page_is_older(run)
     if as_json:
         print_json(_said(run, annotations))
     else:
@@ -255,6 +259,12 @@ def _said(run: Path, annotations: Any) -> dict[str, object]:
     from dataclasses import asdict
 
     return {"run": str(run), **asdict(annotations)}
+
+
+def _say_page_is_older(run: Path) -> None:
+    """Say that the page of a run, where it has one, does not show what has just been said."""
+    if (run / "report.html").exists():
+        say(f"note: {run}/report.html does not show this yet; written anew by: labrig report {run}")
 
 
 def _person(by: str | None) -> str:

@@ -17,7 +17,7 @@ LONGEST_S = 15.0
 
 def print_table(seeds: Sequence[int] = SEEDS) -> None:
     """Run every seed, and print each one's figures and how many keep the limits."""
-    rows, errors_mm, walls_s = [], [], []
+    rows, errors_mm, walls_s, held = [], [], [], 0
     with tempfile.TemporaryDirectory() as folder:
         for seed in seeds:
             measured, document = _run(Path(folder), seed)
@@ -25,6 +25,7 @@ def print_table(seeds: Sequence[int] = SEEDS) -> None:
             error_mm = result.get("true_target_error_mm")
             errors_mm.append(float("inf") if error_mm is None else error_mm)
             walls_s.append(measured.wall_s)
+            held += _holds(result)
             rows.append(_row(seed, measured, document, result))
     heads = (
         "seed",
@@ -43,6 +44,7 @@ def print_table(seeds: Sequence[int] = SEEDS) -> None:
         [
             [f"within {LARGEST_ERROR_MM:g} mm", sum(e <= LARGEST_ERROR_MM for e in errors_mm), len(seeds)],
             ["mean true error, mm", f"{sum(known) / max(len(known), 1):.3f}", "0.4"],
+            [f"95 % intervals of the measured error that hold the true one, of {len(seeds)}", held, "-"],
             ["longest wall time, s", f"{max(walls_s):.1f}", f"{LONGEST_S:g}"],
         ],
     )
@@ -66,6 +68,16 @@ def _row(seed: int, measured: Measured, document: dict[str, Any], result: dict[s
         str(_turns(Path(document["run"]))) if "run" in document else "-",
         f"{measured.wall_s:.1f}",
     ]
+
+
+def _holds(result: dict[str, Any]) -> bool:
+    """Return whether the true error lies within 1.96 standard deviations of the measured one."""
+    one = next(iter(result.get("insertions", ())), {})
+    known = [one.get(f"{name}_mm") for name in ("true_target_error", "target_error", "sigma_target_error")]
+    if None in known:
+        return False
+    true_mm, measured_mm, sigma_mm = known
+    return abs(true_mm - measured_mm) <= 1.96 * sigma_mm
 
 
 def _turns(run: Path) -> int:

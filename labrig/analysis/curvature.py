@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -68,7 +69,8 @@ def analyze_curvature(
         partial(_origins, protocol, read, lines, plane),
         partial(sentinel_of, protocol, read, lines, plane),
     )
-    seen = yield PictureWork(places, plane, settings, mask, others)
+    named = None if mask is None else mask.with_names(_sources(pictures))
+    seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
     results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
@@ -102,6 +104,13 @@ def _origins(
     if isinstance(protocol, ImportProtocol):
         return ()
     return find_origins(read, lines, plane, protocol.sheath)
+
+
+def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
+    """Return what each imported picture was called, by its file's name in the record."""
+    return {
+        Path(one.line["file"]).name: str(one.line["source"]) for one in pictures if one.line.get("source")
+    }
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,8 @@ from labrig.steering import (
     turned,
 )
 from labrig.vision import (
+    Mask,
+    Picture,
     PlaneMap,
     ShaftTip,
     TipFix,
@@ -81,6 +84,12 @@ class _Eye:
     template: TipTemplate
     protocol: InsertionProtocol
     sentinel: Sentinel | None
+    mask: Mask | None
+
+    def masked(self, image: Picture, frame: int) -> NDArray[np.bool_] | None:
+        """Return which pixels of a recorded picture are not the needle."""
+        file = Path(self.run.pictures[frame].file)
+        return None if self.mask is None else self.mask.masked(file.name, image)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +120,7 @@ class _Places:
 
 
 def analyze_insertion(
-    run: Run, protocol: InsertionProtocol, stamp: Stamp, progress: Progress | None
+    run: Run, protocol: InsertionProtocol, stamp: Stamp, mask: Mask | None, progress: Progress | None
 ) -> InsertionResult:
     """Measure where each insertion ended, and estimate the way to it again.
 
@@ -125,7 +134,7 @@ def analyze_insertion(
     template = load_template(run.calibration_path(TEMPLATE_FILE))
     plane = load_mapping(run)
     sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
-    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel)
+    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel, mask)
     trials = run.trials.to_dict("records")
     insertions = []
     for number, trial in enumerate(trials, start=1):
@@ -266,6 +275,7 @@ def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
     """Find the tip in a recorded picture, in a region as large as the one that was searched then."""
     try:
         image = eye.run.pictures[int(event["frame"])].read()
+        masked = eye.masked(image, int(event["frame"]))
     except (PictureError, RecordError) as error:
         return TipFix(accepted=False, reason=error.message.replace(f"{eye.run.path}/", ""))
     u, v = eye.plane.to_px(predicted[None, 1:3, 3])[0]
@@ -276,6 +286,7 @@ def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
         heading_rad=math.atan2(predicted[1, 2], predicted[2, 2]),
         roll_rad=float(event["bevel_rad"]),
         region_px=float(event["region_px"]),
+        mask=masked,
     )
 
 
@@ -353,7 +364,10 @@ def _end(frame: object, eye: _Eye) -> tuple[ShaftTip | None, str | None]:
     needle, sheath = eye.protocol.needle, eye.protocol.sheath
     try:
         image = eye.run.pictures[int(number)].read()
-        return measure_shaft_tip(image, eye.plane, needle.diameter_mm, sheath.diameter_mm), None
+        masked = eye.masked(image, int(number))
+        return measure_shaft_tip(
+            image, eye.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
+        ), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{eye.run.path}/", "")
 

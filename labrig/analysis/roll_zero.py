@@ -12,10 +12,12 @@ from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
 from labrig.record import Run
 from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
 
 
-def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
+def analyze_roll_zero(
+    run: Run, protocol: RollZeroProtocol, stamp: Stamp, mask: Mask | None
+) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -30,7 +32,7 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
     places = tuple(run.pictures[int(one["frame"])] for one in pictures)
     plane = load_mapping(run)
     sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
-    measured = (yield PictureWork(places, plane, settings)).measured
+    measured = (yield PictureWork(places, plane, settings, mask)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)

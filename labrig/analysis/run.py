@@ -12,6 +12,7 @@ from labrig.analysis.calibration import analyze_calibration
 from labrig.analysis.curvature import analyze_curvature
 from labrig.analysis.design import analyze_design
 from labrig.analysis.insertion import analyze_insertion
+from labrig.analysis.mapping import load_kept_mask
 from labrig.analysis.pictures import Analysis, Progress, concluded, look_at
 from labrig.analysis.result import AnalysisResult, Stamp, load_result, result_numbers, write_result
 from labrig.analysis.roll_zero import analyze_roll_zero
@@ -63,7 +64,7 @@ def analyze_run(
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
     mask : Mask or None
-        Pixels that are not the needle; a copy is kept with the result.
+        Pixels that are not the needle; a copy is kept with the result. None: the run's own, where it keeps one.
 
     Raises
     ------
@@ -105,6 +106,7 @@ def analysis_of(
         provenance=dict(provenance),
         damage={problem.where: problem.message for problem in run.damage},
     )
+    mask = load_kept_mask(run) if mask is None else mask
     # The folder is made once there is something to put into it: an analysis that fails leaves nothing behind.
     if isinstance(protocol, CameraCalibrationProtocol):
         calibration = analyze_calibration(run, protocol, stamp, progress)
@@ -123,10 +125,10 @@ def analysis_of(
         study.save(folder, stamp.provenance)
         return write_result(folder, answer)
     if isinstance(protocol, InsertionProtocol):
-        arrivals = analyze_insertion(run, protocol, stamp, progress)
+        arrivals = analyze_insertion(run, protocol, stamp, mask, progress)
         return write_result(run.new_result_dir(), arrivals)
     if isinstance(protocol, RollZeroProtocol):
-        zero = yield from analyze_roll_zero(run, protocol, stamp)
+        zero = yield from analyze_roll_zero(run, protocol, stamp, mask)
         return write_result(run.new_result_dir(), zero)
     raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
 

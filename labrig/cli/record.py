@@ -14,6 +14,7 @@ from labrig.cli.options import (
     IntrinsicsOption,
     LocalRunArgument,
     LocalRunsArgument,
+    MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
@@ -85,6 +86,7 @@ def import_(
     plane: PlaneOption = None,
     needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
     sheath_diameter_mm: SheathDiameterOption = None,
+    mask: MaskOption = None,
     title: Annotated[
         str | None, typer.Option(help="Title of the runs. Default: the folder's name.", show_default=False)
     ] = None,
@@ -102,6 +104,7 @@ def import_(
         plane=plane,
         needle_diameter_mm=needle_diameter_mm,
         sheath_diameter_mm=sheath_diameter_mm,
+        mask=mask,
         title=title,
         runs_dir=runs_dir,
         command_line=tuple(sys.argv),

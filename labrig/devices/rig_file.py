@@ -315,6 +315,11 @@ class CalibrationDescription(Model):
         description="Picture of the needle's tip by which insertions find it, beside the rig file, with a JSON of the "
         "same name; labrig calibrate template makes it. null: not yet.",
     )
+    mask: FileName | None = Field(
+        None,
+        description="Pixels that are never the needle (a clamp, a reflection), beside the rig file: a picture of the "
+        "camera's size, white there, or polygons as JSON. Every run keeps it. null: none.",
+    )
 
 
 class RecordingDescription(Model):
@@ -325,7 +330,7 @@ class RecordingDescription(Model):
     )
     fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
         1.0,
-        description="The record is forced to disk this often; a power cut loses at most twice as much [s].",
+        description="The record is forced to disk this often; a power cut loses at most what came since [s].",
     )
     least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
         100.0, description="A run ends as failed when its disk has less free space than this [MB]."
@@ -444,9 +449,16 @@ class RigDescription(Model):
         picture = self._folder / self.calibration.template
         return {"template.png": picture, "template.json": picture.with_suffix(".json")}
 
+    def mask_paths(self) -> dict[str, Path]:
+        """Return the mask by the name that it has in a record; empty where the rig file names none."""
+        if self.calibration.mask is None:
+            return {}
+        path = self._folder / self.calibration.mask
+        return {f"mask{path.suffix}": path}
+
     def calibration_files(self) -> dict[str, Path]:
         """Return the files named that exist: a rig that is being calibrated has none yet."""
-        named = self.calibration_paths() | self.template_paths()
+        named = self.calibration_paths() | self.template_paths() | self.mask_paths()
         return {name: path for name, path in named.items() if path.is_file()}
 
 

@@ -97,6 +97,12 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     CalibrationRefusedError
         If no camera explains them.
     """
+    corners, unknown = sum(len(view.pixels) for view in views), len(FREE[model]) + _POSE * len(views)
+    if 2 * corners < unknown:
+        raise CalibrationRefusedError(
+            f"{corners} corners are too few for a camera, {-(-unknown // 2)} are the least",
+            "photograph the board in more poses, and more of it",
+        )
     boards = [view.board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:

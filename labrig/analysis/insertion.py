@@ -70,7 +70,7 @@ TEMPLATE_FILE = "template.png"
 _SHEATH_ROLE = "scene"
 # Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
-# How sure the end of a shaft is read, in pixels: what `python -m tests.benchmarks insertion` measures beside what is true
+# How sure the end of a shaft is read, in pixels: what `python -m tests.benchmarks insertion` measures and what is true
 # differs by 0.1 mm rms, which is a pixel there.
 _READ_PX = 1.0
 _NO_POINTS = np.empty((0, 2))

@@ -14,14 +14,15 @@
     │   ├── OutputExistsError      something would be overwritten
     │   └── LimitError             a move beyond an axis' limits, refused before it starts
     ├── MachineError          (3)  a device or the computer failed, or motion had to stop
-    │   ├── BusError               no CAN interface, adapter unplugged
-    │   │   ├── BusPassiveError    the computer's CAN controller sees many errors
-    │   │   └── BusOffError        ... so many that it has left the bus
-    │   ├── DriveError             an EPOS2 that does not do what it should
-    │   │   ├── DriveFaultError    it reports an error; carries code, register, text and remedy
-    │   │   ├── DriveRefusedError  it refused an object (SDO abort); carries the code
-    │   │   ├── DriveRestartedError   it has lost power or was reset: its reference is gone
-    │   │   └── DriveSilentError   it does not answer, or its heartbeat has stopped
+    │   ├── WireError              bus or drive; carries a `Fault`: name, code, register, text; the hint is the remedy
+    │   │   ├── BusError           bus-lost: no CAN interface, adapter unplugged
+    │   │   │   ├── BusPassiveError   error-passive: the computer's CAN controller sees many errors
+    │   │   │   └── BusOffError       bus-off: ... so many that it has left the bus
+    │   │   └── DriveError         an EPOS2 that does not do what it should
+    │   │       ├── DriveFaultError     emergency: it reports an error, with its code and register
+    │   │       ├── DriveRefusedError   sdo-abort: it refused an object, with the abort code
+    │   │       ├── DriveRestartedError    boot-up: it has lost power or was reset, its reference is gone
+    │   │       └── DriveSilentError    no-answer or heartbeat-lost
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
     │   ├── LockedError            a rig or a run that another labrig uses
@@ -35,7 +36,7 @@ A message names the thing, its value and the limit; the hint says what to do. `c
 """
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Self
 
 
@@ -155,40 +156,66 @@ class MachineError(LabrigError):
     """A device or the computer failed, or motion had to stop."""
 
 
-class BusError(MachineError):
-    """The CAN interface is missing or unreachable."""
-
-
-class BusPassiveError(BusError):
-    """The computer's CAN controller has counted many errors: frames may be lost."""
-
-
-class BusOffError(BusError):
-    """The computer's CAN controller has counted too many errors and has left the bus."""
-
-
-class DriveError(MachineError):
-    """A drive does not do what it should."""
-
-
-class DriveFaultError(DriveError):
-    """A drive reports an error.
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with bus or drive, by a word that stays and by the number under which manuals have it.
 
     Parameters
     ----------
-    code, register : int
-        Error code (EMCY) and error register 0x1001.
+    name : str
+        The word: see the tree above.
+    code : int
+        Error code of an EMCY (CiA 301; 0x81FD is maxon's), or SDO abort code where a question failed; 0 where
+        neither has one: a boot-up is a frame of its own.
+    register : int
+        What it sets in the error register 0x1001.
     text : str
-        What the code means. The remedy is the hint.
+        What it means.
     """
 
-    def __init__(
-        self, message: str, hint: str = "", *, code: int = 0, register: int = 0, text: str = ""
-    ) -> None:
+    name: str
+    code: int
+    register: int
+    text: str
+
+
+_COMMUNICATION = 0x10
+"""Bit of the error register 0x1001 (CiA 301)."""
+
+HEARTBEAT_LOST = Fault("heartbeat-lost", 0x8130, _COMMUNICATION, "the drive's heartbeat has stopped")
+NO_ANSWER = Fault("no-answer", 0x05040000, _COMMUNICATION, "SDO protocol timed out")
+
+
+class WireError(MachineError):
+    """The CAN bus or a drive on it fails.
+
+    Parameters
+    ----------
+    fault : Fault or None
+        What it is, where that has a name; by default that of the class. The remedy is the hint.
+    """
+
+    fault: Fault | None = None
+
+    def __init__(self, message: str, hint: str = "", *, fault: Fault | None = None) -> None:
         super().__init__(message, hint)
-        self.code = code
-        self.register = register
-        self.text = text
+        if fault is not None:
+            self.fault = fault
+
+    @property
+    def code(self) -> int:
+        """Its number; 0 where it has none."""
+        return 0 if self.fault is None else self.fault.code
+
+    @property
+    def register(self) -> int:
+        """What it sets in the error register 0x1001."""
+        return 0 if self.fault is None else self.fault.register
+
+    @property
+    def text(self) -> str:
+        """What it means; empty where it has no name."""
+        return "" if self.fault is None else self.fault.text
 
     @property
     def remedy(self) -> str:
@@ -196,26 +223,60 @@ class DriveFaultError(DriveError):
         return self.hint
 
 
+def fault_fields(error: Exception | None) -> dict[str, object]:
+    """Return the fault that an error carries, as a record and JSON name it; nothing of one without."""
+    fault = error.fault if isinstance(error, WireError) else None
+    return {} if fault is None else {"fault": asdict(fault)}
+
+
+class BusError(WireError):
+    """The CAN interface is missing or unreachable."""
+
+    fault = Fault("bus-lost", 0x8100, _COMMUNICATION, "no communication over the CAN bus")
+
+
+class BusPassiveError(BusError):
+    """The computer's CAN controller has counted many errors: frames may be lost."""
+
+    fault = Fault("error-passive", 0x8120, _COMMUNICATION, "CAN controller in error passive mode")
+
+
+class BusOffError(BusError):
+    """The computer's CAN controller has counted too many errors and has left the bus."""
+
+    fault = Fault("bus-off", 0x81FD, _COMMUNICATION, "CAN controller off the bus")
+
+
+class DriveError(WireError):
+    """A drive does not do what it should."""
+
+
+class DriveFaultError(DriveError):
+    """A drive reports an error; its `fault` has code and register as the drive reports them."""
+
+    def __init__(
+        self, message: str, hint: str = "", *, code: int = 0, register: int = 0, text: str = ""
+    ) -> None:
+        super().__init__(message, hint, fault=Fault("emergency", code, register, text))
+
+
 class DriveRefusedError(DriveError):
-    """A drive refused an object.
+    """A drive refused an object; its `fault` has the SDO abort code."""
 
-    Parameters
-    ----------
-    code : int
-        The SDO abort code.
-    """
-
-    def __init__(self, message: str, hint: str = "", *, code: int = 0) -> None:
-        super().__init__(message, hint)
-        self.code = code
+    def __init__(self, message: str, hint: str = "", *, code: int = 0, text: str = "") -> None:
+        super().__init__(message, hint, fault=Fault("sdo-abort", code, 0, text))
 
 
 class DriveRestartedError(DriveError):
     """A drive has restarted: it lost its power, and with it position and reference."""
 
+    fault = Fault("boot-up", 0, 0, "the drive has restarted")
+
 
 class DriveSilentError(DriveError):
-    """A drive does not answer, or its heartbeat has stopped."""
+    """A drive does not answer (`NO_ANSWER`), or its heartbeat has stopped (`HEARTBEAT_LOST`)."""
+
+    fault = NO_ANSWER
 
 
 class CameraError(MachineError):

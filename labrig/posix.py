@@ -273,6 +273,13 @@ def end_with_parent() -> None:
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 
 
+def usable_cores() -> int:
+    """Return how many cores this process may use: `taskset`, a container or a batch system may leave it fewer."""
+    if sys.platform.startswith("linux"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def user() -> str:
     """Return who runs this process, fit for a file name."""
     return os.environ.get("USERNAME", "user") if sys.platform == "win32" else str(os.getuid())

@@ -25,7 +25,9 @@ What is decided here:
   the estimator knew on the way is worked out again from the recorded pictures and the turns that were made.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
-The result does not depend on the number of worker processes.
+The result does not depend on the number of worker processes. An analysis that measures pictures is a generator: it asks
+for a `PictureWork` and goes on with what was seen. So one run, and several of different lengths, keep every core busy
+until the end.
 """
 
 from labrig.analysis.batch import analyze_runs

@@ -1,18 +1,37 @@
-"""Several runs analysed at once, a process each; the results are those of one after another."""
+"""Several runs analysed at once by the same processes; the results are those of one after another."""
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from labrig.analysis.pictures import (
+    Analysis,
+    Part,
+    PictureWork,
+    Progress,
+    concluded,
+    handed_out,
+    look_at,
+    seen,
+)
 from labrig.analysis.result import AnalysisResult
-from labrig.analysis.run import analyze_run
+from labrig.analysis.run import BY_PICTURES, analysis_of, analyze_run
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
-from labrig.record import open_run
+from labrig.record import open_run, picture_count
+from labrig.vision import Mask
 
 RunsProgress = Callable[[int, int, Path], None]
+Outcome = AnalysisResult | LabrigError
+
+# Parts of the runs to come that are handed out while one is waited for, for each worker: it never runs dry while this
+# process writes a result, and the runs that are open stay few.
+_PARTS_AHEAD = 16
 
 
 def analyze_runs(
@@ -23,16 +42,21 @@ def analyze_runs(
     progress: RunsProgress | None = None,
     created: datetime,
     provenance: Mapping[str, Any],
-) -> list[AnalysisResult | LabrigError]:
+    mask: Mask | None = None,
+) -> list[Outcome]:
     """Analyse runs, each into a new numbered result; one that fails does not keep the others from theirs.
+
+    The pictures of all runs are measured by the same processes, so that all of them have work until the end, whether
+    there is one long run among short ones or not.
 
     Parameters
     ----------
     runs : sequence of Path
         Their folders, each once.
     progress : callable or None
-        Called after each run with how many are done, how many there are, and which it was.
-    overrides, created, provenance
+        Called with how many pictures are done, how many the runs have together, and which run they are of. A run
+        that has none, such as a design, counts as one.
+    overrides, created, provenance, mask
         As `analyze_run` takes them.
 
     Returns
@@ -45,25 +69,107 @@ def analyze_runs(
     MachineError
         When a worker process dies.
     """
-    outcomes: dict[int, AnalysisResult | LabrigError] = {}
-    with worker_processes(min(workers, len(runs)), "analysed runs") as pool:
-        tasks = {
-            pool.submit(_analyze, run, tuple(overrides), created, dict(provenance)): number
-            for number, run in enumerate(runs)
-        }
-        for task in as_completed(tasks):
-            outcomes[tasks[task]] = task.result()
-            if progress is not None:
-                progress(len(outcomes), len(runs), runs[tasks[task]])
-    return [outcomes[number] for number in range(len(runs))]
+    order = _Order(tuple(overrides), created, dict(provenance), mask)
+    meter = _Meter(runs, progress)
+    outcomes: list[Outcome] = []
+    begun: deque[_Begun] = deque()
+    with worker_processes(workers, "analysed runs") as pool:
+        for run in runs:
+            begun.append(_begin(run, order, pool))
+            while sum(len(one.parts) for one in list(begun)[1:]) > _PARTS_AHEAD * workers:
+                outcomes.append(_ended(begun.popleft(), meter))
+        outcomes += [_ended(one, meter) for one in begun]
+    return outcomes
 
 
-def _analyze(
-    run: Path, overrides: tuple[str, ...], created: datetime, provenance: Mapping[str, Any]
-) -> AnalysisResult | LabrigError:
+@dataclass(frozen=True)
+class _Order:
+    """How every run is analysed."""
+
+    overrides: tuple[str, ...]
+    created: datetime
+    provenance: Mapping[str, Any]
+    mask: Mask | None
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A run whose parts have been handed out, and what makes an outcome of their answers."""
+
+    parts: Sequence[Part]
+    conclude: Callable[[Progress], Outcome]
+
+
+class _Meter:
+    """Tells how many of the pictures of all runs are done."""
+
+    def __init__(self, runs: Sequence[Path], progress: RunsProgress | None) -> None:
+        self._runs = deque((run, max(1, picture_count(run))) for run in runs)
+        self._total = sum(count for _, count in self._runs)
+        self._done = 0
+        self._progress = progress
+
+    def report(self, done: int, of: int) -> None:
+        """Take how much of the run that is waited for is done."""
+        run, count = self._runs[0]
+        if self._progress is not None:
+            self._progress(self._done + count * done // of, self._total, run)
+
+    def end_run(self) -> None:
+        """Take that the run is done."""
+        self.report(1, 1)
+        self._done += self._runs.popleft()[1]
+
+
+def _begin(run: Path, order: _Order, pool: Executor) -> _Begun:
+    """Hand the parts of a run to the pool: some pictures each, or the run as a whole."""
     try:
-        return analyze_run(
-            open_run(run), overrides=overrides, workers=1, created=created, provenance=provenance
+        opened = open_run(run)
+        if not isinstance(opened.protocol, BY_PICTURES):
+            whole = pool.submit(_analyzed, run, order).result
+            return _Begun([whole], lambda _: whole()[0])
+        analysis = analysis_of(
+            opened, order.overrides, order.created, order.provenance, order.mask, workers=1, progress=None
         )
+        work = next(analysis)
+    except LabrigError as error:
+        return _Begun((), partial(_refused, error))
+    parts = handed_out(work, pool)
+    return _Begun(parts, partial(_concluded, analysis, work, parts))
+
+
+def _ended(one: _Begun, meter: _Meter) -> Outcome:
+    outcome = one.conclude(meter.report)
+    meter.end_run()
+    return outcome
+
+
+def _concluded(
+    analysis: Analysis[AnalysisResult], work: PictureWork, parts: Sequence[Part], progress: Progress
+) -> Outcome:
+    """Wait for the answers, and let the analysis go on with them."""
+    try:
+        return concluded(analysis, lambda more: look_at(more, 1, None), seen(work, parts, progress))
     except LabrigError as error:
         return error
+
+
+def _refused(error: LabrigError, _: Progress) -> Outcome:
+    return error
+
+
+def _analyzed(run: Path, order: _Order) -> list[Outcome]:
+    """Analyse a run as a whole, in a worker process."""
+    try:
+        return [
+            analyze_run(
+                open_run(run),
+                overrides=order.overrides,
+                workers=1,
+                created=order.created,
+                provenance=order.provenance,
+                mask=order.mask,
+            )
+        ]
+    except LabrigError as error:
+        return [error]

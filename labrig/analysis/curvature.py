@@ -2,20 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import find_origins, refused_by_origin
-from labrig.analysis.pictures import Measured, Progress, Unreadable, measure_pictures
+from labrig.analysis.origin import ReadFrame, find_origins, refused_by_origin
+from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
 from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
 from labrig.analysis.sentinel import watch, watched
 from labrig.analysis.truth import compare_with_truth
+from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
-from labrig.record import Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
+from labrig.record import Frames, Run
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, Picture, PlaneMap
 
 MEASURED_ROLES = ("advance", "final", "imported")
 
@@ -46,11 +48,8 @@ def analyze_curvature(
     run: Run,
     protocol: SteerabilityProtocol | ImportProtocol,
     stamp: Stamp,
-    workers: int,
-    progress: Progress | None,
-    *,
-    mask: Mask | None = None,
-) -> tuple[CurvatureResult, CentreLines]:
+    mask: Mask | None,
+) -> Analysis[tuple[CurvatureResult, CentreLines]]:
     """Measure the pictures, group them, and compare them with the truth where there is one.
 
     The intervals of the groups carry how sure the bevel's roll is; those of single pictures speak of the picture alone.
@@ -59,17 +58,18 @@ def analyze_curvature(
     ------
     InputError
         When the run has no map from pixels to mm.
-    MachineError
-        When a worker process dies.
     """
     settings, roll_sd_deg = curvature_settings(protocol), protocol.analysis.roll_sd_deg
     trials = _trials(run)
     pictures = _pictures(run, trials)
-    places = [run.pictures[int(one.line["frame"])] for one in pictures]
-    plane = load_mapping(run)
-    measured = measure_pictures(places, plane, settings, workers, progress, mask=mask)
-    origins = find_origins(run.read_frame, _lines(run.frame_table), plane, settings.sheath_diameter_mm)
-    sentinel = _sentinel(run, plane)
+    places = tuple(run.pictures[int(one.line["frame"])] for one in pictures)
+    plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
+    others = (
+        partial(find_origins, read, lines, plane, settings.sheath_diameter_mm),
+        partial(_sentinel, protocol, read, lines, plane),
+    )
+    seen = yield PictureWork(places, plane, settings, mask, others)
+    measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
     results = watched(refused_by_origin(bare, origins), sentinel)
     finals = final_pictures(results)
@@ -88,12 +88,20 @@ def analyze_curvature(
     return content, _centre_lines(results, measured)
 
 
-def _sentinel(run: Run, plane: PlaneMap) -> Sentinel | None:
+def _picture(frames: Frames, frame: int) -> Picture:
+    return frames[frame]
+
+
+def _sentinel(
+    protocol: SteerabilityProtocol | ImportProtocol,
+    read: ReadFrame,
+    lines: Sequence[Mapping[str, Any]],
+    plane: PlaneMap,
+) -> Sentinel | None:
     """Return what the grid pictures say, where the protocol asks for them."""
-    protocol = run.protocol
     if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
         return None
-    return watch(run.read_frame, _lines(run.frame_table), plane, protocol.sentinel.pitch_mm)
+    return watch(read, lines, plane, protocol.sentinel.pitch_mm)
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:
@@ -110,17 +118,24 @@ def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict
 
 
 def _trials(run: Run) -> list[Trial]:
-    return [
-        Trial(
-            int(line["trial"]),
-            line["specimen"],
-            float(line["gelatin_percent"]),
-            int(line["hole"]),
-            line["needle_id"],
-        )
-        for line in _lines(run.trials)
-        if line["exit_status"] != "interrupted"  # another one was made in its stead
-    ]
+    # Of an interrupted one another was made in its stead.
+    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
+    try:
+        return [
+            Trial(
+                int(line["trial"]),
+                line["specimen"],
+                float(line["gelatin_percent"]),
+                int(line["hole"]),
+                line["needle_id"],
+            )
+            for line in made
+        ]
+    except KeyError as error:
+        raise RecordError(
+            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
+            "no labrig wrote it so; take the file from a copy of the run",
+        ) from error
 
 
 def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:

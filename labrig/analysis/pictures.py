@@ -1,12 +1,14 @@
 """Measuring many pictures, in worker processes, in an order that does not depend on them."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
 
-from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
+from labrig.analysis.workers import worker_processes
 from labrig.errors import PictureError, RecordError
 from labrig.record import RecordedPicture
 from labrig.vision import (
@@ -20,6 +22,8 @@ from labrig.vision import (
 Progress = Callable[[int, int], None]
 # Enough to keep a worker busy between two messages, few enough for a steady progress bar.
 _PICTURES_A_MESSAGE = 4
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -36,55 +40,130 @@ class Unreadable:
 Measured = CurvatureMeasurement | Unreadable
 
 
-def measure_pictures(
-    pictures: Sequence[RecordedPicture],
-    plane: PlaneMap,
-    settings: CurvatureSettings,
-    workers: int = DEFAULT_WORKERS,
-    progress: Progress | None = None,
-    *,
-    mask: Mask | None = None,
-) -> list[Measured]:
-    """Measure every picture, in the order given, whatever the number of workers.
+@dataclass(frozen=True)
+class PictureWork:
+    """What an analysis has to look at before it can go on.
 
-    A picture that cannot be read, or is not the one that was recorded, gives an `Unreadable` in its place.
+    Attributes
+    ----------
+    pictures : tuple of RecordedPicture
+        Those of the needle. One that cannot be read, or is not the one that was recorded, gives an `Unreadable`.
+    plane, settings
+        How they are measured.
+    mask : Mask or None
+        Pixels that are not the needle.
+    others : tuple of callable
+        What else takes long and can be done meanwhile; each is carried to another process and called there.
+    """
+
+    pictures: tuple[RecordedPicture, ...]
+    plane: PlaneMap
+    settings: CurvatureSettings
+    mask: Mask | None = None
+    others: tuple[Callable[[], Any], ...] = ()
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What came of a work: a measurement for each picture, and the answer of each of the others, in their order."""
+
+    measured: tuple[Measured, ...]
+    others: tuple[Any, ...]
+
+
+Analysis: TypeAlias = Generator[PictureWork, Seen, _Result]
+"""An analysis that asks for what it wants to look at, and goes on with what was seen."""
+
+Part: TypeAlias = Callable[[], list[Any]]
+"""A piece of a work: gives, or waits for, the answers to it."""
+
+
+def concluded(
+    analysis: Analysis[_Result], look: Callable[[PictureWork], Seen], answer: Seen | None = None
+) -> _Result:
+    """Return the result of an analysis; `look` sees what it asks for.
 
     Parameters
     ----------
+    answer : Seen or None
+        What came of the work that the analysis has asked for already; None for one that has not begun.
+    """
+    try:
+        while True:
+            answer = look(next(analysis) if answer is None else analysis.send(answer))
+    except StopIteration as done:
+        result: _Result = done.value
+        return result
+
+
+def look_at(work: PictureWork, workers: int, progress: Progress | None) -> Seen:
+    """Measure every picture, in the order given, whatever the number of workers.
+
+    Parameters
+    ----------
+    workers : int
+        Processes; one is this process alone.
     progress : callable or None
-        Called with how many are done and how many there are, after each picture.
-    mask : Mask or None
-        Pixels that are not the needle.
+        Called with how many pictures are done and how many there are.
 
     Raises
     ------
     MachineError
         When a worker process dies; the usual cause is that memory ran out.
     """
-    results: list[Measured] = []
-    with _mapping(min(workers, len(pictures))) as map_in_order:
-        for result in map_in_order(partial(_measure, plane, settings, mask), pictures):
-            results.append(result)
-            if progress is not None:
-                progress(len(results), len(pictures))
-    return results
-
-
-MapInOrder = Callable[[Callable[[RecordedPicture], Measured], Sequence[RecordedPicture]], Iterator[Measured]]
-
-
-@contextmanager
-def _mapping(workers: int) -> Iterator[MapInOrder]:
-    """Give a `map`: of this process for one worker, else of a pool of them."""
+    workers = min(workers, len(work.pictures))
     if workers <= 1:
-        yield map
-        return
+        return seen(work, _parts(work), progress)
     with worker_processes(workers, "measured pictures") as pool:
-        yield partial(pool.map, chunksize=_PICTURES_A_MESSAGE)
+        return seen(work, handed_out(work, pool), progress)
+
+
+def handed_out(work: PictureWork, pool: Executor) -> list[Part]:
+    """Let a pool begin with a work; return its parts, each of which waits for its answers."""
+    return [pool.submit(part).result for part in _parts(work)]
+
+
+def seen(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> Seen:
+    """Gather the answers to a work."""
+    answers: list[Any] = []
+    others = len(work.others)
+    for answer in chain.from_iterable(part() for part in parts):
+        answers.append(answer)
+        if progress is not None and len(answers) > others:
+            progress(len(answers) - others, len(work.pictures))
+    return Seen(tuple(answers[others:]), tuple(answers[:others]))
+
+
+def _parts(work: PictureWork) -> list[Part]:
+    """Return the pieces of a work, to be done by any process in any order; what takes longest stands first."""
+    starts = range(0, len(work.pictures), _PICTURES_A_MESSAGE)
+    return [
+        *(partial(_alone, other) for other in work.others),
+        *(
+            partial(
+                _measured,
+                work.pictures[start : start + _PICTURES_A_MESSAGE],
+                work.plane,
+                work.settings,
+                work.mask,
+            )
+            for start in starts
+        ),
+    ]
+
+
+def _alone(other: Callable[[], Any]) -> list[Any]:
+    return [other()]
+
+
+def _measured(
+    pictures: Sequence[RecordedPicture], plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
+) -> list[Measured]:
+    return [_measure(one, plane, settings, mask) for one in pictures]
 
 
 def _measure(
-    plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None, picture: RecordedPicture
+    picture: RecordedPicture, plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
 ) -> Measured:
     try:
         image = picture.read()

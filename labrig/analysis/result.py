@@ -346,7 +346,10 @@ class InsertionResult(_Common):
 
 
 class RollZeroResult(_Common):
-    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused."""
+    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused.
+
+    `offset_mm` is where the sheath stands aside, the constant of that fit; None in results of earlier versions.
+    """
 
     kind: Literal["roll-zero"] = "roll-zero"
     accepted: bool
@@ -355,6 +358,7 @@ class RollZeroResult(_Common):
     rolls_rad: tuple[float, ...]
     deflections_mm: tuple[float, ...]
     fit: dict[str, float] | None
+    offset_mm: float | None = None
 
 
 AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult | InsertionResult | RollZeroResult
@@ -411,8 +415,9 @@ def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) 
 
 
 def result_numbers(run: Run) -> tuple[int, ...]:
-    """Return the numbers of the run's results, rising."""
-    return tuple(sorted(int(file.parent.name) for file in run.path.glob(f"analysis/[0-9]*/{RESULT_FILE}")))
+    """Return the numbers of the run's results, rising. Raises `RecordError` where their folder is a link."""
+    folder = run.own("analysis")
+    return tuple(sorted(int(file.parent.name) for file in folder.glob(f"[0-9]*/{RESULT_FILE}")))
 
 
 def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
@@ -423,7 +428,7 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
     InputError
         When there is no result of that number.
     RecordError
-        When the result is damaged or of a newer schema.
+        When the result is damaged or of a newer schema, or a file of it is a symbolic link.
     """
     numbers = result_numbers(run)
     if number is None and not numbers:
@@ -434,8 +439,10 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
             f"{run.path} has no result {wanted:03d}",
             f"it has {list(numbers)}; `labrig reanalyze` makes another",
         )
-    path = run.path / "analysis" / f"{wanted:03d}"
+    path = run.own(f"analysis/{wanted:03d}")
     try:
+        for file in path.iterdir():
+            run.own(f"analysis/{wanted:03d}/{file.name}")
         content = _CONTENT.validate_json((path / RESULT_FILE).read_bytes())
     except (OSError, ValidationError) as error:
         raise RecordError(

@@ -1,10 +1,11 @@
 """The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.pictures import Progress, measure_pictures
+from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import RollZeroResult, Stamp
 from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
@@ -13,9 +14,7 @@ from labrig.steering import RollZeroFit, fit_roll_zero
 from labrig.vision import CurvatureMeasurement, CurvatureSettings
 
 
-def analyze_roll_zero(
-    run: Run, protocol: RollZeroProtocol, stamp: Stamp, workers: int, progress: Progress | None
-) -> RollZeroResult:
+def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -27,8 +26,8 @@ def analyze_roll_zero(
     """
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    files = [run.pictures[int(one["frame"])] for one in pictures]
-    measured = measure_pictures(files, load_mapping(run), settings, workers, progress)
+    places = tuple(run.pictures[int(one["frame"])] for one in pictures)
+    measured = (yield PictureWork(places, load_mapping(run), settings)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)
@@ -52,4 +51,11 @@ def analyze_roll_zero(
         rolls_rad=tuple(rolls_rad),
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
+        offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
     )
+
+
+def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
+    """Return the constant of the least-squares cosine: the residuals of such a fit sum up to nothing."""
+    bends = (fit.bend_mm * math.cos(roll - fit.zero_rad) for roll in rolls_rad)
+    return math.fsum(stray + bend for stray, bend in zip(strays_mm, bends, strict=True)) / len(rolls_rad)

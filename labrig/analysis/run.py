@@ -10,7 +10,7 @@ from labrig.analysis.calibration import analyze_calibration
 from labrig.analysis.curvature import analyze_curvature
 from labrig.analysis.design import analyze_design
 from labrig.analysis.insertion import analyze_insertion
-from labrig.analysis.pictures import Progress
+from labrig.analysis.pictures import Analysis, Progress, concluded, look_at
 from labrig.analysis.result import AnalysisResult, Stamp, result_numbers, write_result
 from labrig.analysis.roll_zero import analyze_roll_zero
 from labrig.analysis.workers import DEFAULT_WORKERS
@@ -27,6 +27,9 @@ from labrig.protocol import (
 )
 from labrig.record import Run, write_atomically
 from labrig.vision import Mask
+
+BY_PICTURES = (SteerabilityProtocol, ImportProtocol, RollZeroProtocol)
+"""Protocols whose analysis is made of pictures that can be measured one by one, in any process."""
 
 _OVERRIDABLE = ("analysis.",)
 # How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
@@ -71,6 +74,21 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or a worker process dies.
     """
+    analysis = analysis_of(run, overrides, created, provenance, mask, workers=workers, progress=progress)
+    return concluded(analysis, lambda work: look_at(work, workers, progress))
+
+
+def analysis_of(
+    run: Run,
+    overrides: Sequence[str],
+    created: datetime,
+    provenance: Mapping[str, Any],
+    mask: Mask | None,
+    *,
+    workers: int,
+    progress: Progress | None,
+) -> Analysis[AnalysisResult]:
+    """Give the analysis of a run, which asks for the pictures that it wants to be measured; as `analyze_run`."""
     if run.withdraws is not None:
         raise InputError(
             f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
@@ -93,7 +111,7 @@ def analyze_run(
         calibration.save(folder)
         return write_result(folder, calibration.content)
     if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = analyze_curvature(run, protocol, stamp, workers, progress, mask=mask)
+        content, lines = yield from analyze_curvature(run, protocol, stamp, mask)
         folder = run.new_result_dir()
         if mask is not None:
             write_atomically(folder / mask.kept_as, mask.content)
@@ -107,7 +125,8 @@ def analyze_run(
         arrivals = analyze_insertion(run, protocol, stamp, progress)
         return write_result(run.new_result_dir(), arrivals)
     if isinstance(protocol, RollZeroProtocol):
-        return write_result(run.new_result_dir(), analyze_roll_zero(run, protocol, stamp, workers, progress))
+        zero = yield from analyze_roll_zero(run, protocol, stamp)
+        return write_result(run.new_result_dir(), zero)
     raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
 
 

@@ -1,7 +1,6 @@
 """Worker processes that end with their parent."""
 
 import multiprocessing
-import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -10,9 +9,9 @@ from contextlib import contextmanager
 import cv2
 
 from labrig.errors import MachineError
-from labrig.posix import WORKERS_ARE, end_with_parent
+from labrig.posix import WORKERS_ARE, end_with_parent, usable_cores
 
-DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
+DEFAULT_WORKERS = min(usable_cores(), 8)
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """`labrig calibrate`: the camera's intrinsics, the plane map, and taking over what a calibration run found."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -7,9 +8,10 @@ import typer
 
 from labrig.cli import template
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
+from labrig.cli.damage import require_undamaged
 from labrig.cli.options import InsertionOption, RigOption, rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, say
-from labrig.errors import CalibrationRefusedError, InputError, PictureError, RecordError
+from labrig.errors import CalibrationRefusedError, InputError, RecordError
 
 app = typer.Typer(
     help="Calibrate the camera: intrinsics, plane map, template of the tip.", no_args_is_help=True
@@ -48,7 +50,7 @@ def intrinsics(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
-    from labrig.cli.lens import board_search, draw_beside, picture_beside
+    from labrig.cli.lens import board_search, draw_beside, picture_beside, read_views
     from labrig.vision import calibrate_from_pictures, save_intrinsics
 
     require_writable(out, force)
@@ -59,13 +61,12 @@ def intrinsics(
             f"--square-mm is {square_mm:g}, and has to be above 0", "measure the side of a square"
         )
     search = board_search(charuco, marker_mm, square_mm, partial, window_px)
-    pictures = _read_all(images)
-    if not pictures:
-        raise InputError(f"none of the {len(images)} pictures can be read", "look at one in a viewer")
+    pictures, unread = read_views(images)
     try:
         found = calibrate_from_pictures(pictures, columns, rows, square_mm, search=search, model=model)
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_INTRINSICS, as_json)
+    found = replace(found, views=(*found.views, *unread))
     if out is not None and (found.accepted or force):
         save_intrinsics(out, found, provenance(images))
         draw_beside(out, found)
@@ -155,7 +156,9 @@ def adopt(
     from labrig.devices import load_rig
     from labrig.record import open_run, write_atomically
 
-    result = load_result(open_run(run_path))
+    run = open_run(run_path)
+    require_undamaged(run)
+    result = load_result(run)
     if result is None or not {"intrinsics.json", "plane.json"} <= {
         path.name for path in result.path.iterdir()
     }:
@@ -177,19 +180,6 @@ def adopt(
     else:
         for path in targets.values():
             typer.echo(str(path))
-
-
-def _read_all(images: list[Path]) -> list[tuple[str, Any]]:
-    """Read every picture; one that cannot be read is named and left out."""
-    from labrig.vision import read_picture
-
-    pictures = []
-    for path in images:
-        try:
-            pictures.append((path.name, read_picture(path)))
-        except PictureError as error:
-            say(f"left out: {error.message}")
-    return pictures
 
 
 def _board_size(board: str) -> tuple[int, int]:

@@ -1,6 +1,5 @@
 """Homing and jogging from the command line: the rig opened gently, and what was found told."""
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -8,9 +7,7 @@ from pathlib import Path
 
 from labrig.cli.options import rig_file
 from labrig.cli.output import tell_checks
-from labrig.cli.person import TerminalOperator
-from labrig.cli.rigs import remark_on_yes
-from labrig.cli.signals import note_signals
+from labrig.cli.rigs import remark_on_yes, rig_for_person
 from labrig.devices import (
     AXES,
     HOME_ORDER,
@@ -18,7 +15,6 @@ from labrig.devices import (
     Opening,
     Rig,
     load_rig,
-    open_rig,
 )
 from labrig.errors import InputError
 from labrig.experiments import (
@@ -86,17 +82,8 @@ def _opened(careful: Careful, axes: tuple[str, ...], doing: str) -> Iterator[Rig
     """Open axes of a rig without its camera, gently; faults are reset where the person confirms it."""
     description = load_rig(rig_file(careful.rig))
     remark_on_yes(description, yes=careful.yes)
-    with (
-        note_signals() as interrupted,
-        open_rig(
-            description,
-            seed=0,
-            person=TerminalOperator(interrupted, sys.stdin),
-            interrupted=interrupted,
-            doing=doing,
-            opening=Opening(axes, camera=False, max_current_ma=careful.current_ma, reset_faults=True),
-        ) as rig,
-    ):
+    opening = Opening(axes, camera=False, max_current_ma=careful.current_ma, reset_faults=True)
+    with rig_for_person(description, doing, opening=opening) as (rig, _):
         yield rig
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import typer
 
 from labrig.analysis import DesignOrder, DesignStudy, design_file, hinge_table, load_result, study_design
+from labrig.cli.damage import require_undamaged
 from labrig.cli.output import interval, number, print_table, say
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
@@ -97,7 +98,9 @@ def measured_radius(radius_mm: float | None, run: Path | None, beta_cut_deg: flo
                 "add --measured-radius-mm or --from-run",
             )
         return radius_mm
-    result = load_result(open_run(run))
+    opened = open_run(run)
+    require_undamaged(opened)
+    result = load_result(opened)
     mean_mm = None if result is None else result.document.get("mean_radius_mm")
     if not isinstance(mean_mm, float):
         raise AnswerIsNoError(f"{run} has no mean radius", "run a sweep, or `labrig reanalyze` it")

@@ -65,7 +65,8 @@ def jog(
         float | None,
         typer.Option(
             "--distance",
-            help="How far in mm or rad, with its sign. Default: 10 mm or a quarter turn.",
+            help="How far in mm or rad, with its sign; of an axis without a reference 20 mm or half a turn at most. "
+            "Default: 10 mm or a quarter turn.",
             show_default=False,
         ),
     ] = None,
@@ -79,7 +80,11 @@ def jog(
     ] = None,
     speed: Annotated[
         float | None,
-        typer.Option("--speed", help="In mm/s or rad/s. Default: 1 mm/s or 0.2 rad/s.", show_default=False),
+        typer.Option(
+            "--speed",
+            help="In mm/s or rad/s, 5 mm/s or 1 rad/s at most. Default: 1 mm/s or 0.2 rad/s.",
+            show_default=False,
+        ),
     ] = None,
     rig: RigOption = None,
     current_ma: CurrentOption = _GENTLE_MA,

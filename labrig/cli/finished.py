@@ -1,6 +1,7 @@
 """How a run ended, and how that is told."""
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,7 @@ def tell(finished: Finished, as_json: bool) -> int:
         "report": None if finished.report is None else str(finished.report),
         "result": finished.result,
     }
+    place = shlex.quote(str(finished.run))
     if finished.error is not None:
         document["error"] = failure_document(finished.error)
         for line in failure_lines(finished.error):
@@ -54,9 +56,9 @@ def tell(finished: Finished, as_json: bool) -> int:
         if finished.needle:
             say(f"note: {finished.needle}")
         if finished.result is None:
-            say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {finished.run}")
+            say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {place}")
         if finished.result is None and finished.exit_status != "success" and finished.can_resume:
-            say(f"go on with it: labrig resume {finished.run}")
+            say(f"go on with it: labrig resume {place}")
     if as_json:
         print_json(document)
     elif finished.result is not None:

@@ -1,10 +1,20 @@
 """What `labrig calibrate` makes of its options, and the picture that it writes beside the lens's file."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from labrig.errors import DiskError, InputError
+from labrig.errors import DiskError, InputError, PictureError
 from labrig.report import write_lens_figure
-from labrig.vision import BoardSearch, Charuco, Gel, Intrinsics, PaperPlace
+from labrig.vision import (
+    BoardSearch,
+    Charuco,
+    Gel,
+    Intrinsics,
+    PaperPlace,
+    Picture,
+    ViewResidual,
+    read_picture,
+)
 
 
 def board_search(
@@ -23,6 +33,30 @@ def board_search(
         )
     board = None if charuco is None or marker_mm is None else Charuco(charuco, marker_mm / square_mm)
     return BoardSearch(partial, board, window_px)
+
+
+def read_views(images: Sequence[Path]) -> tuple[list[tuple[str, Picture]], list[ViewResidual]]:
+    """Return the pictures that can be read, by name, and why the others cannot.
+
+    Raises
+    ------
+    InputError
+        If none can be read.
+    """
+    pictures: list[tuple[str, Picture]] = []
+    refused: list[tuple[str, PictureError]] = []
+    for path in images:
+        try:
+            pictures.append((path.name, read_picture(path)))
+        except PictureError as error:
+            refused.append((path.name, error))
+    if not pictures:
+        first = refused[0][1]
+        raise InputError(f"none of the {len(images)} pictures can be read: {first.message}", first.hint)
+    unread = [
+        ViewResidual(name, None, used=False, reason=f"{why.message}: {why.hint}") for name, why in refused
+    ]
+    return pictures, unread
 
 
 def picture_beside(out: Path | None) -> Path | None:

@@ -3,13 +3,14 @@
 import io
 import json
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError
+from labrig.errors import FileFormatError, LabrigError, fault_fields
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
@@ -53,8 +54,9 @@ def say(text: str) -> None:
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
-    """Return the JSON form of a failure: type, message and hint."""
-    return {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    """Return the JSON form of a failure: type, message and hint; of bus and drives also what fault it is."""
+    document = {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
+    return {**document, **fault_fields(error)}
 
 
 def print_failure(error: LabrigError, as_json: bool) -> None:
@@ -86,10 +88,23 @@ def tell_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
     else:
         for one in checks:
             axis = f"{one['axis']} " if "axis" in one else ""
-            typer.echo(f"{one['status']:4}  {axis}{one['check']}: {one['value']}")
+            tell(f"{one['status']:4}  {axis}{one['check']}: {one['value']}", 6)
             if one["solution"]:
-                typer.echo(f"      {one['solution']}")
+                tell(f"      {one['solution']}", 6)
     return 1 if any(one["status"] == "FAIL" for one in checks) else 0
+
+
+def tell(text: str, indent: int = 2) -> None:
+    """Print a sentence; a terminal has it folded between words, with all lines but the first indented."""
+    for line in text.splitlines() or [""]:
+        wrapped = textwrap.wrap(
+            line,
+            _terminal_columns(),
+            subsequent_indent=" " * indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        typer.echo("\n".join(wrapped))
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -105,11 +120,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     numeric = [
         bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
     ]
-    for line in (list(heads), *cells):
-        padded = [
-            c.rjust(w) if right else c.ljust(w) for c, w, right in zip(line, widths, numeric, strict=True)
-        ]
-        typer.echo("  ".join(padded).rstrip())
+    fill = [str.rjust if right else str.ljust for right in numeric]
+    padded = (
+        "  ".join(pad(cell, width) for pad, cell, width in zip(fill, line, widths, strict=True)).rstrip()
+        for line in (heads, *cells)
+    )
+    typer.echo("\n".join(padded))
 
 
 def _print_blocks(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> None:

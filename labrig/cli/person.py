@@ -34,41 +34,31 @@ class TerminalOperator:
                 f"nobody is there to answer: {request.text}",
                 "run labrig in a terminal; --yes never answers on a real rig",
             )
-        if isinstance(request, ReadScale):
-            return self._ask_number(request, meanwhile)
-        if isinstance(request, PickTarget):
-            return self._ask_pixel(request, meanwhile)
-        while True:
-            say(f"\n>> {request.text}\n   yes, or no to stop: ")
-            answer = self._read_line(meanwhile).strip().lower()
-            if answer in {"y", "yes"}:
-                return Answer(confirmed=True, note=answer)
-            if answer in {"n", "no"}:
-                return Answer(confirmed=False, note=answer)
+        match request:
+            case ReadScale():
+                return self._ask(request, meanwhile, "a number such as 12.5", _number)
+            case PickTarget():
+                return self._ask(request, meanwhile, "two numbers such as 640 290.5", _pixel)
+            case _:
+                return self._ask(request, meanwhile, "yes", _consent)
 
-    def _ask_number(self, request: ReadScale, meanwhile: Callable[[], None]) -> Answer:
-        """Ask until the answer is a number, or no."""
+    def _ask(
+        self,
+        request: OperatorRequest,
+        meanwhile: Callable[[], None],
+        wanted: str,
+        understand: Callable[[str], Answer | None],
+    ) -> Answer:
+        """Ask until the answer is understood or no; say what is wanted where it is neither."""
+        remark = ""
         while True:
-            say(f"\n>> {request.text}\n   a number, or no to stop: ")
-            answer = self._read_line(meanwhile).strip().lower()
-            if answer in {"n", "no"}:
-                return Answer(confirmed=False, note=answer)
-            with suppress(ValueError):
-                reading = float(answer.replace(",", "."))
-                if math.isfinite(reading):
-                    return Answer(confirmed=True, note=answer, reading=reading)
-
-    def _ask_pixel(self, request: PickTarget, meanwhile: Callable[[], None]) -> Answer:
-        """Ask until the answer is two numbers, or no."""
-        while True:
-            say(f"\n>> {request.text}\n   two numbers, or no to stop: ")
-            answer = self._read_line(meanwhile).strip().lower()
-            if answer in {"n", "no"}:
-                return Answer(confirmed=False, note=answer)
-            with suppress(ValueError):
-                u, v = (float(one) for one in answer.split())
-                if math.isfinite(u) and math.isfinite(v):
-                    return Answer(confirmed=True, note=answer, pixel=(u, v))
+            say(f"\n>> {request.text}\n   {remark}{wanted}, or no to stop: ")
+            typed = self._read_line(meanwhile).strip().lower()
+            if typed in {"n", "no"}:
+                return Answer(confirmed=False, note=typed)
+            if (answer := understand(typed)) is not None:
+                return answer
+            remark = f"{typed!r} is not understood: " if typed else ""
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line, looking for signals and after the rig twenty times a second."""
@@ -82,3 +72,25 @@ class TerminalOperator:
                 "standard input ended before the operator answered", "run labrig in a terminal"
             )
         return line
+
+
+def _consent(typed: str) -> Answer | None:
+    return Answer(confirmed=True, note=typed) if typed in {"y", "yes"} else None
+
+
+def _number(typed: str) -> Answer | None:
+    numbers = _finite(typed.replace(",", ".").split())
+    return Answer(confirmed=True, note=typed, reading=numbers[0]) if len(numbers) == 1 else None
+
+
+def _pixel(typed: str) -> Answer | None:
+    numbers = _finite(typed.split())
+    return Answer(confirmed=True, note=typed, pixel=(numbers[0], numbers[1])) if len(numbers) == 2 else None
+
+
+def _finite(words: list[str]) -> list[float]:
+    """Return the numbers of an answer; none where one of its words is not a finite number."""
+    with suppress(ValueError):
+        numbers = [float(word) for word in words]
+        return numbers if all(map(math.isfinite, numbers)) else []
+    return []

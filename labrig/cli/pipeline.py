@@ -1,20 +1,19 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
+from labrig.cli.analyzing import analyze
 from labrig.cli.finished import Finished
 from labrig.cli.output import say
-from labrig.cli.person import TerminalOperator
 from labrig.cli.progress import Reporter, progress
-from labrig.cli.signals import Interruption, note_signals
+from labrig.cli.rigs import rig_for_person
+from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
-from labrig.devices import Rig, RigDescription, SystemClock, open_rig
+from labrig.devices import Rig, RigDescription, SystemClock
 from labrig.errors import (
     AnswerIsNoError,
     FileFormatError,
@@ -35,7 +34,6 @@ from labrig.experiments import (
 )
 from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol, dump_yaml
 from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
-from labrig.vision import load_mask
 
 
 @dataclass(frozen=True)
@@ -148,15 +146,9 @@ def record_on_rig(
     act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
 ) -> Recorded:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
+    doing = " ".join(("labrig", *command_line[1:]))
     with (
-        note_signals() as interrupted,
-        open_rig(
-            description,
-            seed=protocol.seed,
-            person=TerminalOperator(interrupted, sys.stdin),
-            interrupted=interrupted,
-            doing=" ".join(("labrig", *command_line[1:])),
-        ) as rig,
+        rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
         progress(protocol.experiment, work) as reporter,
     ):
         path, outcome = act(rig, reporter)
@@ -225,40 +217,3 @@ def free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
         number += 1
         name = f"{started:%Y%m%d-%H%M%S}-{experiment}-{number}"
     return name
-
-
-def analyze_several(
-    paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...]
-) -> dict[Path, AnalysisResult | LabrigError]:
-    """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
-    runs = list(dict.fromkeys(paths))
-    with progress("analysing runs", float(len(runs))) as reporter:
-        outcomes = analyze_runs(
-            runs,
-            overrides=overrides,
-            progress=lambda done, total, run: reporter(float(done), f"{done} of {total} runs, {run.name}"),
-            created=SystemClock().utc(),
-            provenance=collect_provenance(command_line),
-        )
-    return dict(zip(runs, outcomes, strict=True))
-
-
-def analyze(
-    path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
-) -> AnalysisResult:
-    """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
-    run = open_run(path)
-    doing, things = (
-        ("searching rotations for", "hinges")
-        if isinstance(run.protocol, DesignProtocol)
-        else ("measuring", "pictures")
-    )
-    with progress(f"{doing} {path.name}", 1.0) as reporter:
-        return analyze_run(
-            run,
-            overrides=overrides,
-            progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
-            created=SystemClock().utc(),
-            provenance=collect_provenance(command_line),
-            mask=None if mask is None else load_mask(mask),
-        )

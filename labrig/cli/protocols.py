@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, say, tell
 from labrig.errors import FileFormatError, Problem
 
 
@@ -51,12 +51,12 @@ def check(
         _print_check(problems, needs.duration_s, needs.disk_bytes)
     else:
         for problem in problems:
-            typer.echo(
-                f"{problem.where}: {problem.message}" + (f"\n  hint: {problem.hint}" if problem.hint else "")
-            )
+            tell(f"{problem.where}: {problem.message}")
+            if problem.hint:
+                tell(f"  hint: {problem.hint}", 4)
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
-        typer.echo(
+        tell(
             f"{protocol} {verdict} {where}: {needs.duration_s / 60:.0f} min of motion, "
             f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
             f"{needs.disk_bytes / 1e6:.0f} MB"

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from labrig.cli.damage import tell_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
@@ -21,7 +22,7 @@ from labrig.cli.options import (
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, failure_lines, print_json, print_table, say
-from labrig.errors import LabrigError, RecordError
+from labrig.errors import LabrigError, Problem, RecordError
 
 RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 
@@ -51,11 +52,11 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.pipeline import analyze, analyze_several
+    from labrig.cli.analyzing import analyze, analyze_several
 
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
-    at_once = len(set(run_paths)) > 1 and mask is None
-    several = analyze_several(run_paths, command_line, overrides) if at_once else {}
+    at_once = len(set(run_paths)) > 1
+    several = analyze_several(run_paths, command_line, overrides, mask) if at_once else {}
 
     def one(path: Path) -> dict[str, object]:
         outcome = several.get(path)
@@ -239,19 +240,15 @@ def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
         page = write_report(loaded, load_result(loaded), SystemClock().utc())
         if not as_json:
             typer.echo(str(page))
-        damage = [f"{problem.where}: {problem.message}" for problem in loaded.damage]
-        return _undamaged({"report": str(page), "reason": None}, damage)
+        return _undamaged({"report": str(page), "reason": None}, loaded.damage)
 
     return _each(run_paths, one, as_json, key="report")
 
 
-def _undamaged(row: dict[str, object], damage: Sequence[str]) -> dict[str, object]:
+def _undamaged(row: dict[str, object], damage: Sequence[Problem | str]) -> dict[str, object]:
     """Return the row of a run, not ok where its record is damaged; what could be done has been done all the same."""
-    if not damage:
-        return row
-    for one in damage:
-        say(f"error: the record is damaged: {one}")
-    return {**row, "ok": False, "reason": f"the record is damaged: {'; '.join(damage)}"}
+    told = tell_damage(damage)
+    return row if told is None else {**row, "ok": False, "reason": told}
 
 
 def _each(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str) -> int:
@@ -279,7 +276,7 @@ def view(
         bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
     ] = True,
     as_json: AsJson = False,
-) -> None:
+) -> int:
     """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
     from labrig.analysis import load_result
     from labrig.record import open_run
@@ -287,12 +284,14 @@ def view(
 
     run = open_run(run_path)
     path = write_view(run, load_result(run))
+    damage = tell_damage(run.damage)
     if as_json:
-        print_json({"run": str(run_path), "view": str(path)})
+        print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     else:
         typer.echo(str(path))
     if open_viewer:
         open_view(path)
+    return RecordError.exit_code if damage else 0
 
 
 def import_(

@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
+from labrig.cli.damage import require_undamaged
 from labrig.cli.output import AsJson, print_json
-from labrig.errors import AnswerIsNoError, RecordError
+from labrig.errors import AnswerIsNoError
 
 
 def register(app: typer.Typer) -> None:
@@ -26,12 +27,10 @@ def replay(
 
     from labrig.cli.progress import progress
     from labrig.experiments import replay_run, replay_work
-    from labrig.record import open_run
+    from labrig.record import collect_provenance, open_run
 
     run = open_run(run_path)
-    if run.damage:
-        first = run.damage[0]
-        raise RecordError(f"{run_path} is damaged: {first.where}: {first.message}", "see: labrig runs check")
+    require_undamaged(run)
     with progress(f"replaying {run_path.name}", replay_work(run)) as reporter:
         found = replay_run(run, reporter)
     difference = found.first_difference
@@ -42,6 +41,7 @@ def replay(
         "bit_exact": found.bit_exact,
         "ended_early": found.ended_early or None,
         "compared": found.counts,
+        "code": {"recorded": _code(run.manifest.get("provenance")), "now": _code(collect_provenance(()))},
     }
     if as_json:
         print_json(document)
@@ -60,9 +60,29 @@ def _print(document: Mapping[str, Any]) -> None:
         typer.echo(f"differs at t = {one['t_s']:.3f} s, {place}")
         typer.echo(f"  {one['what']} in the record: {one['recorded']}")
         typer.echo(f"  {one['what']} in the replay: {one['now']}")
+        _print_code(document["code"])
     if document["ended_early"]:
         typer.echo(f"  {document['ended_early']}; it is compared up to there")
-    typer.echo("  the same: " + ", ".join(f"{count} {what}" for what, count in document["compared"].items()))
+    same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
+    typer.echo(f"  the same: {same or 'nothing before it'}")
+
+
+def _code(provenance: object) -> dict[str, object]:
+    """Return which code made a record, as far as its provenance says."""
+    said = provenance if isinstance(provenance, Mapping) else {}
+    return {key: said.get(key) for key in ("labrig", "git_commit", "git_dirty")}
+
+
+def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
+    """Say whose difference it is, where other code than this one made the record."""
+    recorded, now = code["recorded"], code["now"]
+    if recorded != now or now["git_dirty"]:
+        typer.echo(f"  other code made this record: {_named(recorded)}; this is {_named(now)}")
+
+
+def _named(code: Mapping[str, object]) -> str:
+    commit = str(code["git_commit"] or "of no commit")[:12]
+    return f"labrig {_known(code['labrig'])}, {commit}{' with changes' if code['git_dirty'] else ''}"
 
 
 def _known(number: object) -> str:

@@ -29,6 +29,7 @@ from labrig.record import (
     Recorder,
     Run,
     check_run,
+    collect_code_diff,
     collect_provenance,
     differing_values,
     open_run,
@@ -181,7 +182,10 @@ def _record_rest(continuation: Continuation, work: float) -> Recorded:
     def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
         recorder = Recorder.reopen(continuation.run.path, " ".join(("labrig", *command_line[1:])))
         recorder.begin_session(
-            rig.clock.utc(), provenance=collect_provenance(command_line), devices=rig.describe()
+            rig.clock.utc(),
+            code_diff=collect_code_diff(),
+            provenance=collect_provenance(command_line),
+            devices=rig.describe(),
         )
         session = Session(rig, recorder, reporter)
         return recorder.path, conduct_rest(continuation.protocol, session, continuation.past)

@@ -1,11 +1,15 @@
-"""Which rig a protocol runs on, if it needs one."""
+"""Which rig a protocol runs on, if it needs one, and opening it for the person at the terminal."""
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from labrig.cli.options import rig_file, rig_settings_as_typed
 from labrig.cli.output import say
-from labrig.devices import RigDescription, load_rig
+from labrig.cli.person import TerminalOperator
+from labrig.cli.signals import SignalNote, note_signals
+from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig
 from labrig.errors import InputError
 from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol
 
@@ -14,6 +18,45 @@ def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
     """Say that `--yes` does not answer where a person must."""
     if yes and description.kind != "simulated":
         say("note: --yes does not answer on a real rig; every question is asked")
+
+
+@contextmanager
+def rig_for_person(
+    description: RigDescription, doing: str, *, seed: int = 0, opening: Opening | None = None
+) -> Iterator[tuple[Rig, SignalNote]]:
+    """Open a rig for the person at the terminal: questions are printed there, a signal stops the axes first.
+
+    Parameters
+    ----------
+    doing : str
+        What the rig is used for, as another labrig that wants it is told.
+    seed : int
+        For every draw of a simulated world.
+    opening : Opening or None
+        What of the rig is opened, and how; None for the whole of it.
+
+    Yields
+    ------
+    Rig, SignalNote
+        The rig, and the note of a signal that has arrived; ask the note again afterwards.
+
+    Raises
+    ------
+    LabrigError
+        As `open_rig`; nothing has moved.
+    """
+    with (
+        note_signals() as interrupted,
+        open_rig(
+            description,
+            seed=seed,
+            person=TerminalOperator(interrupted, sys.stdin),
+            interrupted=interrupted,
+            doing=doing,
+            opening=opening or Opening(),
+        ) as rig,
+    ):
+        yield rig, interrupted
 
 
 def rig_for(

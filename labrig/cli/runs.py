@@ -8,8 +8,11 @@ from typing import Annotated, Any, Literal
 import typer
 
 from labrig.cli import checking
+from labrig.cli.damage import Damaged, tell_damage
+from labrig.cli.interrupted import next_steps
 from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json, print_table, say
+from labrig.errors import RecordError
 
 app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
 checking.register(app)
@@ -57,6 +60,8 @@ def list_(
         print_json([_row(one) for one in found])
     elif found:
         _print_runs(found)
+        for line in next_steps([one.summary for one in found]):
+            say(line)
     elif where is not None and find_runs(runs_dir):
         say("no run fits")
     else:
@@ -174,17 +179,20 @@ def diff(
     a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or its URL.")],
     b: Annotated[str, typer.Argument(metavar="B", help="Folder of another, or its URL.")],
     as_json: AsJson = False,
-) -> None:
-    """Say each value in which they differ."""
+) -> int:
+    """Say each value in which they differ; exit with 4 where a record is damaged."""
     from dataclasses import asdict
 
     from labrig.record import compare_runs, open_run
 
-    differences = compare_runs(open_run(a).path, open_run(b).path)
+    runs = open_run(a), open_run(b)
+    differences = compare_runs(*(run.path for run in runs))
+    damage = tell_damage([*_damage_of(a, runs[0]), *_damage_of(b, runs[1])])
+    exit_code = 0 if damage is None else RecordError.exit_code
     if as_json:
         found = [asdict(each) for each in differences]
-        print_json({"a": a, "b": b, "identical": not found, "differences": found})
-        return
+        print_json({"a": a, "b": b, "identical": not found, "differences": found, "reason": damage})
+        return exit_code
     if not differences:
         typer.echo("no difference")
     for section, group in groupby(differences, key=lambda each: each.section):
@@ -193,6 +201,11 @@ def diff(
         if len(rows) > LONGEST_SECTION:
             typer.echo(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
         typer.echo("")
+    return exit_code
+
+
+def _damage_of(name: str, run: Damaged) -> list[str]:
+    return [f"{name}: {problem.where}: {problem.message}" for problem in run.damage]
 
 
 def _shortened(value: object) -> str | None:

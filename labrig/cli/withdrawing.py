@@ -9,16 +9,14 @@ import typer
 
 from labrig.cli.options import rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, say
-from labrig.cli.person import TerminalOperator
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
-from labrig.cli.rigs import remark_on_yes
-from labrig.cli.signals import note_signals
-from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig, rig_state
+from labrig.cli.rigs import remark_on_yes, rig_for_person
+from labrig.devices import Opening, Rig, RigDescription, load_rig, rig_state
 from labrig.errors import InputError
 from labrig.experiments import Outcome, Session, Stance, conduct_withdrawal, recorded_path
 from labrig.protocol import dump_yaml
-from labrig.record import WITHDRAWS, Recorder, Run, collect_provenance, open_run
+from labrig.record import WITHDRAWS, Recorder, Run, collect_code_diff, collect_provenance, open_run
 
 
 def withdraw_and_tell(
@@ -92,7 +90,10 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
             "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
         )
     if given is None and state.since_run is None:
-        raise InputError(f"which run left the needle is not known: {state.doubt}", "name it with --run RUN")
+        raise InputError(
+            f"which run left a needle is not known, if one did: {state.doubt}",
+            "name the run with --run RUN; where no needle is in tissue, labrig devices jog and home move the axes",
+        )
     found = open_run(_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
     folder = found.path.resolve()
     if state.since_run not in {None, folder.name}:
@@ -111,16 +112,9 @@ def _folder(given: Path, runs_dir: Path) -> Path:
 def _withdraw(
     description: RigDescription, left: Run, path: tuple[Stance, ...], standing: Stance
 ) -> tuple[Path, Outcome]:
+    opening = Opening(camera=False, reset_faults=True)
     with (
-        note_signals() as interrupted,
-        open_rig(
-            description,
-            seed=0,
-            person=TerminalOperator(interrupted, sys.stdin),
-            interrupted=interrupted,
-            doing="labrig devices withdraw",
-            opening=Opening(camera=False, reset_faults=True),
-        ) as rig,
+        rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
         progress("withdrawal", 1.0) as reporter,
     ):
         recorder = _record(rig, left)
@@ -147,4 +141,5 @@ def _record(rig: Rig, left: Run) -> Recorder:
         dump_yaml(left.protocol),
         dump_yaml(rig.description),
         {},
+        code_diff=collect_code_diff(),
     )

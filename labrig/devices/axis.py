@@ -1,7 +1,7 @@
 """One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from labrig.clock import Clock
@@ -9,7 +9,7 @@ from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
 from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import DIRECTIONS, Homing
+from labrig.devices.homing import HOMING_DIRECTIONS, Homing
 from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, HomingDescription, check_move
 from labrig.errors import DriveError, DriveFaultError, MachineError, SafetyStopError
 
@@ -287,8 +287,8 @@ class Axis:
         self._due_s = self._then = None
         self._drive.halt()
 
-    def wait_until_still(self) -> None:
-        """Return once the axis stands still, as its position reads; quick-stop it when halting does not do.
+    def looks_until_still(self) -> Iterator[None]:
+        """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
 
         Raises
         ------
@@ -297,18 +297,14 @@ class Axis:
         BusError
         """
         try:
-            self._drive.wait_until_still(self._stop_time_s(self._description.acceleration))
+            yield from self._drive.looks_until_still(self._stop_time_s(self._description.acceleration))
         except DriveError:
             self._drive.quick_stop()
-            self._drive.wait_until_still(self._stop_time_s(self._description.quick_stop_deceleration))
+            again_s = self._stop_time_s(self._description.quick_stop_deceleration)
+            yield from self._drive.looks_until_still(again_s)
 
     def _stop_time_s(self, deceleration: float) -> float:
         return self.max_speed / deceleration + _STOP_MARGIN_S
-
-    def stop(self) -> None:
-        """Stop this axis and see that it stands still. Raises `DriveError`, `BusError`."""
-        self.halt()
-        self.wait_until_still()
 
     # Connecting
 
@@ -383,7 +379,7 @@ class Axis:
 
     def homing_direction(self, method: int) -> int:
         """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
-        return -DIRECTIONS[method] if self._description.reversed else DIRECTIONS[method]
+        return -HOMING_DIRECTIONS[method] if self._description.reversed else HOMING_DIRECTIONS[method]
 
     @property
     def homing(self) -> HomingDescription:
@@ -396,7 +392,7 @@ class Axis:
         offset = round(described.offset * scale.quadcounts_per_unit)
         return Homing(
             method,
-            offset=-DIRECTIONS[method] * offset,
+            offset=-HOMING_DIRECTIONS[method] * offset,
             position=scale.to_quadcounts(described.position),
             switch_rpm=scale.to_rpm(described.speed),
             index_rpm=max(1, scale.to_rpm(described.speed) // 10),

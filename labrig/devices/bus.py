@@ -205,7 +205,9 @@ def _hint(description: CanDescription) -> str:
             f"plug in the adapter, then as root: ip link set {channel} up type can bitrate "
             f"{description.bitrate}; ip link shows which interfaces there are"
         )
-    known = ", ".join(sorted(can.VALID_INTERFACES))
-    return (
-        f"check can.interface and can.channel in the rig file, adapter and driver; python-can knows {known}"
-    )
+    if description.interface == "slcan":
+        return (
+            "check can.channel in the rig file: the serial port of the adapter, such as /dev/ttyACM0; who may open "
+            "it is in its group, often dialout"
+        )
+    return "check can.channel in the rig file, the adapter, and whether its driver is installed"

@@ -15,6 +15,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.control import owner_of
 from labrig.devices.drive_settings import drive_settings, fingerprint
 from labrig.devices.epos2 import Epos2
+from labrig.devices.motion_log import last_motion, motion_log_path
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import (
     ONLY_SIMULATED,
@@ -69,7 +70,7 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
     else:
         results += _device_results(rig)
     now = SystemClock().utc()
-    return [*results, *check_calibration(rig, now), _disk_result(), _state_result(rig)]
+    return [*results, *check_calibration(rig, now), _disk_result(), _state_result(rig), *_motion_results(rig)]
 
 
 def _device_results(rig: RigDescription) -> list[CheckResult]:
@@ -100,7 +101,12 @@ def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterato
     stack.callback(link.close)
     yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from check_axis(name, axis, Epos2(link, axis.node_id, name, plant.clock), rig.can.heartbeat)
+        yield from check_axis(
+            name,
+            axis,
+            Epos2(link, axis.node_id, name, plant.clock, axis.encoder_pulses_per_turn),
+            rig.can.heartbeat,
+        )
 
 
 def check_axis(
@@ -315,10 +321,19 @@ def _state_result(rig: RigDescription) -> CheckResult:
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN
-    command = f"labrig devices withdraw --rig FILE{f' --run {state.since_run}' if state.since_run else ''}"
-    return CheckResult(
-        "rig state",
-        status,
-        state.doubt,
-        f"{command} takes it out; after one by hand, the next run asks to confirm that it is out",
+    return CheckResult("rig state", status, state.doubt, state.way_out)
+
+
+def _motion_results(rig: RigDescription) -> Iterator[CheckResult]:
+    """Tell what was last homed or jogged; whoever comes back to a bench wants to know."""
+    last = None if rig.state_path is None else last_motion(rig.state_path)
+    if rig.state_path is None or last is None:
+        return
+    position = last["position"]
+    stood = f"at {position:.4g} {last['unit']}" if isinstance(position, float) else "somewhere"
+    value = (
+        f"axis {last['axis']} {stood}, {last['what']}, {last.get('outcome', 'never ended')}, {last['utc']}"
+    )
+    yield CheckResult(
+        "last motion by hand", CheckStatus.PASS, f"{value}; see {motion_log_path(rig.state_path).name}"
     )

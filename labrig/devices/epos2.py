@@ -25,7 +25,8 @@ What is decided here
 
 import math
 import struct
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from queue import SimpleQueue
 
@@ -50,14 +51,16 @@ from labrig.devices.cia402 import (
     plan_controlword,
 )
 from labrig.devices.epos2_errors import describe_abort, describe_emergency
-from labrig.devices.homing import BY_CURRENT, HERE, Homing
+from labrig.devices.homing import BY_CURRENT, HOMING_HERE, Homing
 from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
 from labrig.errors import (
+    HEARTBEAT_LOST,
     DriveError,
     DriveFaultError,
     DriveRefusedError,
     DriveRestartedError,
     DriveSilentError,
+    MachineError,
 )
 
 POLL_S = 0.005
@@ -65,8 +68,15 @@ ANSWER_TIME_S = 1.0
 """Rig time within which a drive attains a state, acknowledges a set-point or finishes homing on the spot."""
 
 STILL_COUNTS = 2
-STILL_TIME_S = 0.05
-"""An axis stands still when it moves no more than this in this time; a servo at rest dithers a little."""
+"""A servo at rest dithers by so much [quadcounts]."""
+
+_SLOWEST_RPM = 1
+LOOK_S = 0.05
+"""How often a position is looked at until it stands still [s]."""
+
+_LONGEST_STILL_TIME_S = 0.4
+_RESET_TIME_S = 0.05
+"""How long a drive is given to take the reset of a fault."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
 _NMT_START, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x80, 0x82
@@ -85,6 +95,45 @@ _REPORT_MAP = (2, od.STATUSWORD.index << 16 | 16, od.POSITION_ACTUAL.index << 16
 _REPORT, _REPORT_COB_ID, _NO_REMOTE, _AT_EACH_SYNC = struct.Struct("<Hi"), 0x380, 0x40000000, 1
 _REPORT_PATIENCE = 0.25
 """Part of the time for an answer that a report may take: it is a frame that is already on its way."""
+
+
+def still_time_s(encoder_pulses: int | None) -> float:
+    """Return for how long a position must stay within `STILL_COUNTS` before an axis is said to stand still [s].
+
+    In this time the slowest speed that an EPOS2 can be told, 1 rpm, turns the encoder by more than the dither at
+    either end of the time: a creep never counts as standing still. An encoder below 188 pulses a turn, or an unknown
+    one (None), gets the longest time, in which a creep of 188 / pulses rpm is seen.
+    """
+    if encoder_pulses is None:
+        return _LONGEST_STILL_TIME_S
+    quadcounts_per_s = 4 * encoder_pulses * _SLOWEST_RPM / 60
+    return min((2 * STILL_COUNTS + 1) / quadcounts_per_s, _LONGEST_STILL_TIME_S)
+
+
+def wait_for_all(looks: Mapping[str, Iterator[None]], clock: Clock) -> dict[str, str]:
+    """Let all look until they stand still, at the same time, and return what is wrong with those that do not.
+
+    Parameters
+    ----------
+    looks : mapping of str to iterator
+        By name, as `Epos2.looks_until_still` has them.
+    clock : Clock
+        Lets the time between two looks pass.
+    """
+    failures: dict[str, str] = {}
+    moving = dict(looks)
+    while moving:
+        for name, one in tuple(moving.items()):
+            try:
+                next(one)
+            except StopIteration:
+                del moving[name]
+            except MachineError as error:
+                failures[name] = error.message
+                del moving[name]
+        if moving:
+            clock.sleep(LOOK_S)
+    return failures
 
 
 @dataclass(frozen=True)
@@ -110,14 +159,19 @@ class Epos2:
         The axis that it drives, for messages.
     clock : Clock
         Whose time bounds waiting.
+    encoder_pulses : int or None
+        Pulses of its encoder a turn, by which a creep is told from standing still; None where nobody knows.
     """
 
-    def __init__(self, link: CanLink, node_id: int, name: str, clock: Clock) -> None:
+    def __init__(
+        self, link: CanLink, node_id: int, name: str, clock: Clock, encoder_pulses: int | None = None
+    ) -> None:
         self.name = f"drive of axis {name} (node {node_id})"
         self.node_id = node_id
         self._clock = clock
         self._link = link
         self._sdo = SdoClient(link, node_id)
+        self._looks_until_still = 1 + math.ceil(still_time_s(encoder_pulses) / LOOK_S)
         self._restarted = False
         self._emergency: tuple[int, int] | None = None
         self._heard_s = 0.0
@@ -161,10 +215,12 @@ class Epos2:
             raise self._silent(what) from error
 
     def _refused(self, what: str, error: SdoAbortedError) -> DriveRefusedError:
+        text = describe_abort(error.code)
         return DriveRefusedError(
-            f"{self.name} refused {what}: {describe_abort(error.code)} (SDO abort 0x{error.code:08X})",
+            f"{self.name} refused {what}: {text} (SDO abort 0x{error.code:08X})",
             "check rig file and drive settings against each other",
             code=error.code,
+            text=text,
         )
 
     def _silent(self, what: str) -> DriveSilentError:
@@ -481,7 +537,7 @@ class Epos2:
         self.adjust(dict(_homing_settings(homing)))
         self.write(od.CONTROLWORD, ENABLE)
         # An attained bit left from an earlier homing is not believed until it has been seen to fall.
-        self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HERE
+        self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
         self.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
 
     def has_homed(self) -> bool:
@@ -512,7 +568,7 @@ class Epos2:
         self.wait_until_still(ANSWER_TIME_S)
         # Even a fresh bit can be wrong; that the counter has been set cannot be.
         position = self.position()
-        if homing.method == HERE and abs(position - homing.position) > STILL_COUNTS:
+        if homing.method == HOMING_HERE and abs(position - homing.position) > STILL_COUNTS:
             raise DriveError(
                 f"{self.name} reads {position} quadcounts after homing here, expected {homing.position}",
                 _CHECK_POWER,
@@ -537,7 +593,14 @@ class Epos2:
         self.go_to(Goal.QUICK_STOPPED)
 
     def wait_until_still(self, within_s: float) -> None:
-        """Return once the axis stands still, as read from its position.
+        """Return once the axis stands still. Raises `DriveError` when it still moves after `within_s`."""
+        for _ in self.looks_until_still(within_s):
+            self._clock.sleep(LOOK_S)
+
+    def looks_until_still(self, within_s: float) -> Iterator[None]:
+        """Look at the position until all that were read in `still_time_s` lie within its dither.
+
+        Ends once it stands still; until then the caller lets `LOOK_S` pass after each look.
 
         Raises
         ------
@@ -545,19 +608,16 @@ class Epos2:
             When it still moves after `within_s`.
         """
         deadline_s = self._clock.now_s() + within_s
-        before = self.position()
-        while True:
-            self._clock.sleep(STILL_TIME_S)
-            now = self.position()
-            if abs(now - before) <= STILL_COUNTS:
-                return
+        seen = deque([self.position()], maxlen=self._looks_until_still)
+        while len(seen) < self._looks_until_still or max(seen) - min(seen) > STILL_COUNTS:
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
                     f"{self.name} still moves {within_s:.1f} s after it was stopped "
-                    f"({before} -> {now} quadcounts)",
+                    f"({seen[0]} -> {seen[-1]} quadcounts)",
                     "press the emergency stop",
                 )
-            before = now
+            yield
+            seen.append(self.position())
 
     # Faults
 
@@ -592,6 +652,7 @@ class Epos2:
                 f"{self.name} has sent no heartbeat for {silent_s:.2f} s, expected one every "
                 f"{self._silence_s:g} s at the latest",
                 _CHECK_POWER,
+                fault=HEARTBEAT_LOST,
             )
 
     def refuse_unless_enabled(self, statusword: int) -> None:
@@ -649,7 +710,7 @@ class Epos2:
             self.send_nmt(_NMT_START)
         self.write(od.CONTROLWORD, 0)
         self.write(od.CONTROLWORD, FAULT_RESET)
-        self._clock.sleep(STILL_TIME_S)
+        self._clock.sleep(_RESET_TIME_S)
         self.write(od.CONTROLWORD, 0)
         self._emergency = None
         left = self.reported_fault()
@@ -686,7 +747,7 @@ def _homing_settings(homing: Homing) -> Iterable[tuple[od.Entry, int]]:
     yield od.HOMING_METHOD, homing.method
     yield od.HOME_OFFSET, homing.offset
     yield od.HOME_POSITION, homing.position
-    if homing.method != HERE:
+    if homing.method != HOMING_HERE:
         yield od.HOMING_SPEED_SWITCH, homing.switch_rpm
         yield od.HOMING_SPEED_INDEX, homing.index_rpm
         yield od.HOMING_ACCELERATION, homing.rpm_per_s

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 from labrig.errors import SafetyStopError
 
-HERE = 35
+HOMING_HERE = 35
 """Method that makes the position here the home position; nothing moves."""
 
-DIRECTIONS = {
+HOMING_DIRECTIONS = {
     1: -1,  # negative limit switch and index
     2: +1,  # positive limit switch and index
     17: -1,  # negative limit switch
@@ -26,7 +26,7 @@ DIRECTIONS = {
     -2: -1,  # current threshold, negative speed, and index
     -3: +1,  # current threshold, positive speed
     -4: -1,  # current threshold, negative speed
-    HERE: 0,
+    HOMING_HERE: 0,
 }
 """Method -> sign of the motor's speed in its search."""
 
@@ -41,7 +41,7 @@ class Homing:
     Parameters
     ----------
     method : int
-        A key of `DIRECTIONS`.
+        A key of `HOMING_DIRECTIONS`.
     offset, position : int
         How far to move off the switch or stop [quadcounts], and the position that this point gets.
     switch_rpm, index_rpm, rpm_per_s : int
@@ -62,7 +62,7 @@ class Homing:
     timeout_s: float = 1.0
 
 
-ORDER = ("linear", "insertion", "rotation")
+HOME_ORDER = ("linear", "insertion", "rotation")
 """In which order axes are homed."""
 
 ZEROS = {
@@ -83,7 +83,7 @@ def require_homing_allowed(
     axis : str
         insertion, rotation or linear.
     method : int
-        A key of `DIRECTIONS`.
+        A key of `HOMING_DIRECTIONS`.
     direction : int
         Which way the axis goes in its search: -1 back, +1 forwards.
     needle_mounted : bool
@@ -96,7 +96,7 @@ def require_homing_allowed(
     SafetyStopError
         Says what to do instead.
     """
-    if method == HERE:
+    if method == HOMING_HERE:
         return
     if needle_mounted and axis != "linear":
         raise SafetyStopError(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -12,8 +12,9 @@ from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import POLL_S, Epos2, Identity
-from labrig.devices.homing import BY_CURRENT, HERE, Homing, require_homing_allowed
+from labrig.devices.epos2 import POLL_S, Epos2, Identity, wait_for_all
+from labrig.devices.homing import BY_CURRENT, HOMING_HERE, Homing, require_homing_allowed
+from labrig.devices.motion_log import MotionLog
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
@@ -36,11 +37,6 @@ Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
 _SYNC = 0x080
-
-_WITHDRAW_FIRST = (
-    "take it out along its path: labrig devices withdraw --rig FILE; "
-    "after one by hand, the next labrig run asks to confirm that it is out"
-)
 
 
 @dataclass(frozen=True)
@@ -92,6 +88,8 @@ class Rig:
         What of it is opened, and how.
     store : StateStore or None
         What the rig knows of itself; by default what its state file says.
+    doing : str
+        What the rig is used for.
     """
 
     def __init__(
@@ -106,6 +104,7 @@ class Rig:
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
         store: StateStore | None = None,
+        doing: str = "labrig",
     ) -> None:
         self.description = description
         self._opening = opening
@@ -117,6 +116,7 @@ class Rig:
         self._interrupted = interrupted
         self._stop_requests = stop_requests
         self._store = store or StateStore(description.state_path)
+        self._motions = MotionLog(description.state_path, plant.clock.utc, doing)
         self._identities: dict[str, Identity] = {}
         self._link = link
         self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
@@ -124,7 +124,7 @@ class Rig:
             name: Axis(
                 name,
                 axis,
-                Epos2(link, axis.node_id, name, self._dead_man),
+                Epos2(link, axis.node_id, name, self._dead_man, axis.encoder_pulses_per_turn),
                 self._dead_man,
                 description.can.heartbeat,
                 max_current_ma=opening.max_current_ma,
@@ -296,6 +296,16 @@ class Rig:
             self._stop_because_of(error)
             raise
 
+    def noting(self, axis_name: str, what: str) -> AbstractContextManager[None]:
+        """Note beside the state file, for as long as the block lasts, that an axis is moved outside of any run.
+
+        Raises
+        ------
+        DiskError
+            Before the block.
+        """
+        return self._motions.noting(self.axis(axis_name), what)
+
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
         return self._link.network.take_frames()
@@ -326,7 +336,7 @@ class Rig:
         failures = [
             *_tried(self.axes, Axis.call_halt),
             *_tried(self.axes, Axis.halt),
-            *_tried(self.axes, Axis.wait_until_still),
+            *self._wait_until_still().values(),
         ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
@@ -336,6 +346,9 @@ class Rig:
                 "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
                 "press the emergency stop, then see labrig devices check",
             )
+
+    def _wait_until_still(self) -> dict[str, str]:
+        return wait_for_all({axis.name: axis.looks_until_still() for axis in self.axes}, self._dead_man)
 
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
         """Stop everything; what cannot be stopped is told together with the error that is on its way."""
@@ -357,7 +370,7 @@ class Rig:
         """
         self._refuse_in_tissue("no axis is homed")
         for axis in self.axes:
-            self.home(axis.name, Homing(HERE))
+            self.home(axis.name, Homing(HOMING_HERE))
 
     def home(self, axis_name: str, homing: Homing) -> None:
         """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.
@@ -426,7 +439,7 @@ class Rig:
 
     def _refuse_in_tissue(self, what: str) -> None:
         if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(f"{what}: {self.state.doubt}", _WITHDRAW_FIRST)
+            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
 
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
@@ -643,6 +656,7 @@ def open_rig(
             interrupted=interrupted,
             stop_requests=stop_requests,
             opening=opening,
+            doing=doing,
         )
         stack.push(_closing(rig))
         rig.connect()

@@ -91,12 +91,8 @@ class CanDescription(Model):
         known = sorted({ONLY_SIMULATED, *can.VALID_INTERFACES})
         if self.interface not in known:
             near = get_close_matches(self.interface, known, 1)
-            meant = f"did you mean {near[0]}? " if near else ""
-            yield Conflict(
-                "interface",
-                f"unknown interface {self.interface}",
-                f"{meant}python-can knows {', '.join(known)}",
-            )
+            hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
+            yield Conflict("interface", f"unknown interface {self.interface}", hint)
 
 
 class HomingDescription(Model):

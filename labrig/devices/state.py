@@ -66,6 +66,21 @@ class RigState:
             return f"run {self.since_run} ended with the needle in tissue"
         return "" if self.needle_in_tissue is False else self.note
 
+    @property
+    def way_out(self) -> str:
+        """What to do about that doubt; empty when there is none."""
+        if self.needle_in_tissue:
+            return (
+                f"take it out along its path: labrig devices withdraw --rig FILE --run {self.since_run}; "
+                "after one by hand, the next labrig run asks to confirm that it is out"
+            )
+        if self.needle_in_tissue is None:
+            return (
+                "look whether a needle is in tissue: labrig devices jog and home, and a run, have you confirm "
+                "that none is before anything moves"
+            )
+        return ""
+
 
 NEW = RigState(needle_in_tissue=False)
 """State of a simulated rig, whose drives and world are new."""

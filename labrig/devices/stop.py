@@ -7,7 +7,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.clocks import SystemClock
 from labrig.devices.control import Reply, ask_to_stop, owner_of
-from labrig.devices.epos2 import Epos2
+from labrig.devices.epos2 import Epos2, wait_for_all
 from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
 from labrig.errors import BusError, MachineError, SafetyStopError
 
@@ -51,8 +51,9 @@ def stop_rig(rig: RigDescription) -> StopReport:
         return StopReport("run", (f"asked {reply.owner} to stop", "it has seen every axis stand still"))
     before = _unstopped(rig, reply)
     if rig.can.interface == ONLY_SIMULATED:
-        where = "its drives live inside the labrig that runs them; interrupt that one"
-        return StopReport("none", (*before, f"{rig.name} is simulated: {where}"))
+        before = before if rig.state_path is not None else ()
+        where = "its drives are simulated inside the labrig that runs them, Ctrl+C there stops them"
+        return StopReport("none", (*before, f"{rig.name} has nothing to stop from here: {where}"))
     clock = SystemClock()
     try:
         link = open_can(rig.can, clock)
@@ -75,7 +76,10 @@ def _unstopped(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
 
 def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:
     """Do what `stop_rig` does over an open bus; return a sentence for each thing that was done."""
-    drives = [Epos2(link, axis.node_id, name, clock) for name, axis in rig.axes.items()]
+    drives = [
+        Epos2(link, axis.node_id, name, clock, axis.encoder_pulses_per_turn)
+        for name, axis in rig.axes.items()
+    ]
     done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
     failures = []
     for drive in drives:
@@ -83,12 +87,9 @@ def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, 
             drive.quick_stop()
         except MachineError as error:
             failures.append(error.message)
-    for drive in drives:
-        try:
-            drive.wait_until_still(_STOP_TIME_S)
-            done.append(f"{drive.name} stands still")
-        except MachineError as error:
-            failures.append(error.message)
+    moving = wait_for_all({drive.name: drive.looks_until_still(_STOP_TIME_S) for drive in drives}, clock)
+    done += [f"{drive.name} stands still" for drive in drives if drive.name not in moving]
+    failures += moving.values()
     link.send(0x000, _NMT_STOP_ALL)
     done.append("sent NMT stop to all nodes")
     if failures:

@@ -1,6 +1,7 @@
 """Commissioning a bare rig axis by axis: homing, travel against a scale, play, and limits, all of it slowly.
 
-Nothing here changes a rig file: what was measured is told with what to write where. Whoever commissions has a hand on
+Nothing here changes a rig file: what was measured is told with what to write where. Each motion is noted beside the
+rig's state file. Whoever commissions has a hand on
 the emergency stop and confirms each motion before it begins.
 """
 
@@ -123,11 +124,7 @@ def make_sure_needle_is_out(rig: Rig) -> None:
         When one is, as the rig knows, or the operator says no.
     """
     if rig.state.needle_in_tissue:
-        run = rig.state.since_run
-        raise SafetyStopError(
-            f"no axis is moved by itself: {rig.state.doubt}",
-            f"take the needle out along its path: labrig devices withdraw --rig FILE --run {run}",
-        )
+        raise SafetyStopError(f"no axis is moved by itself: {rig.state.doubt}", rig.state.way_out)
     if rig.state.needle_in_tissue is None:
         _confirm(rig, ConfirmNeedleOut(rig.state.doubt))
         rig.mark_needle_out()
@@ -157,7 +154,8 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
         way = axis.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)
         _confirm(rig, _homing_request(rig, name, way, needle_mounted=needle_mounted))
-        rig.home_axis(name, way, needle_mounted=needle_mounted)
+        with rig.noting(name, f"home by method {way}"):
+            rig.home_axis(name, way, needle_mounted=needle_mounted)
         position = rig.read_states()[name].position
         findings.append(
             Finding(name, "reference", "PASS", f"method {way}, stands at {position:.4g} {axis.unit}")
@@ -246,18 +244,22 @@ def _jog(rig: Rig, name: str, distance: float, speed: float | None) -> float:
             f"at most {FARTHEST[axis.unit]:.4g}",
             f"ask for less, or first: labrig devices home --axis {name}",
         )
-    _confirm(rig, ConfirmMotion(name, f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"))
-    before = axis.read().position
-    axis.start_jog(distance, chosen)
-    return _wait_for(rig, name) - before
+    what = f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"
+    _confirm(rig, ConfirmMotion(name, what))
+    with rig.noting(name, what):
+        before = axis.read().position
+        axis.start_jog(distance, chosen)
+        return _wait_for(rig, name) - before
 
 
 def _jog_to(rig: Rig, name: str, position: float, speed: float | None) -> None:
     axis = rig.axis(name)
     chosen = axis.nearest_speed(min(_jog_speed(axis.unit, speed), axis.max_speed))
-    _confirm(rig, ConfirmMotion(name, f"move to {position:g} {axis.unit} at {chosen:.3g} {axis.unit}/s"))
-    axis.start_move(position, chosen)
-    _wait_for(rig, name)
+    what = f"move to {position:g} {axis.unit} at {chosen:.3g} {axis.unit}/s"
+    _confirm(rig, ConfirmMotion(name, what))
+    with rig.noting(name, what):
+        axis.start_move(position, chosen)
+        _wait_for(rig, name)
 
 
 def _jog_speed(unit: str, speed: float | None) -> float:

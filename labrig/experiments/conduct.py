@@ -11,6 +11,7 @@ from labrig.errors import (
     MachineError,
     SafetyStopError,
     TargetMissedError,
+    fault_fields,
 )
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.insertion import run_insertion
@@ -99,7 +100,8 @@ def _close(
     recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
-        recorder.event("run_stop", t_s, exit_status=outcome.exit_status, reason=outcome.reason)
+        ended = {"exit_status": outcome.exit_status, "reason": outcome.reason, **fault_fields(outcome.error)}
+        recorder.event("run_stop", t_s, **ended)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)

@@ -5,9 +5,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from labrig.analysis import insertion_settings
-from labrig.devices import CheckStatus, RigDescription, check_axis_move, check_calibration, unknown_entries
+from labrig.devices import (
+    CheckStatus,
+    RigDescription,
+    check_axis_move,
+    check_calibration,
+    rig_state,
+    unknown_entries,
+)
 from labrig.errors import LabrigError, LimitError, Problem
-from labrig.experiments.aim import aim_of, aim_problems
+from labrig.experiments.aim import aim_of, aim_problems, pixel_problems
 from labrig.experiments.design import design_problems
 from labrig.experiments.insertion import roll_zero_s
 from labrig.experiments.roll_zero import order_of
@@ -134,9 +141,25 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
         for result in check_calibration(rig)
         if result.status is CheckStatus.FAIL
     ]
-    if isinstance(protocol, InsertionProtocol) and not problems:
-        problems += _sight_problems(protocol, rig)
+    if isinstance(protocol, InsertionProtocol):
+        problems += _roll_zero_problems(protocol, rig)
+        problems += _sight_problems(protocol, rig) if not problems else ()
     return tuple(problems)
+
+
+def _roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield a roll zero that is neither certified, as the rig remembers, nor to be found first."""
+    certified = rig_state(rig.state_path).roll_zero
+    needle_id = protocol.needle.needle_id
+    if protocol.roll_zero is None and (certified is None or certified.needle_id != needle_id):
+        yield Problem(
+            "roll_zero",
+            f"rig {rig.name} has no certified roll zero of needle {needle_id}, and the protocol does not say how to "
+            "find it",
+            "say how under roll_zero:, or first labrig run protocols/roll-zero.yaml on this rig"
+            if rig.state_path is not None
+            else "say how under roll_zero:; a simulated rig without state_file is new in every run",
+        )
 
 
 def foreseen_refusal(protocol: AnyProtocol, rig: RigDescription | None) -> Problem | None:
@@ -157,7 +180,9 @@ def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterato
     except LabrigError as error:
         yield Problem("calibration.template", error.message, error.hint)
         return
-    if not protocol.target.ask:
+    astray = tuple(pixel_problems(protocol, eye.plane))
+    yield from astray
+    if not (astray or protocol.target.ask):
         yield from aim_problems(protocol, aim_of(protocol, eye.plane), eye.plane)
 
 

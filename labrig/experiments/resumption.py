@@ -1,6 +1,7 @@
 """Going on with a sweep that was interrupted: what its record holds, and what is done before the next insertion."""
 
-from collections.abc import Iterator, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,7 @@ from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import make_insertions, mount_and_reference
 from labrig.experiments.withdrawal import recorded_path, withdraw
-from labrig.protocol import SteerabilityProtocol
+from labrig.protocol import ImportProtocol, SteerabilityProtocol
 from labrig.record import Run
 
 INTERRUPTED = "interrupted"
@@ -55,7 +56,7 @@ def past_of(run: Run) -> Past:
     if not isinstance(run.protocol, SteerabilityProtocol):
         raise InputError(
             f"a run of the experiment {run.protocol.experiment} is not continued: nothing of it can be kept",
-            "run its protocol again",
+            _instead(run),
         )
     rows: list[dict[str, Any]] = run.trials.to_dict("records")  # type: ignore[assignment]
     return Past(
@@ -63,6 +64,20 @@ def past_of(run: Run) -> Past:
         insertions=tuple(_insertions(run.states, rows)),
         unmarked=tuple(int(row["trial"]) for row in rows if row["exit_status"] == "incomplete"),
         needle_path=recorded_path(run),
+    )
+
+
+def _instead(run: Run) -> str:
+    """Return what to do about a run that cannot be continued."""
+    if isinstance(run.protocol, ImportProtocol):
+        return "import the folder again, or close the run as it stands: labrig runs check --repair"
+    devices = run.manifest.get("devices")
+    simulated = isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+    if simulated or not recorded_path(run):
+        return "run its protocol again"
+    return (
+        "if its needle is still in tissue, take it out along its path: "
+        f"labrig devices withdraw --rig FILE --run {shlex.quote(str(run.path))}; then run its protocol again"
     )
 
 

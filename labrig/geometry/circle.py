@@ -26,6 +26,8 @@ _LEAST_FLATNESS = 1e-8
 _LARGEST_RADIUS = 1e6
 _STEP_TOLERANCE = 1e-13
 _MAX_ITERATIONS = 200
+# Reweighted steps during which the scale follows the residuals.
+_SCALE_STEPS = 10
 _TRIPLES = 128
 _POINTS_JUDGING_A_TRIPLE = 128
 _TRIPLE_SEED = 20_090_816
@@ -257,26 +259,48 @@ def _circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
 
 
 def _tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]:
-    """Iterate reweighted Gauss-Newton steps with Tukey's biweight; return the model and the weights (N,).
+    """Minimise Tukey's biweight from `start`; return the model and the weights (N,).
 
-    The scale follows the residuals for the first steps and is then held, so that the iteration has a fixed
-    point.
+    The scale follows the residuals for the first, reweighted steps and is then held, so that there is a minimum to
+    reach. Reweighting alone creeps there where many points lie at the edge of being outliers.
     """
     model, scale = start, _robust_scale(start.residuals(points))
     for iteration in range(_MAX_ITERATIONS):
         residuals, jacobian = model.linearised(points)
-        if iteration < 10:
+        if iteration < _SCALE_STEPS:
             scale = _robust_scale(residuals)
         weights = _biweight(residuals, scale)
         weighted = jacobian * weights[:, None]
         normal = weighted.T @ jacobian
         if np.linalg.cond(normal) > _LARGEST_RADIUS**2:
-            break
-        step = np.linalg.solve(normal, -weighted.T @ residuals)
+            raise _collinear(len(points))
+        step = np.asarray(np.linalg.solve(normal, -weighted.T @ residuals), dtype=np.float64)
+        if iteration >= _SCALE_STEPS:
+            step = _sharper(points, model, scale, step)
         model = _moved(model, step)
-        if iteration >= 10 and np.abs(step).max() <= 1e-11 * max(1.0, model.r):
+        if iteration >= _SCALE_STEPS and np.abs(step).max() <= 1e-11 * max(1.0, model.r):
             return model, _biweight(model.residuals(points), scale)
-    raise _collinear(len(points))
+    raise MeasurementRefusedError(
+        f"the robust circle through {len(points)} points does not settle: they speak for no one circle",
+        "leave out what is not on the arc",
+    )
+
+
+def _sharper(points: _FloatArray, model: _Model, scale: float, step: _FloatArray) -> _FloatArray:
+    """Return Newton's step where it lowers the cost further than the reweighted one, else that."""
+    residuals, jacobian = model.linearised(points)
+    root = np.sqrt(_biweight(residuals, scale))
+    slopes = root * (5.0 * root - 4.0)
+    normal = (jacobian * slopes[:, None]).T @ jacobian
+    if np.linalg.eigvalsh(normal)[0] <= 0.0:
+        return step
+    newton = np.linalg.solve(normal, -jacobian.T @ (root * root * residuals))
+    reweighted, sharp = (_tukey_cost(points, _moved(model, one), scale) for one in (step, newton))
+    return np.asarray(newton if sharp <= reweighted else step)
+
+
+def _tukey_cost(points: _FloatArray, model: _Model, scale: float) -> float:
+    return -float(np.sum(_biweight(model.residuals(points), scale) ** 1.5))
 
 
 def _robust_scale(residuals: _FloatArray) -> float:

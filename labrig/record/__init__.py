@@ -7,7 +7,8 @@
     RUN/
       manifest.json      what, when, by whom, provenance; `exit_status` is `incomplete` until it has ended
       protocol.yaml      as resolved; rig.yaml likewise, absent where no rig took part
-      code.diff          what the code differed from its commit, where it did
+      code.diff          what the code differed from its commit, where it did; code.002.diff of a resumed run's
+                         second session, and so on
       calibration/       copies of the files that map pixels to mm
       frames/NNNNNN.png  pictures, lossless, numbered from 000000
       frames.raw         in their place, where the camera is too fast for PNG: pictures one after another
@@ -44,70 +45,6 @@ Decided here:
   `Recorder.reopen`. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.
 """
 
-from labrig.record.annotations import (
-    Annotations,
-    Judgement,
-    Note,
-    judge_run,
-    note_on_run,
-    read_annotations,
-    tag_run,
-)
-from labrig.record.can_log import CanFrame
-from labrig.record.catalogue import FoundRun, RunSummary, find_runs, list_runs
-from labrig.record.check import Verdict, check_run
-from labrig.record.difference import Difference, compare_runs, differing_values
-from labrig.record.durable import require_free_bytes, write_atomically
-from labrig.record.journal import Journal
-from labrig.record.json_lines import as_recorded, encode_document
-from labrig.record.layout import WITHDRAWS, picture_file
-from labrig.record.lock import FileLock, LockOwner, lock_owner
-from labrig.record.pictures import RecordedPicture
-from labrig.record.places import is_url, output_folder, require_local
-from labrig.record.provenance import collect_code_diff, collect_provenance
-from labrig.record.reader import Frames, Run, open_run
-from labrig.record.repair import repair_run
-from labrig.record.tables import with_numbers_apart
-from labrig.record.writer import Recorder
+import lazy_loader
 
-__all__ = [
-    "WITHDRAWS",
-    "Annotations",
-    "CanFrame",
-    "Difference",
-    "FileLock",
-    "FoundRun",
-    "Frames",
-    "Journal",
-    "Judgement",
-    "LockOwner",
-    "Note",
-    "RecordedPicture",
-    "Recorder",
-    "Run",
-    "RunSummary",
-    "Verdict",
-    "as_recorded",
-    "check_run",
-    "collect_code_diff",
-    "collect_provenance",
-    "compare_runs",
-    "differing_values",
-    "encode_document",
-    "find_runs",
-    "is_url",
-    "judge_run",
-    "list_runs",
-    "lock_owner",
-    "note_on_run",
-    "open_run",
-    "output_folder",
-    "picture_file",
-    "read_annotations",
-    "repair_run",
-    "require_free_bytes",
-    "require_local",
-    "tag_run",
-    "with_numbers_apart",
-    "write_atomically",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

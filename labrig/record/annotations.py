@@ -18,7 +18,7 @@ from labrig.record.durable import disk_errors, write_fully
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, checked_name, inside
 from labrig.record.lock import FileLock
-from labrig.record.manifest import read_document
+from labrig.record.manifest import read_manifest
 
 Judgement = Literal["good", "doubtful", "bad"]
 _MAX_TEXT = 10_000
@@ -80,7 +80,7 @@ def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: dateti
     InputError
         When a tag cannot be one, or is to be taken off and is not there.
     RecordError, LockedError, DiskError
-        When it is no run, or it cannot be written now.
+        When it is no run or of a newer schema, or it cannot be written now.
     """
     for tag in tags:
         checked_name(tag, "the tag")
@@ -130,7 +130,7 @@ class _Remarks:
     """notes.jsonl while it is locked for appending."""
 
     def __init__(self, run: Path, by: str, at: datetime) -> None:
-        read_document(run)  # nothing is written into a folder that is no run
+        read_manifest(run)  # nothing is written into a folder that is no run, or is of a newer schema
         self._path = inside(run, NOTES)
         self._lock = FileLock(run / f".{NOTES}.lock")
         self._stamp: Mapping[str, object] = {"by": by, "at": at}

@@ -14,8 +14,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from labrig.errors import InputError, Problem, RecordError
 
 _Read = TypeVar("_Read")
@@ -218,8 +216,6 @@ def _plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a
     match value:
         case None | bool() | str():
             return value
-        case np.generic() | np.ndarray():
-            return _plain(value.tolist(), where)
         case float():
             return value if math.isfinite(value) else None
         case int():
@@ -230,6 +226,8 @@ def _plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a
             return [_plain(item, where) for item in value]
         case datetime(tzinfo=zone) if zone is not None:
             return value.astimezone(UTC).isoformat(timespec="seconds")
+        case _ if callable(to_plain := getattr(value, "tolist", None)):  # numpy's scalars and arrays
+            return _plain(to_plain(), where)
     raise InputError(f"{where} cannot be written as JSON: {value!r} is a {type(value).__name__}")
 
 

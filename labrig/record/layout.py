@@ -38,6 +38,16 @@ def picture_file(frame: int) -> str:
     return f"{FRAMES}/{frame:06d}.png"
 
 
+def run_lock(run: Path) -> Path:
+    """Return the lock that the process which writes a run holds."""
+    return run / LOCK
+
+
+def session_diff(number: int) -> str:
+    """Return where the code of a later session is kept, as it differed from its commit; the first has code.diff."""
+    return f"code.{number:03d}.diff"
+
+
 def checked_name(name: str, what: str) -> str:
     """Return `name` if it can be one file or folder name; blanks inside and non-ASCII letters are welcome.
 

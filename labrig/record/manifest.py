@@ -1,12 +1,15 @@
 """Reads the manifest of a run, and says what is wrong with it."""
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
 from labrig.record.json_lines import checksum
 from labrig.record.layout import CALIBRATION, CODE_DIFF, MANIFEST, PROTOCOL, RIG, SCHEMA_VERSION, inside
+
+_SESSION_DIFF = re.compile(r"code\.\d{3,}\.diff")
 
 
 def read_manifest(run: Path) -> dict[str, object]:
@@ -72,7 +75,7 @@ def manifest_problems(manifest: dict[str, object]) -> tuple[Problem, ...]:
 
 
 def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each file that the run began with, by its name relative to the run."""
+    """Return the SHA-256 of each file that the run, or a later session of it, began with, by its name in the run."""
     hashes = manifest.get("hashes")
     if not isinstance(hashes, dict):
         return {}
@@ -83,7 +86,17 @@ def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
         PROTOCOL: hashes.get("protocol_sha256"),
         **{name: sha256 for name, sha256 in sometimes.items() if sha256 is not None},
         **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in files},
+        **dict(_session_diffs(manifest)),
     }
+
+
+def _session_diffs(manifest: Mapping[str, object]) -> Iterator[tuple[str, object]]:
+    """Yield the file in which the code of each later session is kept, where it differed from its commit."""
+    sessions = manifest.get("sessions")
+    for session in sessions if isinstance(sessions, list) else ():
+        name = session.get("code_diff") if isinstance(session, Mapping) else None
+        if isinstance(name, str) and _SESSION_DIFF.fullmatch(name):
+            yield name, session.get("code_diff_sha256")
 
 
 _HINT = "take the file from a copy of the run; labrig repairs no manifest"

@@ -204,6 +204,14 @@ def recorded_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture |
     return RecordedPicture(run, RAW_PICTURES, sha256, offset, tuple(shape))
 
 
+def picture_count(run: Path) -> int:
+    """Return how many pictures frames.jsonl lists, counted without being read; 0 where it cannot be."""
+    try:
+        return inside(run, FRAME_LINES).read_bytes().count(b"\n")
+    except (OSError, RecordError):
+        return 0
+
+
 def raw_pictures_bytes(run: Path) -> int:
     """Return the length of frames.raw; 0 where there is none."""
     path = inside(run, RAW_PICTURES)

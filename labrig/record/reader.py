@@ -3,6 +3,7 @@
 import atexit
 import hashlib
 import math
+import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -308,6 +309,16 @@ class Run:
         began_with_it = relative in recorded_sha256(self.manifest)
         return self._unchanged(relative) if began_with_it else inside(self.path, relative)
 
+    def own(self, relative: str) -> Path:
+        """Return the path of a file or folder of this run, which need not exist.
+
+        Raises
+        ------
+        RecordError
+            When it, or a folder on the way to it, is a symbolic link.
+        """
+        return inside(self.path, relative)
+
     def new_result_dir(self) -> Path:
         """Make and return the next of analysis/001, 002 ...; none is ever written twice.
 
@@ -395,8 +406,7 @@ def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Proble
 
 def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
     """Name each picture that has a line and no file; a picture stands in its place before its line does."""
-    folder = inside(run, FRAMES)
-    present = {f"{FRAMES}/{file.name}" for file in folder.iterdir()} if folder.is_dir() else set()
+    present, links = _files_of_pictures(run)
     pictures = [recorded_picture(run, line) for line in read_lines(frame_lines)]
     missing = [
         one.file for one in pictures if one is not None and one.shape is None and one.file not in present
@@ -404,11 +414,22 @@ def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
     problems = [
         Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT) for name in missing
     ]
+    problems += [Problem(name, "it is a symbolic link and is not followed", _COPY_HINT) for name in links]
     lost = max((one.end for one in pictures if one is not None), default=0) - raw_pictures_bytes(run)
     if lost > 0:
         message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
         problems.append(Problem(RAW_PICTURES, message, _COPY_HINT))
     return tuple(problems)
+
+
+def _files_of_pictures(run: Path) -> tuple[set[str], list[str]]:
+    """Return the names of what stands in frames/, and of the links among them."""
+    folder = inside(run, FRAMES)
+    if not folder.is_dir():
+        return set(), []
+    with os.scandir(folder) as entries:
+        is_link = {f"{FRAMES}/{entry.name}": entry.is_symlink() for entry in entries}
+    return set(is_link), sorted(name for name, link in is_link.items() if link)
 
 
 def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Problem, ...]:

@@ -2,12 +2,14 @@
 
 import hashlib
 import math
+import os
 import shutil
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import count
 from pathlib import Path
 from typing import Self
 
@@ -41,6 +43,7 @@ from labrig.record.layout import (
     STATE_LINES,
     TRUTH_LINES,
     checked_name,
+    session_diff,
 )
 from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
@@ -192,14 +195,42 @@ class Recorder:
         """
         return cls(path, reopen_files(path, doing))
 
-    def begin_session(self, started: datetime, **fields: object) -> float:
-        """Say in the manifest that a run goes on, with which code and devices; returns its rig time zero [s]."""
-        session = {"started": started, "t0_s": self._t0_s, **fields}
+    def begin_session(self, started: datetime, *, code_diff: bytes = b"", **fields: object) -> float:
+        """Say in the manifest that a run goes on, with which code and devices; returns its rig time zero [s].
+
+        Parameters
+        ----------
+        started : datetime
+            Aware.
+        code_diff : bytes
+            As for `create`; kept beside that of the first session, as code.002.diff, 003 ...
+        **fields
+            What else the manifest says of the session: `provenance` and `devices` are expected.
+
+        Raises
+        ------
+        DiskError
+            When it cannot be written; the run stays `incomplete`, and readable.
+        """
         sessions = self._manifest.get("sessions", ())
         assert isinstance(sessions, list | tuple)
+        session = {"started": started, "t0_s": self._t0_s, **fields, **self._kept_diff(code_diff)}
         self._manifest = {**self._manifest, "sessions": [*sessions, session]}
-        write_atomically(self.path / MANIFEST, manifest_document(self._manifest))
+        with self._written(self.path):
+            write_atomically(self.path / MANIFEST, manifest_document(self._manifest))
         return self._t0_s
+
+    def _kept_diff(self, code_diff: bytes) -> dict[str, str]:
+        """Write the code.diff of a later session, and return what the manifest says of it."""
+        if not code_diff:
+            return {}
+        # A number is skipped where a process was killed before its manifest named the file.
+        names = (session_diff(number) for number in count(2))
+        name = next(name for name in names if not os.path.lexists(self.path / name))
+        with self._written(self.path):
+            write_atomically(self.path / name, code_diff)
+        self._sums[name] = hashlib.sha256(code_diff).hexdigest()
+        return {"code_diff": name, "code_diff_sha256": self._sums[name]}
 
     def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
         """Record a picture and return its number.

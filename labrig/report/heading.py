@@ -1,8 +1,11 @@
 """The head of every page: what was done, by whom, how it ended, and whether the record is whole."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+
+from markupsafe import Markup
 
 from labrig import __version__
 from labrig.analysis import AnalysisResult
@@ -64,7 +67,12 @@ def make_heading(
         status=status,
         status_word=_STATUS_WORDS.get(status, status),
         simulated=_is_simulated(run),
-        verdict=(*_how_it_ended(run, status), *_where_the_needle_is(run, status), *verdict),
+        verdict=(
+            *_how_it_ended(run, status),
+            *_where_the_needle_is(run, status),
+            *_what_next(run, status),
+            *verdict,
+        ),
         facts=tuple((term, value) for term, value in _facts(run) if value != UNKNOWN),
         notes=run.protocol.notes.strip(),
         written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
@@ -113,6 +121,17 @@ def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
             f"and the linear axis, which carries the sheath, at {axes['linear_mm']:.2f} mm."
         ),
     )
+
+
+def _what_next(run: Run, status: str) -> tuple[str, ...]:
+    """Return the commands that take a needle out which may be in tissue, and go on with a sweep."""
+    steps, place = [], shlex.quote(str(run.path))
+    if not _is_simulated(run) and _where_the_needle_is(run, status):
+        withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
+        steps.append(Markup("Take it out along its path: {}.").format(withdraw))
+    if status != "success" and isinstance(run.protocol, SteerabilityProtocol):
+        steps.append(Markup("Go on with the sweep: <code>labrig resume {}</code>.").format(place))
+    return tuple(steps)
 
 
 def _trials_ended(run: Run) -> int:

@@ -17,7 +17,7 @@ from labrig.report.design_page import design_page, design_verdict
 from labrig.report.heading import make_heading
 from labrig.report.insertion_page import insertion_page, insertion_verdict
 from labrig.report.provenance import Rows, make_provenance
-from labrig.report.roll_zero_words import roll_zero_verdict
+from labrig.report.roll_zero_page import roll_zero_page, roll_zero_verdict
 from labrig.report.words import breakable, count_of, interval, number, signed
 
 REPORT_FILE = "report.html"
@@ -87,7 +87,12 @@ def _parts(run: Run, result: AnalysisResult) -> tuple[str, Sequence[str], Rows, 
             shown = insertion_page(run, result, content)
             return "insertion", insertion_verdict(content), calibration_rows(run), shown
         case RollZeroResult() as content:
-            return "bare", roll_zero_verdict(content), calibration_rows(run), {}
+            return (
+                "roll-zero",
+                roll_zero_verdict(content),
+                calibration_rows(run),
+                roll_zero_page(run, content),
+            )
         case content:
             shown = curvature_page(run, result, content)
             return "curvature", curvature_verdict(run, content), calibration_rows(run), shown

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.vision.picture import Picture, as_grey
+from labrig.vision.picture import Picture, as_grey, require_contrast
 
 _FloatArray = NDArray[np.float64]
 
@@ -133,6 +133,7 @@ def find_board(image: Picture, columns: int, rows: int, search: BoardSearch) -> 
         If the ChArUco board cannot be.
     """
     grey = as_grey(image)
+    require_contrast(grey)
     if search.charuco is not None:
         found = _charuco(grey, columns, rows, search.charuco)
     else:

@@ -73,6 +73,20 @@ class Fit:
         """k1, k2, p1, p2, k3."""
         return self.parameters[4:9]
 
+    @property
+    def focal_sigma(self) -> float:
+        """Standard deviation of the focal length as a part of it; infinite where it is not determined."""
+        if self.covariance is None:
+            return float("inf")
+        return float(np.sqrt(self.covariance[0, 0]) / self.parameters[0])
+
+    def among(self, views: Sequence[View]) -> "Fit":
+        """Return the same camera before other boards, each with the pose that suits it."""
+        poses = [posed(self, view) for view in views]
+        return replace(
+            self, poses=np.array([np.full(_POSE, np.nan) if pose is None else pose for pose in poses])
+        )
+
 
 def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -> Fit:
     """Fit a camera to views of a board.
@@ -118,6 +132,26 @@ def posed(fit: Fit, view: View) -> _FloatArray | None:
     straight[:, 0] -= fit.parameters[9] * (view.pixels[:, 1] - cy) / fy
     solved, turn, shift = cv2.solvePnP(view.board, straight, fit.matrix, fit.distortion)
     return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
+
+
+def focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]:
+    """Return by which part the focal length would change to suit one view alone, the rest held, and its deviation.
+
+    The deviation is infinite where the view does not tell a focal length from a distance.
+    """
+    pixels, by_lens, by_pose = _projected(fit, pose, view.board)
+    by_focal = by_lens[:, :, :2] @ fit.parameters[:2]
+    jacobian = np.concatenate((by_focal[:, :, None], by_pose), axis=2).reshape(-1, 1 + _POSE)
+    scale = np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
+    residuals = (view.pixels - pixels).ravel()
+    normal = (jacobian / scale).T @ (jacobian / scale)
+    if len(residuals) <= 1 + _POSE or np.linalg.cond(normal) > _LARGEST_CONDITION:
+        return 0.0, float("inf")
+    inverse = np.linalg.inv(normal)
+    step = inverse @ ((jacobian / scale).T @ residuals)
+    left = residuals - (jacobian / scale) @ step
+    variance = float(left @ left) / (len(residuals) - 1 - _POSE)
+    return float(step[0] / scale[0]), float(np.sqrt(inverse[0, 0] * variance) / scale[0])
 
 
 def _projected(

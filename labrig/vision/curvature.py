@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.geometry import Arc, Circle, fit_arcs, fit_circle
@@ -338,7 +338,7 @@ def _uncertainty(
     random = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
     sigma = float(np.hypot(random, systematic_mm))
     effective = freedom * (sigma / random) ** 4 if random else np.inf
-    reach = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, effective)) * sigma / circle.radius
+    reach = float(stdtrit(effective, 0.5 + 0.5 * _CONFIDENCE)) * sigma / circle.radius
     ci95 = (circle.radius / (1.0 + reach), circle.radius / (1.0 - reach)) if reach < 1.0 else None
     return sigma, ci95
 

@@ -103,8 +103,8 @@ def _pose_reasons(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) ->
     reasons = []
     if (found.different_views or 0) < LEAST_DIFFERENT_VIEWS:
         reasons.append(
-            f"{found.different_views} different views of the board, at least {LEAST_DIFFERENT_VIEWS} are "
-            "needed: photograph it in more poses"
+            f"the board was held in {_counted(found.different_views or 0, 'pose')} that can be told apart, at least "
+            f"{LEAST_DIFFERENT_VIEWS} are needed: turn it, tilt it and move it between the photographs"
         )
     spread_deg, least_deg = found.tilt_spread_deg or 0.0, float(np.rad2deg(_LEAST_TILT_SPREAD_RAD))
     if spread_deg < least_deg:
@@ -120,6 +120,10 @@ def _pose_reasons(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) ->
             f"the {_emptiest_corner(seen, found.image_size)} one, or closer"
         )
     return reasons
+
+
+def _counted(count: int, thing: str) -> str:
+    return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 def _missing_tilt(normals: _FloatArray) -> str:
@@ -171,19 +175,29 @@ def _coverage(views: Sequence[View], size: tuple[int, int]) -> float:
     return float(cv2.contourArea(cv2.convexHull(corners))) / (size[0] * size[1])
 
 
+def _focal_reasons(found: Intrinsics) -> list[str]:
+    """Say which focal length is too uncertain."""
+    focal = {"fx": found.fx, "fy": found.fy}
+    limits = {name: _LARGEST_SIGMA_SHARE * value for name, value in focal.items()}
+    sigmas = {name: found.sigma[name] for name in focal}
+    named = [
+        f"{name} is unknown" if sigma is None else f"{name} is {above(sigma, 2)} px"
+        for name, sigma in sigmas.items()
+        if sigma is None or sigma > limits[name]
+    ]
+    if not named:
+        return []
+    reason = (
+        f"the standard deviation of {', that of '.join(named)}, the limit is {below(min(limits.values()), 2)} px "
+        f"({100.0 * _LARGEST_SIGMA_SHARE:g} %): photograph the board closer, so that it fills the picture, "
+        "and tilted by 45 degrees"
+    )
+    return [reason]
+
+
 def _number_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
     """Say which of the calibration's own numbers are not good enough."""
-    reasons = []
-    for name, focal in (("fx", found.fx), ("fy", found.fy)):
-        sigma = found.sigma[name]
-        if sigma is None or sigma > _LARGEST_SIGMA_SHARE * focal:
-            known = "is unknown" if sigma is None else f"is {above(sigma, 2)} px"
-            reasons.append(
-                f"the standard deviation of {name} {known}, "
-                f"the limit is {below(_LARGEST_SIGMA_SHARE * focal, 2)} px "
-                f"({_LARGEST_SIGMA_SHARE:.1%}): photograph the board closer, so that it fills the picture, "
-                "and tilted by 45 degrees"
-            )
+    reasons = _focal_reasons(found)
     holdout = found.holdout_rms_px
     if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
         known = "cannot be checked" if holdout is None else f"are predicted to {above(holdout, 2)} px"

@@ -1,26 +1,45 @@
 """Pictures from files: the one place where labrig reads one, and what it refuses.
 
-A picture is a uint8 array, (H, W) grey or (H, W, 3) blue-green-red, of the sensor's own pixels: an
-orientation noted by the camera (EXIF) is ignored, because a calibration is about the sensor and not about how
-the camera was held. An alpha channel is dropped. Other depths are refused rather than scaled, because a
-guessed scale changes what is measured.
+A picture is a uint8 array, (H, W) grey or (H, W, 3) blue-green-red, of the sensor's own pixels. One that says by EXIF
+that it is to be shown turned or mirrored is refused: a viewer shows it otherwise than the sensor saw it, so that what
+a person reads there, a pixel or a direction, is not what is measured. An alpha channel is dropped. Other depths are
+refused rather than scaled, because a guessed scale changes what is measured.
 """
 
+import struct
 import zlib
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.errors import PictureError
+from labrig.errors import MeasurementRefusedError, PictureError
 
 Picture = NDArray[np.uint8]
 
 _JPEG = b"\xff\xd8\xff"
 _JPEG_START_OF_SCAN = 0xDA
 _PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_EXIF, _PNG_END = b"eXIf", b"IEND"
+# Grey levels between the darkest and the brightest pixel of a picture that shows something.
+_LEAST_RANGE = 8
 _CONVERT = "save it as an 8-bit PNG or JPEG"
+_JPEG_APP1 = 0xE1
+_EXIF = b"Exif\x00\x00"
+_ORIENTATION_TAG, _UPRIGHT = 0x0112, 1
+# How a picture is to be shown, by the value of the tag (CIPA DC-008, 4.6.5.1).
+_SHOWN = {
+    2: "mirrored",
+    3: "turned by 180 degrees",
+    4: "mirrored and turned by 180 degrees",
+    5: "mirrored and turned by 90 degrees to the left",
+    6: "turned by 90 degrees to the right",
+    7: "mirrored and turned by 90 degrees to the right",
+    8: "turned by 90 degrees to the left",
+}
 
 
 def read_picture(path: Path) -> Picture:
@@ -29,13 +48,19 @@ def read_picture(path: Path) -> Picture:
     Raises
     ------
     PictureError
-        If the file is missing, a folder, unreadable, empty, truncated, no picture, or not of 8 bits a
-        channel.
+        If the file is missing, a folder, unreadable, empty, truncated, no picture, not of 8 bits a channel, or to be
+        shown turned or mirrored.
     """
     data = _read_bytes(path)
     if _is_torn(data):
         raise PictureError(
             f"{path} is truncated or damaged: {len(data)} bytes without an end", "copy it again"
+        )
+    shown = _SHOWN.get(_orientation(data))
+    if shown is not None:
+        raise PictureError(
+            f"{path} is to be shown {shown} (EXIF orientation), so its pixels are not where a viewer shows them",
+            "save it upright without that mark (mogrify -auto-orient turns it), every picture of this camera alike",
         )
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
@@ -72,6 +97,19 @@ def require_size(image: Picture, size: tuple[int, int], what: str) -> None:
         )
 
 
+def require_contrast(image: Picture) -> None:
+    """Raise MeasurementRefusedError for a picture in which nothing can be seen: black, white or even grey."""
+    darkest, brightest, _, _ = cv2.minMaxLoc(as_grey(image))
+    if brightest - darkest < _LEAST_RANGE:
+        looks = (
+            "black" if brightest < _LEAST_RANGE else "white" if darkest > 255 - _LEAST_RANGE else "even grey"
+        )
+        raise MeasurementRefusedError(
+            f"the picture is {looks}: its grey levels lie between {darkest:.0f} and {brightest:.0f}",
+            "look at the lamp, the lens cap and the exposure",
+        )
+
+
 def _read_bytes(path: Path) -> bytes:
     try:
         data = path.read_bytes()
@@ -96,20 +134,63 @@ def _is_torn(data: bytes) -> bool:
 def _jpeg_scan_start(data: bytes) -> int:
     """Return where the picture's own scan starts, past any thumbnail with an end marker of its own."""
     position = 2
-    while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != _JPEG_START_OF_SCAN:
-        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    for _, body in _jpeg_segments(data):
+        position += 4 + len(body)
     return position
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Give marker and body of each segment before the scan."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != _JPEG_START_OF_SCAN:
+        end = position + 2 + max(2, int.from_bytes(data[position + 2 : position + 4], "big"))
+        yield data[position + 1], data[position + 4 : end]
+        position = end
+
+
+def _orientation(data: bytes) -> int:
+    """Return the EXIF orientation that a JPEG, PNG or TIFF states; upright where it states none."""
+    if data.startswith(_JPEG):
+        bodies = [body for marker, body in _jpeg_segments(data) if marker == _JPEG_APP1]
+        return next((_stated(body[len(_EXIF) :]) for body in bodies if body.startswith(_EXIF)), _UPRIGHT)
+    if data.startswith(_PNG):
+        return next((_stated(body) for kind, body, _ in _png_chunks(data) if kind == _PNG_EXIF), _UPRIGHT)
+    return _stated(data)
+
+
+def _stated(tiff: bytes) -> int:
+    """Return the orientation in the first directory of TIFF data; upright where there is none, or it is malformed."""
+    order = {b"II*\x00": "<", b"MM\x00*": ">"}.get(tiff[:4])
+    if order is None:
+        return _UPRIGHT
+    with suppress(struct.error):
+        (start,) = struct.unpack_from(f"{order}I", tiff, 4)
+        (entries,) = struct.unpack_from(f"{order}H", tiff, start)
+        for entry in range(entries):
+            tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, start + 2 + 12 * entry)
+            if tag == _ORIENTATION_TAG:
+                return int(value)
+    return _UPRIGHT
+
+
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
+    """Give kind, body and stated checksum of each chunk; what is cut off has a wrong one."""
+    position = len(_PNG)
+    while position + 12 <= len(data):
+        end = position + 8 + int.from_bytes(data[position : position + 4], "big")
+        yield (
+            data[position + 4 : position + 8],
+            data[position + 8 : end],
+            int.from_bytes(data[end : end + 4], "big"),
+        )
+        position = end + 4
 
 
 def _png_is_whole(data: bytes) -> bool:
     """Return whether every chunk is there with its checksum, up to the end chunk."""
-    position = len(_PNG)
-    while position + 12 <= len(data):
-        length = int.from_bytes(data[position : position + 4], "big")
-        body, end = data[position + 4 : position + 8 + length], position + 12 + length
-        if zlib.crc32(body) != int.from_bytes(data[end - 4 : end], "big"):
+    for kind, body, checksum in _png_chunks(data):
+        if zlib.crc32(body, zlib.crc32(kind)) != checksum:
             return False
-        if body[:4] == b"IEND":
+        if kind == _PNG_END:
             return True
-        position = end
     return False

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.limits import below
 from labrig.vision.mask import filled
-from labrig.vision.picture import Picture, as_grey
+from labrig.vision.picture import Picture, as_grey, require_contrast
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, guide_through, straighten
 from labrig.vision.shaft_ends import Diameters, longest_run, needle_end, sheath_end
@@ -140,6 +140,7 @@ def locate_shaft(
         If the picture does not show one shaft with its tip, and the sheath where one is stated; says what it
         shows instead.
     """
+    require_contrast(image)
     view = _View(Orientation.of(image, plane.insertion), plane)
     scene = _Scene(
         view.orientation.picture(filled(as_grey(image), masked)),
@@ -167,6 +168,8 @@ def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace
             f"what enters the picture is no shaft, it ends at ({u:.0f}, {v:.0f}) px"
         )
     for other in traces[1:]:
+        if _is_same(first, other, widths):
+            continue
         length_mm = np.hypot(*np.diff(other.points, axis=0).T).sum() / widths.px_per_mm
         if length_mm >= _RIVAL_MM and other.strength >= _RIVAL_STRENGTH * first.strength:
             places = " and ".join(
@@ -176,6 +179,12 @@ def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace
                 f"two shafts enter the picture, at {places} px, and one is expected"
             )
     return first
+
+
+def _is_same(first: Trace, other: Trace, widths: Widths) -> bool:
+    """Return whether another trace runs within the first one's shaft: a slanting sheath may be entered at two rows."""
+    apart = np.linalg.norm(other.points[:, None] - first.points[None], axis=2).min(axis=1)
+    return bool(np.median(apart) < widths.widest_px / 2.0)
 
 
 def _refined_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:

@@ -16,6 +16,7 @@ from labrig.vision.boards import BoardSearch, board_points_mm, find_board
 from labrig.vision.bundle import Fit, LensModel, View, fit_camera, posed, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_evidence import LEAST_DIFFERENT_VIEWS, judged
+from labrig.vision.one_camera import TwoSettings, two_settings
 from labrig.vision.picture import Picture, size_of
 
 _FloatArray = NDArray[np.float64]
@@ -148,17 +149,20 @@ def calibrate_intrinsics(
         if worst is None:
             break
         rms = float(predicted[worst])
-        reason = f"left out: its corners are {rms:.2f} px from where the other views put them"
+        reason = f"its corners are {rms:.2f} px from where the other views put them"
         view = views[kept[worst]]
         residuals[kept[worst]] = ViewResidual(
             view.name, rms, used=False, reason=reason, corners_px=_pairs(view.pixels)
         )
         del kept[worst]
+    mixed = two_settings(fit, chosen, lambda some: fit_camera(some, image_size, model))
     for index, pose in zip(kept, fit.poses, strict=True):
-        residuals[index] = _residual(views[index], fit, pose)
+        residuals[index] = _residual(views[index], fit, pose, mixed)
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
     listed = tuple(residuals[index] for index in range(len(views)))
-    return judged(chosen, fit, holdout, image_size, listed)
+    found = judged(chosen, fit, holdout, image_size, listed)
+    # What the numbers of two cameras together seem to be says nothing of either.
+    return found if mixed is None else replace(found, accepted=False, reasons=(mixed.reason,))
 
 
 def _checked_views(
@@ -201,13 +205,15 @@ def _checked_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
     return View(name, np.column_stack((flat, np.zeros(len(flat)))), seen)
 
 
-def _residual(view: View, fit: Fit, pose: _FloatArray) -> ViewResidual:
+def _residual(view: View, fit: Fit, pose: _FloatArray, mixed: TwoSettings | None) -> ViewResidual:
     """Return what a fitted view contributed."""
     errors = project(fit, pose, view.board) - view.pixels
+    other = mixed is not None and view.name in mixed.others
     return ViewResidual(
         view.name,
         _rms(view, fit, pose),
         used=True,
+        reason=f"of another camera setting: its focal length is {mixed.told}" if mixed and other else None,
         corners_px=_pairs(view.pixels),
         errors_px=_pairs(errors),
     )

@@ -68,15 +68,17 @@ class Sweep:
     plane: bool = True
 
 
-def needle_picture(radius_mm: float | None, length_mm: float = LENGTH_MM, seed: int = 0) -> NDArray[np.uint8]:
-    """Draw sheath and needle; no needle for a radius of None."""
+def needle_picture(
+    radius_mm: float | None, length_mm: float = LENGTH_MM, seed: int = 0, roll_rad: float = 0.0
+) -> NDArray[np.uint8]:
+    """Draw sheath and needle, turned about its axis; no needle for a radius of None."""
     width, height = SIZE
     image = np.full((height, width), 165, np.uint8)
     u0, v0 = ORIGIN_PX
     if radius_mm is not None:
         angle = np.linspace(0.0, length_mm / radius_mm, 200)
         z, depth = radius_mm * np.sin(angle), radius_mm * (1.0 - np.cos(angle))
-        points = np.column_stack((u0 + PX_PER_MM * z, v0 + PX_PER_MM * depth))
+        points = np.column_stack((u0 + PX_PER_MM * z, v0 + PX_PER_MM * depth * np.cos(roll_rad)))
         cv2.polylines(image, [np.round(points * 16).astype(np.int32)], False, 50, 12, cv2.LINE_AA, 4)
     cv2.rectangle(image, (0, int(v0) - 10), (int(u0), int(v0) + 10), 95, -1)
     noise = np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
@@ -172,6 +174,33 @@ analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_s
         recorder.frame(
             needle_picture(radius_mm), float(number), trial=None, role="imported", source=f"photo{number}.jpg"
         )
+    recorder.close("success", "", NOW)
+    return open_run(recorder.path)
+
+
+def record_roll_zero(folder: Path, zero_rad: float, without_needle: frozenset[int] = frozenset()) -> Run:
+    """Record short insertions at six rolls of a needle that bends towards -y at `zero_rad`, and open the run."""
+    text = """
+schema_version: 1
+experiment: roll-zero
+title: Roll zero
+seed: 1
+needle: {needle_id: N1, diameter_mm: 1.2, design_radius_mm: 28}
+sheath: {depth_mm: 15, speed_mm_s: 5, diameter_mm: 2.0}
+insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
+roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
+"""
+    manifest = {"experiment": "roll-zero", "started": NOW, "title": "Roll zero", "provenance": PROVENANCE}
+    protocol = dump_yaml(parse_protocol(text, "synthetic"))
+    recorder = Recorder.create(
+        folder, "roll-zero", manifest, protocol, None, {"plane.json": plane_file(folder)}
+    )
+    for step in range(6):
+        roll_rad = step * np.pi / 3
+        drawn = None if step in without_needle else 28.0
+        picture = needle_picture(drawn, 14.0, step, roll_rad - zero_rad)
+        place = {"insertion_mm": 14.0, "rotation_rad": roll_rad, "linear_mm": 15.0}
+        recorder.frame(picture, 60.0 * step, trial=None, role="roll-zero", **place)
     recorder.close("success", "", NOW)
     return open_run(recorder.path)
 

@@ -14,15 +14,19 @@ FIRST = Path(__file__).parents[2] / "data" / "first-record"
 def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     """Results stand in the order of the runs, each linked to its parent; a folder that is no run has its error."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b", "c")]
-    told: list[tuple[int, int]] = []
+    told: list[tuple[int, int, str]] = []
     outcomes = analyze_runs(
         [*runs, tmp_path / "none"],
         workers=2,
-        progress=lambda done, total, _run: told.append((done, total)),
+        progress=lambda done, total, run: told.append((done, total, run.name)),
         created=NOW,
         provenance=PROVENANCE,
     )
-    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    pictures = [len(open_run(run).frames) for run in runs]
+    assert told == sorted(told)
+    assert [one for one in told if one[0] == 0] == []
+    assert told[-1] == (sum(pictures) + 1, sum(pictures) + 1, "none")
+    assert {one[2] for one in told} == {"a", "b", "c", "none"}
     assert isinstance(outcomes[3], RecordError)
     results = [outcome for outcome in outcomes if isinstance(outcome, AnalysisResult)]
     assert [result.path for result in results] == [run / "analysis" / "002" for run in runs]

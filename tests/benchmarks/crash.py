@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
@@ -20,11 +21,12 @@ from labrig.analysis import analyze_run
 from labrig.devices import open_rig
 from labrig.experiments import Session, conduct_rest, past_of, trials_left
 from labrig.record import Recorder, Run, check_run, open_run
-from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, never, rig, short_sweep
+from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, UNKILLED, never, rig, short_sweep
 from tests.benchmarks.table import print_rows
 from tests.devices.rigs import Person
 
 MOMENTS = 200
+_BATCH = 10
 _STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 _STREAMS = ("states", "events", "frames")
 
@@ -38,6 +40,9 @@ class Survived:
     lines_unchanged: bool
     resumed: bool
     results_equal: bool
+
+
+_UNHURT = Survived(opened=True, nothing_lost=True, lines_unchanged=True, resumed=True, results_equal=True)
 
 
 class Forge:
@@ -57,11 +62,13 @@ class Forge:
         self._process = process
         self._folder = folder
         self._numbers = iter(range(1_000_000))
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ended\n"
+        self.reference = open_run(folder / UNKILLED / RUN)
+        self.radii = radii_of(self.reference)
         started = perf_counter()
         self.killed(None)
         self.sweep_s = perf_counter() - started
-        self.reference = open_run(folder / "0" / RUN)
-        self.radii = radii_of(self.reference)
 
     def killed(self, after_s: float | None) -> Path | None:
         """Return the folder of a sweep killed after so long; None where it had not begun, or had ended by then."""
@@ -83,7 +90,8 @@ class Forge:
 @contextmanager
 def forge(folder: Path) -> Iterator[Forge]:
     """Start the process that forks sweeps."""
-    command = [sys.executable, "-m", "tests.benchmarks.crashing"]
+    (folder / UNKILLED).mkdir()
+    command = [sys.executable, "-m", "tests.benchmarks.crashing", str(folder / UNKILLED)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         yield Forge(process, folder)
         process.kill()
@@ -153,14 +161,31 @@ def radii_of(run: Run) -> dict[int, float]:
 
 
 def print_table(count: int = MOMENTS) -> None:
-    """Print of how many killed sweeps each thing is true."""
-    with tempfile.TemporaryDirectory() as folder:
-        found = list(survivors(count, seed=6, folder=Path(folder)))
+    """Print of how many killed sweeps each thing is true; how far it has come goes to standard error."""
+    found: list[Survived] = []
+    started = perf_counter()
+    sizes = [min(_BATCH, count - done) for done in range(0, count, _BATCH)]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        batches = [pool.submit(_batch, size, seed) for seed, size in enumerate(sizes)]
+        for batch in as_completed(batches):
+            found += batch.result()
+            sound = sum(each == _UNHURT for each in found)
+            print(
+                f"{len(found)} of {count} killed, {sound} sound, {perf_counter() - started:.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
     rows = [
         [one.name.replace("_", " "), sum(getattr(each, one.name) for each in found), f"{count} of {count}"]
         for one in fields(Survived)
     ]
     print_rows(("after SIGKILL at a random moment", "runs", "limit"), rows)
+
+
+def _batch(count: int, seed: int) -> list[Survived]:
+    """Kill some sweeps in a folder and a process of their own."""
+    with tempfile.TemporaryDirectory() as folder:
+        return list(survivors(count, seed, Path(folder)))
 
 
 if __name__ == "__main__":

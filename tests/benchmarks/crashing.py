@@ -1,6 +1,7 @@
 """Runs a short sweep for each line that it is given, in a process of its own that somebody else kills.
 
-Importing takes longer than the sweep: this process imports once and forks. Each call of the recorder that has returned
+Importing, and drawing what every picture has behind the needle, take longer than the sweep: this process makes one
+sweep itself, in the folder that its argument names, and forks the others. Each call of the recorder that has returned
 is acknowledged in a file beside the run, which a killed process leaves behind as it leaves the record.
 """
 
@@ -18,7 +19,7 @@ from labrig.record import Recorder
 from tests.devices.rigs import CALIBRATION, Person, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-RUN, ACKNOWLEDGED = "run", "acknowledged"
+RUN, ACKNOWLEDGED, UNKILLED = "run", "acknowledged", "unkilled"
 
 
 def short_sweep() -> SteerabilityProtocol:
@@ -96,6 +97,8 @@ def run_sweep(folder: Path) -> None:
 
 def main() -> None:
     """Fork a sweep for each folder that is named on standard input; say its process id, then that it has ended."""
+    run_sweep(Path(sys.argv[1]))
+    print("ended", flush=True)
     for line in sys.stdin:
         child = os.fork()
         if child == 0:

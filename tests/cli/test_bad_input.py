@@ -5,6 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from labrig.cli.output import failure_document
+from labrig.errors import (
+    BusError,
+    BusOffError,
+    BusPassiveError,
+    DiskError,
+    DriveFaultError,
+    DriveRestartedError,
+    DriveSilentError,
+    LabrigError,
+)
 from tests.cli.conftest import RIG, SWEEP, Labrig, Sweep
 
 
@@ -156,3 +167,30 @@ def test_an_existing_calibration_is_not_replaced(labrig: Labrig, tmp_path: Path)
     )
     assert done.exit_code == 2
     assert out.read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("error", "name", "code"),
+    [
+        (BusError("gone"), "bus-lost", 0x8100),
+        (BusPassiveError("passive"), "error-passive", 0x8120),
+        (BusOffError("off"), "bus-off", 0x81FD),
+        (DriveRestartedError("restarted"), "boot-up", 0),
+        (DriveSilentError("mute"), "no-answer", 0x05040000),
+        (DriveFaultError("hot", code=0x4210, register=8, text="over-temperature"), "emergency", 0x4210),
+    ],
+)
+def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
+    error: LabrigError, name: str, code: int
+) -> None:
+    """`error.fault` holds a word that stays, the number that manuals have, the register bit and a text."""
+    fault = failure_document(error)["fault"]
+    assert isinstance(fault, dict)
+    assert (fault["name"], fault["code"]) == (name, code)
+    assert set(fault) == {"name", "code", "register", "text"}
+    assert fault["text"]
+
+
+def test_an_error_of_no_bus_has_no_fault_in_json() -> None:
+    """Type, message and hint alone."""
+    assert set(failure_document(DiskError("full", "make room"))) == {"type", "message", "hint"}

@@ -44,12 +44,13 @@ def test_help_fits_the_terminal(columns: int) -> None:
     assert max(len(line) for line in text.splitlines()) <= columns
 
 
-def test_help_loads_no_heavy_package() -> None:
-    """Help starts without numpy, OpenCV, pandas and the rest, so that it answers at once."""
+@pytest.mark.parametrize("arguments", [["--help"], ["runs", "--runs-dir", "none"]])
+def test_help_and_list_load_no_heavy_package(arguments: list[str]) -> None:
+    """Help and the list of runs start without numpy, OpenCV, pandas and the rest, so that they answer at once."""
     code = (
         "import sys, io, contextlib, json\n"
         "from labrig.cli.main import run_command\n"
-        "with contextlib.redirect_stdout(io.StringIO()): run_command(['--help'])\n"
+        f"with contextlib.redirect_stdout(io.StringIO()): run_command({arguments!r})\n"
         f"print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))"
     )
     assert json.loads(_python(code)) == []

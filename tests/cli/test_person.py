@@ -10,7 +10,7 @@ import pytest
 
 from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote
-from labrig.devices import PickTarget, PlaceSpecimen
+from labrig.devices import OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 REQUEST = PlaceSpecimen("gel 10 %", 10)
@@ -59,6 +59,31 @@ def test_a_pixel_is_two_numbers(terminal: Terminal, capsys: pytest.CaptureFixtur
     answer = TerminalOperator(SignalNote(), terminal.stream).ask(PickTarget("000003.png"), lambda: None)
     assert (answer.confirmed, answer.pixel) == (True, (1020.0, 290.5))
     assert capsys.readouterr().err.count("000003.png") == 4
+
+
+@pytest.mark.parametrize(
+    ("request_", "typed", "wanted"),
+    [
+        (ReadScale("linear", "mm", "Read it."), "yes", "a number such as 12.5"),
+        (ReadScale("linear", "mm", "Read it."), "1 2", "a number such as 12.5"),
+        (PickTarget("000003.png"), "yes", "two numbers such as 640 290.5"),
+        (REQUEST, "12", "yes, or no to stop"),
+    ],
+)
+def test_an_answer_of_another_kind_is_told_what_is_wanted(
+    request_: OperatorRequest, typed: str, wanted: str, terminal: Terminal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A yes where a number is wanted does not repeat the question in silence."""
+    terminal.type(f"{typed}\nno\n")
+    assert not TerminalOperator(SignalNote(), terminal.stream).ask(request_, lambda: None).confirmed
+    assert f"'{typed}' is not understood: {wanted}" in capsys.readouterr().err
+
+
+def test_a_scale_is_read_with_a_point_or_a_comma(terminal: Terminal) -> None:
+    """Both are one number, with its sign."""
+    terminal.type("-12,5\n")
+    answer = TerminalOperator(SignalNote(), terminal.stream).ask(ReadScale("linear", "mm", ""), lambda: None)
+    assert (answer.confirmed, answer.reading) == (True, -12.5)
 
 
 def test_a_signal_ends_the_question(terminal: Terminal) -> None:

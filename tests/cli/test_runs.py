@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from labrig.record import FileLock
 from tests.cli.conftest import Labrig, Sweep
+from tests.record.runs import begin
 
 
 @pytest.fixture
@@ -40,6 +42,20 @@ def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
     """A condition that no run fits gives an empty list."""
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=11")
     assert (done.exit_code, done.out, done.err) == (0, "", "no run fits\n")
+
+
+def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_path: Path) -> None:
+    """A sweep is gone on with, a needle taken out, any other run closed; one that goes on names its process."""
+    for name, experiment in (("a sweep", "steerability"), ("needle", "insertion"), ("other", "import")):
+        begin(tmp_path / "writing", name, experiment=experiment)
+        shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
+    done = labrig("runs", "--runs-dir", tmp_path / "runs")
+    assert f"a sweep was interrupted; go on with it: labrig resume '{tmp_path}/runs/a sweep'" in done.err
+    assert f"labrig devices withdraw --rig FILE --run {tmp_path}/runs/needle\n" in done.err
+    assert f"other was interrupted; close it: labrig runs check {tmp_path}/runs/other --repair" in done.err
+    with FileLock(tmp_path / "runs" / "other" / ".lock").acquire("labrig run"):
+        done = labrig("runs", "--runs-dir", tmp_path / "runs", "--where", "run=other")
+    assert "other is going on: labrig run (process" in done.err
 
 
 def test_notes_and_verdict_are_kept_in_the_run(labrig: Labrig, shelf: Path) -> None:

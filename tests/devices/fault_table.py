@@ -70,7 +70,7 @@ class Outcome:
     error : type of LabrigError or None
         What names the fault.
     words : str
-        Stand in the reason that the record states; a pattern.
+        Stand in the reason that the record states.
     stop : Stop
         By when the axis stands still.
     lost : Lost
@@ -79,6 +79,8 @@ class Outcome:
         Whether the fault shows in the counts of repeated questions and stray answers.
     found_in_tissue : bool
         Whether the needle has gone into tissue by the time it is found out.
+    fault : tuple of str and int or None
+        The name and code that the error and the record's last event carry.
     """
 
     ends: str
@@ -88,20 +90,35 @@ class Outcome:
     lost: Lost
     counted: bool = False
     found_in_tissue: bool = False
+    fault: tuple[str, int] | None = None
 
 
 SURVIVED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counted=True)
 UNNOTICED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
 
 
+_ONLY_FAULT: dict[type[LabrigError], tuple[str, int]] = {
+    BusError: ("bus-lost", 0x8100),
+    BusPassiveError: ("error-passive", 0x8120),
+    BusOffError: ("bus-off", 0x81FD),
+    DriveRestartedError: ("boot-up", 0),
+    DriveRefusedError: ("sdo-abort", 0x08000022),
+}
+_HEARTBEAT_LOST, _NO_ANSWER = ("heartbeat-lost", 0x8130), ("no-answer", 0x05040000)
+
+
 def _fails(
-    error: type[LabrigError], words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK
+    error: type[LabrigError],
+    words: str,
+    stop: Stop = Stop.BY_ANYBODY,
+    lost: Lost = Lost.STRUCK,
+    fault: tuple[str, int] | None = None,
 ) -> Outcome:
-    return Outcome("failed", error, words, stop, lost)
+    return Outcome("failed", error, words, stop, lost, fault=fault or _ONLY_FAULT.get(error))
 
 
-def _emergency(code: int, words: str) -> Outcome:
-    return _fails(DriveFaultError, f"error 0x{code:04X}, {words}")
+def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK) -> Outcome:
+    return _fails(DriveFaultError, f"error 0x{code:04X}, {words}", stop, lost, ("emergency", code))
 
 
 def _found_later(
@@ -117,11 +134,16 @@ def _found_later(
     }
 
 
-_SILENT = _fails(DriveSilentError, "did not answer|no heartbeat", lost=Lost.ALL)
-_DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL)
+_SILENT = {
+    # An idle axis is not asked; its heartbeat is missed.
+    Phase.IDLE: _fails(DriveSilentError, "no heartbeat", lost=Lost.ALL, fault=_HEARTBEAT_LOST),
+    Phase.MOVING: _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER),
+    Phase.HOMING: _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER),
+}
+_DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL, _NO_ANSWER)
 _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
 _REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
-_UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE)
+_UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE, fault=_NO_ANSWER)
 
 
 def _at_the_next_question(outcome: Outcome) -> dict[Phase, Outcome]:
@@ -143,7 +165,7 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     "node silent": _SILENT,
     "node deaf": {
         # An idle axis is not asked; the drive, which still speaks, is the first to tell.
-        Phase.IDLE: _fails(DriveFaultError, "error 0x8130", Stop.BY_THE_DRIVE, Lost.ALL),
+        Phase.IDLE: _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
         Phase.MOVING: _DEAF,
         Phase.HOMING: _DEAF,
     },
@@ -151,7 +173,7 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     "SDO abort": _at_the_next_question(_REFUSED),
     "SDO timeout": _at_the_next_question(_UNANSWERED),
     "heartbeat of the drive lost": _fails(
-        DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE
+        DriveSilentError, "has sent no heartbeat", Stop.AFTER_SILENCE, Lost.NONE, _HEARTBEAT_LOST
     ),
     "node-id clash": _RESTARTED,
     # What the drive reports
@@ -172,7 +194,7 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
         Phase.IDLE: replace(_emergency(0x8611, "following error"), found_in_tissue=True),
         Phase.MOVING: _emergency(0x8611, "following error"),
         # Homing by current takes what blocks it for the stop; it is found out on the way back.
-        Phase.HOMING: _fails(DriveFaultError, "error 0x8611, following error", Stop.NO_DEADLINE),
+        Phase.HOMING: _emergency(0x8611, "following error", Stop.NO_DEADLINE),
     },
     "software limit": _emergency(0xFF09, "software position limit"),
     "limit switch": {
@@ -191,7 +213,7 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     "unknown hardware": _RESTARTED,
     "fingerprint mismatch": _RESTARTED,
     # The computer
-    "computer hangs": _fails(DriveFaultError, "error 0x8130", Stop.BY_THE_DRIVE, Lost.ALL),
+    "computer hangs": _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
     "signal": Outcome("aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE),
     "camera lost": _found_later(CameraError, "gave no picture"),
     "camera frozen": _found_later(CameraError, "the same picture", found_in_tissue=True),

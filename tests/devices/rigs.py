@@ -76,7 +76,7 @@ def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
     drive = SimulatedDrive(wire, 1, clock, **drive_settings)
     clock.on_advance(drive.tick)
-    driver = Epos2(link, 1, "insertion", clock)
+    driver = Epos2(link, 1, "insertion", clock, encoder_pulses=500)
     yield OneDrive(clock, wire, drive, driver)
     link.close()
     drive.unplug()

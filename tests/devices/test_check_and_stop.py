@@ -102,7 +102,9 @@ def test_a_faulted_drive_fails_the_check() -> None:
 def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
     """The state of the rig is part of the check, and what to do is said."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)
-    assert _by_name(check_rig(description))["rig state"].status is CheckStatus.WARN
+    new = _by_name(check_rig(description))["rig state"]
+    assert new.status is CheckStatus.WARN
+    assert "labrig devices jog and home" in new.solution
     with open_rig(description, seed=1, person=Person(), interrupted=Signal()) as rig:
         rig.mark_needle_in_tissue("run-3")
     result = _by_name(check_rig(description))["rig state"]
@@ -186,9 +188,27 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
         assert decode_state(statusword) in {DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT}
 
 
-def test_stopping_a_simulated_rig_says_where_its_drives_are() -> None:
-    """There is no bus to open; the drives end with the labrig that runs them."""
-    assert "interrupt that one" in stop_rig(simulated_rig()).done[-1]
+def test_stopping_a_simulated_rig_says_that_there_is_nothing_to_stop() -> None:
+    """There is no bus to open; the drives end with the labrig that runs them, and who that is nobody can know."""
+    report = stop_rig(simulated_rig())
+    assert report.by == "none"
+    assert len(report.done) == 1
+    assert "has nothing to stop from here" in report.done[0]
+
+
+@pytest.mark.parametrize(
+    ("interface", "hint"),
+    [
+        ("slcan", "serial port of the adapter"),
+        ("kvaser", "whether its driver is installed"),
+    ],
+)
+def test_the_hint_is_about_the_interface_that_was_named(interface: str, hint: str) -> None:
+    """One sentence for it, not a list of all that python-can knows."""
+    with pytest.raises(BusError) as refusal:
+        open_can(CanDescription(interface=interface, channel="/dev/none", bitrate=1_000_000), SystemClock())
+    assert hint in refusal.value.hint
+    assert len(refusal.value.hint) < 160
 
 
 def test_stopping_a_bench_without_a_bus_is_an_error() -> None:

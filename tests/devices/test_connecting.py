@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.devices import epos2_objects as od
-from labrig.devices.homing import DIRECTIONS, HERE, Homing
+from labrig.devices.homing import HOMING_DIRECTIONS, HOMING_HERE, Homing
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
@@ -122,7 +122,7 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
 # Homing
 
 
-@pytest.mark.parametrize("method", [method for method in DIRECTIONS if method != HERE])
+@pytest.mark.parametrize("method", [method for method in HOMING_DIRECTIONS if method != HOMING_HERE])
 def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
     """Methods -1 and -3 positive, -2 and -4 negative, switches by their side; home is where it ends."""
     with _rig() as opened:
@@ -134,7 +134,7 @@ def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
             "insertion",
             Homing(
                 method,
-                offset=-1000 * DIRECTIONS[method],
+                offset=-1000 * HOMING_DIRECTIONS[method],
                 switch_rpm=2000,
                 index_rpm=500,
                 rpm_per_s=20_000,
@@ -142,7 +142,7 @@ def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
             ),
         )
         first = next(place for place in went if place)
-        assert first * DIRECTIONS[method] > 0
+        assert first * HOMING_DIRECTIONS[method] > 0
         assert opened.rig.insertion.referenced
         assert opened.rig.read_states()["insertion"].position == pytest.approx(0.0, abs=1e-3)
 

@@ -20,7 +20,7 @@ from labrig.devices.cia402 import (
 )
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import Epos2
-from labrig.devices.homing import HERE, Homing
+from labrig.devices.homing import HOMING_HERE, Homing
 from labrig.devices.rig_file import CanDescription, HeartbeatDescription
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.errors import (
@@ -167,9 +167,9 @@ def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
     """Method 35 makes the position zero; a search without a stop is ended by Halt, and attains nothing."""
     ready.driver.start_move(2000, FAST_RPM)
     ready.arrive()
-    ready.driver.start_homing(Homing(HERE))
+    ready.driver.start_homing(Homing(HOMING_HERE))
     ready.wait_until(ready.driver.has_homed)
-    ready.driver.finish_homing(Homing(HERE))
+    ready.driver.finish_homing(Homing(HOMING_HERE))
     assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 2000)
     assert ready.driver.is_referenced()
     ready.driver.start_homing(Homing(-3, timeout_s=PATIENCE_S))
@@ -184,9 +184,9 @@ def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
 
 def test_a_homing_that_takes_too_long_is_given_up(ready: OnABus) -> None:
     """The attained bit of an earlier homing is not taken for success."""
-    ready.driver.start_homing(Homing(HERE))
+    ready.driver.start_homing(Homing(HOMING_HERE))
     ready.wait_until(ready.driver.has_homed)
-    ready.driver.finish_homing(Homing(HERE))
+    ready.driver.finish_homing(Homing(HOMING_HERE))
     ready.driver.start_homing(Homing(-3, timeout_s=0.05))
     with pytest.raises(DriveError, match="did not find home in time"):
         ready.wait_until(ready.driver.has_homed)

@@ -1,9 +1,12 @@
 """The driver against the simulated drive, over the bus."""
 
+import math
 from collections.abc import Iterator
 from itertools import cycle
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labrig.devices import DriveState
 from labrig.devices import epos2_objects as od
@@ -17,7 +20,8 @@ from labrig.devices.cia402 import (
     Goal,
     decode_state,
 )
-from labrig.devices.homing import HERE, Homing
+from labrig.devices.epos2 import STILL_COUNTS, still_time_s
+from labrig.devices.homing import HOMING_HERE, Homing
 from labrig.errors import DriveError
 from tests.devices.rigs import OneDrive, one_drive
 
@@ -50,10 +54,10 @@ def _ready(one: OneDrive) -> OneDrive:
 
 
 def _home_here(one: OneDrive) -> None:
-    one.driver.start_homing(Homing(HERE))
+    one.driver.start_homing(Homing(HOMING_HERE))
     while not one.driver.has_homed():
         one.clock.sleep(0.005)
-    one.driver.finish_homing(Homing(HERE))
+    one.driver.finish_homing(Homing(HOMING_HERE))
 
 
 def _run_until_done(one: OneDrive) -> float:
@@ -182,6 +186,30 @@ def test_an_axis_that_does_not_stop_is_told(ready: OneDrive) -> None:
     ready.driver.start_move(400_000, 120)
     with pytest.raises(DriveError, match="still moves"):
         ready.driver.wait_until_still(0.5)
+
+
+@pytest.mark.parametrize("rpm", [1, -1, 2])
+def test_a_creep_is_no_standing_still(rpm: int, ready: OneDrive) -> None:
+    """1 rpm is the slowest that the drive can be told, 1.7 quadcounts in 50 ms; it is found out."""
+    ready.driver.start_move(int(math.copysign(4000, rpm)), abs(rpm))
+    ready.clock.sleep(1.0)
+    with pytest.raises(DriveError, match="still moves"):
+        ready.driver.wait_until_still(2.0)
+
+
+def test_standing_still_is_seen_in_time(ready: OneDrive) -> None:
+    """With 500 pulses a turn a standing axis is known to stand within 0.2 s, so that a stop keeps its deadline."""
+    before_s = ready.clock.now_s()
+    ready.driver.wait_until_still(0.5)
+    assert 0.15 <= ready.clock.now_s() - before_s <= 0.2
+
+
+@given(pulses=st.integers(188, 65_535), phase=st.floats(0, 1))
+def test_a_creep_moves_farther_than_a_servo_at_rest(pulses: int, phase: float) -> None:
+    """In the time that is waited, 1 rpm turns any encoder by more than the dither, wherever its counts begin."""
+    turned = 4 * pulses / 60 * still_time_s(pulses)
+    assert math.floor(phase + turned) - math.floor(phase) > STILL_COUNTS
+    assert still_time_s(pulses) <= still_time_s(None)
 
 
 def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:

@@ -16,6 +16,7 @@ from labrig.devices import (
     open_rig,
 )
 from labrig.devices.cia402 import decode_state
+from labrig.devices.epos2 import wait_for_all
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
 from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
@@ -179,10 +180,21 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         _ready(opened)
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.wait(1.0)
-        opened.rig.insertion.wait_until_still()
+        assert wait_for_all({"one": opened.rig.insertion.looks_until_still()}, opened.rig._dead_man) == {}
         statusword = opened.rig.insertion._drive.statusword()
         assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
+
+
+def test_three_axes_are_watched_at_the_same_time() -> None:
+    """Stopping takes the deceleration and the time in which a creep would show, once and not once an axis."""
+    with opened_rig() as opened:
+        _ready(opened)
+        opened.rig.insertion.start_move(100.0, 1.0)
+        opened.rig.wait(1.0)
+        before_s = opened.rig.clock.now_s()
+        opened.rig.stop()
+        assert opened.rig.clock.now_s() - before_s <= 0.2 + 0.05
 
 
 def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:

@@ -3,7 +3,7 @@
 import resource
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import can
@@ -17,7 +17,7 @@ from labrig.devices.rig import Rig
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.plant import SimulatedPlant
-from labrig.errors import MachineError, SafetyStopError
+from labrig.errors import MachineError, SafetyStopError, WireError
 from labrig.experiments import Outcome, Session, conduct
 from labrig.protocol import AnyProtocol, dump_yaml
 from labrig.record import Recorder, Run, open_run
@@ -343,7 +343,12 @@ def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) ->
         yield f"ended {outcome.exit_status} ({outcome.reason}), record {run.manifest['exit_status']}"
     if type(outcome.error) is not (expected.error or type(None)):
         yield f"error {type(outcome.error).__name__}: {outcome.reason}"
-    if not any(words in str(run.manifest["reason"]) for words in expected.words.split("|")):
+    fault = outcome.error.fault if isinstance(outcome.error, WireError) else None
+    if (None if fault is None else (fault.name, fault.code)) != expected.fault:
+        yield f"fault {fault}"
+    if run.events.iloc[-1].get("fault", None) != (None if fault is None else asdict(fault)):
+        yield f"the last event says {run.events.iloc[-1].get('fault')}"
+    if expected.words not in str(run.manifest["reason"]):
         yield f"reason {run.manifest['reason']}"
     if run.problems or run.events.empty or list(run.events["kind"])[-1] != "run_stop":
         yield f"record: {run.problems}"

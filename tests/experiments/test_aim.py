@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from labrig.devices import RollZero
+from labrig.devices.state import StateStore
 from labrig.errors import FileFormatError
 from labrig.experiments import find_problems, foreseen_refusal
-from labrig.protocol import AnyProtocol, load_protocol
+from labrig.protocol import AnyProtocol, InsertionProtocol, load_protocol
 from tests.devices.rigs import load_rig, simulated_rig
 from tests.experiments.sessions import PROTOCOLS
 
@@ -34,12 +36,54 @@ def test_the_example_suits_the_simulated_rig() -> None:
         ("target.position_mm=[0,36,90]", "outside of the camera's view"),
         ("target={pixel: [1279, 300]}", "outside of the camera's view"),
         ("insertion.max_length_mm=400", "400 mm is beyond its limits"),
+        (
+            "obstacles=[{position_mm: [0, 0, 200], radius_mm: 8}]",
+            "z 200.0 mm, radius 8 mm, lies outside of the tissue",
+        ),
+        (
+            "obstacles=[{position_mm: [0, -60, 35], radius_mm: 8}]",
+            "y -60.0, z 35.0 mm, radius 8 mm, lies outside",
+        ),
+        (
+            "obstacles=[{pixel: [1000, 3000], radius_mm: 8}]",
+            "pixel (1000, 3000) lies outside of the camera's view",
+        ),
+        ("target={pixel: [1280, 300]}", "pixel (1280, 300) lies outside"),
+        ("roll_zero=null", "has no certified roll zero of needle"),
     ],
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
     """Each with the number and its limit, before anything is opened."""
     problems = find_problems(insertion(override), simulated_rig())
     assert any(message in problem.message for problem in problems)
+
+
+def test_an_obstacle_out_of_view_is_refused() -> None:
+    """In the tissue, but so far aside that the camera sees none of it: its place cannot be confirmed on the picture."""
+    (problem,) = find_problems(
+        insertion("specimen.width_mm=200", "obstacles=[{position_mm: [0, -70, 60], radius_mm: 5}]"),
+        simulated_rig(),
+    )
+    assert problem.where == "obstacles.0"
+    assert "outside of the camera's view" in problem.message
+
+
+def test_an_obstacle_that_reaches_into_the_tissue_is_taken() -> None:
+    """Its centre may stand beside the block."""
+    edge = insertion("obstacles=[{position_mm: [0, -44, 60], radius_mm: 12}]")
+    assert find_problems(edge, simulated_rig()) == ()
+
+
+def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
+    """Of this needle, on this rig, as its state file has it; that of another needle does not do."""
+    rig = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    protocol = insertion("roll_zero=null")
+    assert isinstance(protocol, InsertionProtocol)
+    for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
+        store = StateStore(rig.state_path)
+        store.update(referenced=("rotation",), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1"))
+        problems = [problem for problem in find_problems(protocol, rig) if problem.where == "roll_zero"]
+        assert len(problems) == refused
 
 
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -12,11 +13,21 @@ from labrig.devices import (
     ConfirmHere,
     Opening,
     RigDescription,
+    check_rig,
     open_rig,
 )
 from labrig.devices import epos2_objects as od
+from labrig.devices.motion_log import last_motion
 from labrig.devices.rig import Rig
-from labrig.errors import DriveError, DriveFaultError, InputError, LimitError, SafetyStopError
+from labrig.errors import (
+    DiskError,
+    DriveError,
+    DriveFaultError,
+    InputError,
+    InterruptedRunError,
+    LimitError,
+    SafetyStopError,
+)
 from labrig.experiments import (
     check_backlash,
     check_limits,
@@ -26,6 +37,7 @@ from labrig.experiments import (
     judge_backlash,
     judge_travel,
 )
+from labrig.record import decode_line
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 from tests.experiments.sessions import Watched
 
@@ -250,3 +262,76 @@ def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
     with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
         assert [axis.name for axis in rig.axes] == ["insertion", "rotation", "linear"]
         assert rig.camera.capture().sequence == 0
+
+
+# What is left of it
+
+
+def _noted(folder: Path) -> list[dict[str, object]]:
+    return [decode_line(line) for line in (folder / "state.json.motions.jsonl").read_bytes().splitlines()]
+
+
+def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
+    """Who, when, which axis, what, from where to where; homing says where the new zero has it."""
+    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
+        jog(opened.rig, "linear", 2.0)
+        home_axes(opened.rig, None, needle_mounted=True)
+        last = last_motion(tmp_path / "state.json")
+    lines = _noted(tmp_path)
+    assert [(line["kind"], line["axis"]) for line in lines] == [
+        (kind, axis) for axis in ("linear", "linear", "insertion", "rotation") for kind in ("start", "end")
+    ]
+    start, end = lines[:2]
+    assert (start["position"], start["referenced"], start["what"]) == (0.0, False, "move by 2 mm at 1 mm/s")
+    assert start["by"]
+    assert start["utc"]
+    assert end["position"] == pytest.approx(2.0, abs=0.02)
+    assert end["outcome"] == "done"
+    assert (lines[3]["position"], lines[3]["referenced"]) == (0.0, True)
+    assert last == lines[-1]
+
+
+def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
+    """The last line says where the axis came to stand, and what stopped it."""
+    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
+
+        def arrive_later() -> None:
+            if opened.plant.clock.now_s() > 5:
+                opened.signal.name = "SIGINT"
+
+        opened.plant.clock.on_advance(arrive_later)
+        with pytest.raises(InterruptedRunError):
+            jog(opened.rig, "linear", 20.0)
+    end = _noted(tmp_path)[-1]
+    assert (end["kind"], end["outcome"]) == ("end", "interrupted by SIGINT")
+    assert isinstance(end["position"], float)
+    assert 0.5 < end["position"] < 19
+
+
+def test_a_torn_line_of_the_log_spoils_no_other(tmp_path: Path) -> None:
+    """What a power cut left half written stays a line of its own."""
+    (tmp_path / "state.json.motions.jsonl").write_bytes(b'{"kind":"sta')
+    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
+        jog(opened.rig, "linear", 1.0)
+    torn, *lines = (tmp_path / "state.json.motions.jsonl").read_bytes().splitlines()
+    assert torn == b'{"kind":"sta'
+    assert [decode_line(line)["kind"] for line in lines] == ["start", "end"]
+
+
+def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
+    """A log that cannot be written refuses the motion."""
+    (tmp_path / "state.json.motions.jsonl").mkdir()
+    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
+        with pytest.raises(DiskError, match=r"motions\.jsonl"):
+            jog(opened.rig, "linear", 1.0)
+        assert opened.plant.drives["linear"].shaft_quadcounts == 0
+
+
+def test_the_check_tells_what_was_moved_last(tmp_path: Path) -> None:
+    """A line of `labrig devices check`, once something was."""
+    description = simulated_rig("state_file=state.json").placed_in(tmp_path)
+    assert "last motion by hand" not in {result.check for result in check_rig(description)}
+    with _bare(description) as (opened, _):
+        jog(opened.rig, "linear", 2.0)
+    (told,) = (result for result in check_rig(description) if result.check == "last motion by hand")
+    assert told.value.startswith("axis linear at 2 mm, move by 2 mm at 1 mm/s, done, ")

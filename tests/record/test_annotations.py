@@ -106,3 +106,13 @@ def test_a_link_is_not_written_through(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="symbolic link"):
         _note(run, "text")
     assert outside.read_text() == ""
+
+
+def test_a_run_of_a_newer_schema_is_left_alone(tmp_path: Path) -> None:
+    """What its notes look like is not known: it is refused, and nothing is written."""
+    run = closed_run(tmp_path)
+    manifest = run / "manifest.json"
+    manifest.write_bytes(manifest.read_bytes().replace(b'"schema_version": 1', b'"schema_version": 99'))
+    with pytest.raises(RecordError, match="schema version 99"):
+        _note(run, "gel was cloudy")
+    assert not (run / "notes.jsonl").exists()

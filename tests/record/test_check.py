@@ -205,6 +205,23 @@ def test_a_continued_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
         Recorder.reopen(run, "test")
 
 
+def test_each_session_keeps_the_code_that_ran(tmp_path: Path) -> None:
+    """A resumed session's difference from its commit stands beside the first one's, hashed; a change is damage."""
+    run = killed_run(tmp_path)
+    (run / "code.002.diff").write_bytes(b"left by a process that was killed before its manifest named it")
+    for number, diff in ((3, b"+1\n"), (4, b"+2\n")):
+        recorder = Recorder.reopen(run, "test")
+        recorder.begin_session(ENDED, code_diff=diff)
+        recorder.close("aborted", "", ENDED)
+        assert (run / f"code.{number:03d}.diff").read_bytes() == diff
+    assert [one["code_diff"] for one in open_run(run).sessions] == ["code.003.diff", "code.004.diff"]
+    assert "code.004.diff" in (run / "SHA256SUMS").read_text()
+    assert check_run(run).damage == ()
+    (run / "code.003.diff").write_bytes(b"+3\n")
+    assert {problem.where for problem in check_run(run).damage} == {"code.003.diff"}
+    assert [problem.where for problem in open_run(run).damage] == ["code.003.diff"]
+
+
 def test_a_closed_run_that_is_continued_remembers_its_ending(tmp_path: Path) -> None:
     """The earlier ending stays in the manifest, the earlier sums stay beside the new ones."""
     recorder = begin(tmp_path)

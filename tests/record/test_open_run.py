@@ -289,6 +289,17 @@ def test_no_link_in_a_run_is_followed(tmp_path: Path, linked: str) -> None:
         open_run(path).read_frame(1)
 
 
+def test_a_linked_picture_is_damage_of_a_run_that_opens(tmp_path: Path) -> None:
+    """A link among the pictures is named on opening, so that no command passes over it."""
+    path = closed_run(tmp_path / "runs")
+    picture_file = path / "frames" / "000001.png"
+    picture_file.rename(tmp_path / "elsewhere.png")
+    picture_file.symlink_to(tmp_path / "elsewhere.png")
+    assert [(one.where, one.message) for one in open_run(path).damage] == [
+        ("frames/000001.png", "it is a symbolic link and is not followed")
+    ]
+
+
 def test_a_whole_number_that_is_none_is_refused(tmp_path: Path) -> None:
     """A trial that is text is refused with the file, not shown as a traceback of pandas."""
     path = interrupted_run(tmp_path)

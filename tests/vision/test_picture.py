@@ -1,6 +1,7 @@
 """Pictures from files: what is read as it is, and what is refused."""
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -43,17 +44,48 @@ def test_drops_the_alpha_channel(colour, tmp_path):
     assert (read_picture(saved(tmp_path / "alpha.png", with_alpha)) == colour).all()
 
 
-def test_ignores_how_the_camera_was_held(grey, tmp_path):
-    """An EXIF orientation does not turn the picture: calibrations are about the sensor's pixels."""
-    plain = saved(tmp_path / "plain.jpg", grey).read_bytes()
-    tags = (
-        b"MM\x00*\x00\x00\x00\x08\x00\x01" + struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0) + b"\x00\x00\x00\x00"
-    )
-    body = b"Exif\x00\x00" + tags
-    turned = tmp_path / "turned.jpg"
-    turned.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
-    assert size_of(read_picture(turned)) == (40, 30)
-    assert (read_picture(turned) == read_picture(tmp_path / "plain.jpg")).all()
+def exif(orientation, order=">"):
+    """Return EXIF data with this orientation, of either byte order."""
+    start = b"MM\x00*" if order == ">" else b"II*\x00"
+    entry = struct.pack(f"{order}HHIHH", 0x0112, 3, 1, orientation, 0)
+    return start + struct.pack(f"{order}IH", 8, 1) + entry + bytes(4)
+
+
+def marked(path, image, orientation, order=">"):
+    """Return the path of a JPEG or PNG that says how it is to be shown."""
+    plain = saved(path, image).read_bytes()
+    tags = exif(orientation, order)
+    if path.suffix == ".jpg":
+        body = b"Exif\x00\x00" + tags
+        path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
+    else:
+        chunk = b"eXIf" + tags
+        whole = struct.pack(">I", len(tags)) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        path.write_bytes(plain[:33] + whole + plain[33:])
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+@pytest.mark.parametrize("order", [">", "<"])
+def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, grey, tmp_path):
+    """Pixels that a person reads in a viewer would not be the sensor's; the refusal says how it is turned."""
+    turned = marked(tmp_path / f"turned.{suffix}", grey, 6, order)
+    with pytest.raises(
+        PictureError, match=rf"turned\.{suffix} is to be shown turned by 90 degrees"
+    ) as caught:
+        read_picture(turned)
+    assert "without that mark" in caught.value.hint
+    upright = marked(tmp_path / f"upright.{suffix}", grey, 1, order)
+    assert size_of(read_picture(upright)) == (40, 30)
+
+
+def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
+    """A directory of tags that leads out of the file says nothing, and the picture is read."""
+    path = saved(tmp_path / "picture.jpg", grey)
+    plain = path.read_bytes()
+    body = b"Exif\x00\x00MM\x00*" + struct.pack(">I", 2**31)
+    path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
+    assert size_of(read_picture(path)) == (40, 30)
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg"])

@@ -112,10 +112,17 @@ def test_what_is_no_needle_with_its_tip_is_refused_with_the_reason(needle, gel, 
         located(needle, gel, seed=3)
 
 
-@pytest.mark.parametrize("level", [0, 128, 255])
-def test_even_pictures_are_refused(level):
-    """Black, grey and saturated pictures hold no shaft."""
-    with pytest.raises(MeasurementRefusedError, match="nothing dark"):
+@pytest.mark.parametrize(("heading_rad", "seed"), [(0.0647, 1016), (0.09, 1), (-0.09, 2), (0.12, 3)])
+def test_slanting_sheath_is_one_shaft(heading_rad, seed):
+    """A sheath that crosses several rows at the border is not taken for two shafts."""
+    needle = Needle(15.1, 24.0, sheath_tip_mm=(4.95, 2.67), heading_rad=heading_rad)
+    assert located(needle, Gel(), seed).length_mm == pytest.approx(24.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("level", "looks"), [(0, "black"), (128, "even grey"), (255, "white")])
+def test_even_pictures_are_refused(level, looks):
+    """Black, grey and saturated pictures hold no shaft; what to look at is said."""
+    with pytest.raises(MeasurementRefusedError, match=f"the picture is {looks}"):
         locate_shaft(np.full((720, 1280), level, np.uint8), LENS.plane_map(), 1.2, 2.0)
 
 
@@ -131,4 +138,4 @@ def test_needle_of_a_pixel_is_refused():
     """A scale at which the needle is a pixel wide is refused by name."""
     plane = PlaneMap.from_scale(1.0, (0.0, 0.0), "right")
     with pytest.raises(MeasurementRefusedError, match=r"1\.2 pixels wide"):
-        locate_shaft(np.zeros((100, 100), np.uint8), plane, 1.2, None)
+        locate_shaft(np.eye(100, dtype=np.uint8) * np.uint8(200), plane, 1.2, None)

@@ -135,7 +135,7 @@ class RecordedBus:
             last = self._answers.get((answer_id, read.data[1:4]))
             answers = {} if last is None else {answer_id: last}
         if not answers:
-            self._comparison.differs("command", "nothing", self._said(read))
+            self._comparison.differs("command", "no such read so far", self._said(read))
         for can_id, data in answers.items():
             self.network.notify(can_id, bytearray(data), 0.0)
 

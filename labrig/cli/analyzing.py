@@ -1,0 +1,53 @@
+"""Measuring runs, with progress: the run that has just ended, and old ones again."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
+from labrig.cli.progress import progress
+from labrig.devices import SystemClock
+from labrig.errors import LabrigError
+from labrig.protocol import DesignProtocol
+from labrig.record import collect_provenance, open_run
+from labrig.vision import load_mask
+
+
+def analyze_several(
+    paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...], mask: Path | None
+) -> dict[Path, AnalysisResult | LabrigError]:
+    """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
+    runs = list(dict.fromkeys(paths))
+    excluded = None if mask is None else load_mask(mask)
+    with progress(f"measuring {len(runs)} runs", 1.0) as reporter:
+        outcomes = analyze_runs(
+            runs,
+            overrides=overrides,
+            progress=lambda done, total, run: reporter(
+                done / total, f"{done} of {total} pictures, {run.name}"
+            ),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(command_line),
+            mask=excluded,
+        )
+    return dict(zip(runs, outcomes, strict=True))
+
+
+def analyze(
+    path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
+) -> AnalysisResult:
+    """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
+    run = open_run(path)
+    doing, things = (
+        ("searching rotations for", "hinges")
+        if isinstance(run.protocol, DesignProtocol)
+        else ("measuring", "pictures")
+    )
+    with progress(f"{doing} {path.name}", 1.0) as reporter:
+        return analyze_run(
+            run,
+            overrides=overrides,
+            progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
+            created=SystemClock().utc(),
+            provenance=collect_provenance(command_line),
+            mask=None if mask is None else load_mask(mask),
+        )

@@ -1,0 +1,57 @@
+"""What to do next about runs that were never closed, in a line each."""
+
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+MOST = 3
+"""How many are told; the others stand in the list as `incomplete`."""
+
+_PUT_A_NEEDLE_IN = frozenset({"insertion", "roll-zero", "withdrawal"})
+
+
+class Listed(Protocol):
+    """A run in a list, as far as this needs it."""
+
+    @property
+    def run(self) -> Path:
+        """Its folder."""
+        ...
+
+    @property
+    def protocol(self) -> str | None:
+        """Which experiment."""
+        ...
+
+    @property
+    def exit_status(self) -> str:
+        """`incomplete` while it was not closed."""
+        ...
+
+
+def next_steps(listed: Sequence[Listed]) -> Iterator[str]:
+    """Yield for each run that was never closed who is writing it, or what goes on with it or closes it."""
+    open_runs = [one for one in listed if one.exit_status == "incomplete"]
+    yield from (_next_step(one) for one in open_runs[:MOST])
+    if len(open_runs) > MOST:
+        yield f"... and {len(open_runs) - MOST} more are incomplete: labrig runs --where exit_status=incomplete"
+
+
+def _next_step(one: Listed) -> str:
+    from labrig.record import lock_owner, run_lock
+
+    owner = lock_owner(run_lock(one.run))
+    if owner is not None:
+        return f"{one.run.name} is going on: {owner}"
+    place = shlex.quote(str(one.run))
+    if one.protocol == "steerability":
+        return f"{one.run.name} was interrupted; go on with it: labrig resume {place}"
+    close = f"labrig runs check {place} --repair"
+    if one.protocol not in _PUT_A_NEEDLE_IN:
+        return f"{one.run.name} was interrupted; close it: {close}"
+    withdraw = f"labrig devices withdraw --rig FILE --run {place}"
+    return (
+        f"{one.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
+        f"  then close it: {close}"
+    )

@@ -1,0 +1,119 @@
+"""Who moved an axis by hand, when, from where to where: a log beside the rig's state file that is only added to.
+
+Runs and withdrawals leave records of their own. Homing and jogging leave two lines each here: one before anything
+moves, so that a power cut leaves it too, and one when the axis stands again. A simulated rig without a state file is
+new in every run and keeps no log.
+"""
+
+import getpass
+import os
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from labrig.devices.axis import Axis
+from labrig.errors import DiskError, LabrigError, MachineError
+from labrig.posix import NO_LINKS
+from labrig.record import decode_line, encode_line
+
+_ENDING = ".motions.jsonl"
+
+
+def motion_log_path(state_path: Path) -> Path:
+    """Return where the log of a rig stands, by its state file."""
+    return state_path.with_name(state_path.name + _ENDING)
+
+
+def last_motion(state_path: Path) -> dict[str, object] | None:
+    """Return the last line of a rig's log; None where there is none, or its last line is torn or damaged."""
+    try:
+        lines = motion_log_path(state_path).read_bytes().splitlines()
+        return decode_line(lines[-1]) if lines else None
+    except (OSError, ValueError):
+        return None
+
+
+class MotionLog:
+    """The log of a rig.
+
+    Parameters
+    ----------
+    state_path : Path or None
+        The rig's state file; None keeps no log.
+    utc : callable
+        Returns the calendar time.
+    doing : str
+        What the rig is used for.
+    """
+
+    def __init__(self, state_path: Path | None, utc: Callable[[], datetime], doing: str) -> None:
+        self._path = None if state_path is None else motion_log_path(state_path)
+        self._utc = utc
+        self._doing = doing
+
+    @contextmanager
+    def noting(self, axis: Axis, what: str) -> Iterator[None]:
+        """Note that an axis is about to do `what`, and, however the block ends, where it stands then.
+
+        Raises
+        ------
+        DiskError
+            Before the block where the log cannot be written: nothing has moved.
+        """
+        self._append("start", axis, what=what, doing=self._doing, by=_person())
+        outcome = "done"
+        try:
+            yield
+        except LabrigError as error:
+            outcome = error.message
+            raise
+        finally:
+            self._append("end", axis, what=what, outcome=outcome)
+
+    def _append(self, kind: str, axis: Axis, **fields: object) -> None:
+        if self._path is None:
+            return
+        line = encode_line(
+            {
+                "kind": kind,
+                "utc": self._utc().isoformat(timespec="seconds"),
+                "axis": axis.name,
+                "position": _position(axis),
+                "unit": axis.unit,
+                "referenced": axis.referenced,
+                **fields,
+            }
+        )
+        try:
+            _append_whole(self._path, line)
+        except OSError as error:
+            raise DiskError(
+                f"cannot write {self._path}, the log of what was moved by hand: {error.strerror}",
+                "check free space and permissions beside the rig's state file",
+            ) from error
+
+
+def _append_whole(path: Path, line: bytes) -> None:
+    """Append a line and force it to disk; what a power cut left half written before it stays a line of its own."""
+    with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666), "r+b", 0) as log:
+        torn = log.seek(0, os.SEEK_END) > 0 and os.pread(log.fileno(), 1, log.tell() - 1) != b"\n"
+        log.write(b"\n" + line if torn else line)
+        os.fsync(log.fileno())
+
+
+def _position(axis: Axis) -> float | None:
+    """Return where an axis stands [mm or rad], by the drive's counter where it has no reference; None if it is mute."""
+    try:
+        return axis.read().position
+    except MachineError:
+        return None
+
+
+def _person() -> str:
+    try:
+        name = getpass.getuser()
+    except (OSError, KeyError):
+        name = "an account without a name"
+    return f"{name} on {platform.node()}"

@@ -1,0 +1,71 @@
+from .annotations import (
+    Annotations,
+    Judgement,
+    Note,
+    judge_run,
+    note_on_run,
+    read_annotations,
+    tag_run,
+)
+from .can_log import CanFrame
+from .catalogue import FoundRun, RunSummary, find_runs, list_runs
+from .check import Verdict, check_run
+from .difference import Difference, compare_runs, differing_values
+from .durable import require_free_bytes, write_atomically
+from .journal import Journal
+from .json_lines import as_recorded, decode_line, encode_document, encode_line
+from .layout import WITHDRAWS, picture_file, run_lock
+from .lock import FileLock, LockOwner, lock_owner
+from .pictures import RecordedPicture, picture_count
+from .places import is_url, output_folder, require_local
+from .provenance import collect_code_diff, collect_provenance
+from .reader import Frames, Run, open_run
+from .repair import repair_run
+from .tables import with_numbers_apart
+from .writer import Recorder
+
+__all__ = [
+    "WITHDRAWS",
+    "Annotations",
+    "CanFrame",
+    "Difference",
+    "FileLock",
+    "FoundRun",
+    "Frames",
+    "Journal",
+    "Judgement",
+    "LockOwner",
+    "Note",
+    "RecordedPicture",
+    "Recorder",
+    "Run",
+    "RunSummary",
+    "Verdict",
+    "as_recorded",
+    "check_run",
+    "collect_code_diff",
+    "collect_provenance",
+    "compare_runs",
+    "decode_line",
+    "differing_values",
+    "encode_document",
+    "encode_line",
+    "find_runs",
+    "is_url",
+    "judge_run",
+    "list_runs",
+    "lock_owner",
+    "note_on_run",
+    "open_run",
+    "output_folder",
+    "picture_count",
+    "picture_file",
+    "read_annotations",
+    "repair_run",
+    "require_free_bytes",
+    "require_local",
+    "run_lock",
+    "tag_run",
+    "with_numbers_apart",
+    "write_atomically",
+]

@@ -1,0 +1,198 @@
+"""Every command that takes a run, given what is none, is damaged, or leads elsewhere by a link."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from labrig.record import encode_document
+from labrig.record.json_lines import checksum, encode_line
+from tests.cli.conftest import Labrig
+from tests.record.faults import full_run
+
+COMMANDS: Mapping[str, tuple[str, ...]] = {
+    "check": ("runs", "check", "RUN"),
+    "repair": ("runs", "check", "RUN", "--repair"),
+    "resume": ("resume", "RUN"),
+    "replay": ("replay", "RUN"),
+    "reanalyze": ("reanalyze", "RUN"),
+    "report": ("report", "RUN"),
+    "view": ("view", "RUN", "--no-open"),
+    "export": ("export", "RUN", "--csv", "--out", "TABLES"),
+    "diff": ("runs", "diff", "RUN", "GOOD"),
+    "tag": ("runs", "tag", "RUN", "--tag", "pilot"),
+    "note": ("runs", "note", "RUN", "cloudy"),
+    "adopt": ("calibrate", "adopt", "RUN"),
+    "from-run": ("design", "--from-run", "RUN"),
+}
+_SAY_ONLY = frozenset({"tag", "note"})
+"""They append what a person says of a run, be it damaged."""
+
+_PLACES = ("damaged", "missing", "symbolic link", "goes backwards", "twice", "expected", "does not say")
+
+
+def _emptied(run: Path) -> None:
+    (run / "manifest.json").unlink()
+
+
+def _file(run: Path) -> None:
+    shutil.rmtree(run)
+    run.write_text("no run")
+
+
+def _gone(run: Path) -> None:
+    shutil.rmtree(run)
+
+
+def _newer(run: Path) -> None:
+    document = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    document |= {"schema_version": 99}
+    del document["crc32"]
+    (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
+
+
+def _rewritten(name: str, number: int, **fields: object) -> Callable[[Path], None]:
+    """Return what gives a line other values, and the checksum that fits them."""
+
+    def spoil(run: Path) -> None:
+        lines = (run / name).read_bytes().splitlines(keepends=True)
+        line = {key: value for key, value in json.loads(lines[number]).items() if key != "crc32"}
+        lines[number] = encode_line(line | fields)
+        (run / name).write_bytes(b"".join(lines))
+
+    return spoil
+
+
+def _without_a_picture(run: Path) -> None:
+    (run / "frames" / "000001.png").unlink()
+
+
+def _linked(name: str) -> Callable[[Path], None]:
+    """Return what moves a file or folder of a run out of the folder of runs, and puts a link into its place."""
+
+    def spoil(run: Path) -> None:
+        outside = run.parents[1] / "outside"
+        place, elsewhere = run / name, outside / (Path(name).name or "run")
+        if not place.exists():
+            elsewhere.write_text("precious")
+        else:
+            place.rename(elsewhere)
+        place.symlink_to(elsewhere)
+
+    return spoil
+
+
+def _run_elsewhere(run: Path) -> None:
+    outside = run.parents[1] / "outside" / "run"
+    run.rename(outside)
+    run.symlink_to(outside)
+
+
+NO_RUNS = {"a folder": _emptied, "a file": _file, "nothing": _gone, "a link": _run_elsewhere, "newer": _newer}
+DAMAGED = {
+    "a picture missing": _without_a_picture,
+    "a picture twice": _rewritten("frames.jsonl", 1, frame=0),
+    "a clock that goes backwards": _rewritten("states.jsonl", 3, t_s=-1.0),
+    **{
+        f"a link for {name}": _linked(name)
+        for name in (
+            "frames/000000.png",
+            "states.jsonl",
+            "calibration",
+        )
+    },
+}
+
+
+def _contents(folder: Path) -> dict[str, str]:
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not path.is_symlink()
+    }
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that is as it was written."""
+    return full_run(tmp_path_factory.mktemp("whole"), closed=True)
+
+
+def _call(labrig: Labrig, command: str, run: Path, whole: Path) -> tuple[int, str]:
+    """Carry out a command; nothing outside the run's folder, and nothing recorded, may be another afterwards."""
+    outside = run.parents[1] / "outside"
+    before = _contents(outside), ({} if run.is_symlink() else _contents(run))
+    words = {"RUN": run, "GOOD": whole, "TABLES": run.parents[1] / "tables"}
+    done = labrig(*(words.get(word, word) for word in COMMANDS[command]), "--json")
+    assert "Traceback" not in done.err
+    assert _contents(outside) == before[0]
+    after = {} if run.is_symlink() else _contents(run)
+    assert {name: after.get(name) for name in before[1]} == before[1]
+    document = json.loads(done.out)
+    rows = document if isinstance(document, list) else [document]
+    reasons = (row.get("reason") or row.get("error", {}).get("message") for row in rows)
+    return done.exit_code, f"{' '.join(map(str, reasons))} {done.err}"
+
+
+def _spoilt(whole: Path, tmp_path: Path, spoil: Callable[[Path], None]) -> Path:
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "runs").mkdir()
+    run = Path(shutil.copytree(whole, tmp_path / "runs" / "größe 2  run"))
+    spoil(run)
+    return run
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("spoil", NO_RUNS.values(), ids=NO_RUNS.keys())
+def test_what_is_no_run_is_refused_by_name(
+    command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Exit code 4 and the path; a link is not followed, a newer schema is left alone, nothing is written."""
+    run = _spoilt(whole, tmp_path, spoil)
+    exit_code, said = _call(labrig, command, run, whole)
+    assert exit_code == 4
+    assert "größe 2  run" in said
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("spoil", DAMAGED.values(), ids=DAMAGED.keys())
+def test_what_is_damaged_is_told_by_every_command(
+    command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Exit code 4 and the place, whatever could be done all the same; only remarks are taken without a word."""
+    exit_code, said = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    if command in _SAY_ONLY:
+        assert exit_code == 0
+    else:
+        assert exit_code == 4
+        assert any(word in said for word in _PLACES)
+
+
+@pytest.mark.parametrize("command", ["reanalyze", "report", "view", "export", "diff"])
+def test_results_behind_a_link_are_not_read(
+    command: str, whole: Path, labrig: Labrig, tmp_path: Path
+) -> None:
+    """A folder of results that leads elsewhere is refused with exit code 4; nothing is written there."""
+    results = tmp_path / "results"
+    results.mkdir()
+
+    def spoil(run: Path) -> None:
+        (run / "analysis").symlink_to(results)
+
+    exit_code, said = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    assert exit_code == 4
+    assert "analysis is a symbolic link" in said
+    assert not list(results.iterdir())
+
+
+@pytest.mark.parametrize(("command", "name"), [("report", "report.html"), ("view", "view.rrd")])
+def test_what_is_made_replaces_a_link_and_not_what_it_points_to(
+    command: str, name: str, whole: Path, labrig: Labrig, tmp_path: Path
+) -> None:
+    """Page and view are written in the place of a link; the file behind it stays as it was."""
+    run = _spoilt(whole, tmp_path, _linked(name))
+    assert _call(labrig, command, run, whole)[0] == 0
+    assert not (run / name).is_symlink()

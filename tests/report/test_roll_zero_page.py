@@ -1,0 +1,55 @@
+"""The page of a roll zero run: the cosine of the roll, each insertion, and its picture."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from labrig.analysis import RollZeroResult
+from labrig.report.roll_zero_page import roll_zero_page
+from tests.analysis.synthetic import record_roll_zero
+from tests.report.conftest import Page, make_page
+
+ZERO_RAD = math.radians(20.0)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+    """A needle that bends towards -y at 20 degrees; the fourth picture shows none."""
+    return make_page(record_roll_zero(tmp_path_factory.mktemp("roll"), ZERO_RAD, frozenset({3})))
+
+
+def test_the_zero_and_its_cosine_are_drawn(page: Page) -> None:
+    """Verdict, curve and the zero stand in the page."""
+    assert page.result is not None
+    assert isinstance(page.result.content, RollZeroResult)
+    assert page.result.content.fit is not None
+    assert page.result.content.fit["zero_rad"] == pytest.approx(ZERO_RAD, abs=math.radians(1.0))
+    assert "Needle N1 bends towards -y" in page.html
+    assert "fitted cosine" in page.html
+    assert "roll zero, ± 2 SD" in page.html
+
+
+def test_each_insertion_has_its_line_and_its_picture(page: Page) -> None:
+    """Roll, deflection and distance from the cosine; every picture, also the one that took no part."""
+    assert page.result is not None
+    assert isinstance(page.result.content, RollZeroResult)
+    assert page.html.count("data:image/jpeg") == 6
+    assert "1 picture did not show" in page.html
+    for roll_deg in (0, 60, 120, 240, 300):
+        assert f'<td class="n">{roll_deg}.0</td>' in page.html
+    residuals = re.findall(r'<td class="n">([+−]0\.\d{3})</td></tr>', page.html)
+    assert len(residuals) == 5
+    total = math.fsum(float(one.replace("−", "-")) for one in residuals)
+    assert total == pytest.approx(0.0, abs=0.005)
+
+
+def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
+    """Without the constant of the fit the deflections are drawn, and no curve."""
+    run = record_roll_zero(tmp_path, 0.0)
+    first = make_page(run)
+    assert first.result is not None
+    shown = first.result.content.model_copy(update={"offset_mm": None})
+    assert isinstance(shown, RollZeroResult)
+    assert "fitted cosine" not in roll_zero_page(first.run, shown)["figure"]

@@ -91,8 +91,8 @@ class TargetMissedError(AnswerIsNoError):
     Parameters
     ----------
     reason : str
-        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; no_path or
-        no_roll_zero of one that never was.
+        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; sheath_astray of
+        one that did not leave its sheath; no_path or no_roll_zero of one that never was.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:

@@ -89,6 +89,15 @@ def _body_lines(function: ast.FunctionDef) -> int:
     return (function.end_lineno or 0) - body[0].lineno + 1 if body else 0
 
 
+def test_only_one_file_of_cli_prints() -> None:
+    """Text for people goes through output.py, which keeps control characters from the terminal."""
+    files = (ROOT / "labrig" / "cli").glob("*.py")
+    printing = [
+        file.name for file in files if re.search(r"typer\.echo|\bprint\(", file.read_text(encoding="utf-8"))
+    ]
+    assert printing == ["output.py"]
+
+
 def test_functions_fit_on_a_screen() -> None:
     """No function of labrig is longer than forty lines, its signature and docstring left out."""
     lengths = {

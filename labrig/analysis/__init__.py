@@ -22,7 +22,9 @@ What is decided here:
 - **A design** is studied by equation (3) and by our own search, through the same function as `labrig design`; what the
   design run adds is the record. Its folder also holds the grid of figure 3 and a design file.
 - **An insertion's error** is that of the shaft's end in the final picture, not of the template that steered it. What
-  the estimator knew on the way is worked out again from the recorded pictures and the turns that were made.
+  was known and told on the way is worked out again from the recorded pictures and the turns that were made.
+- **The parent of a result is the newest one with the run's own settings**, so that each what-if stands beside the run
+  as it was, and not beside the what-if before it.
 - **Truth**, where the world was simulated, is compared at the very end and used for nothing else.
 
 The result does not depend on the number of worker processes. An analysis that measures pictures is a generator: it asks
@@ -42,9 +44,10 @@ from labrig.analysis.design import (
     study_design,
 )
 from labrig.analysis.divergence import Divergence, first_divergence
-from labrig.analysis.insertion_settings import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings, starting_at
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
+from labrig.analysis.origin import sheath_origin, unseen_origin
 from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
@@ -52,6 +55,7 @@ from labrig.analysis.result import (
     CentreLines,
     CurvatureResult,
     DesignResult,
+    InsertionCommand,
     InsertionObstacle,
     InsertionPlan,
     InsertionResult,
@@ -61,12 +65,13 @@ from labrig.analysis.result import (
     RollZeroResult,
     SpecimenResult,
     SpecimenTruth,
+    TrialOrigin,
     TruthComparison,
     load_centre_lines,
     load_result,
 )
 from labrig.analysis.run import analyze_run
-from labrig.analysis.what_if import WhatIf, steer_again
+from labrig.analysis.what_if import Steered, WhatIf, compare_steering, steered
 
 __all__ = [
     "PAPER_DESIGN_RADIUS_MM",
@@ -80,6 +85,7 @@ __all__ = [
     "DesignResult",
     "DesignStudy",
     "Divergence",
+    "InsertionCommand",
     "InsertionObstacle",
     "InsertionPlan",
     "InsertionResult",
@@ -92,11 +98,14 @@ __all__ = [
     "RollZeroResult",
     "SpecimenResult",
     "SpecimenTruth",
+    "Steered",
     "Tolerances",
+    "TrialOrigin",
     "TruthComparison",
     "WhatIf",
     "analyze_run",
     "analyze_runs",
+    "compare_steering",
     "design_basis",
     "design_file",
     "first_divergence",
@@ -107,6 +116,9 @@ __all__ = [
     "load_mapping",
     "load_result",
     "needle_in",
-    "steer_again",
+    "sheath_origin",
+    "starting_at",
+    "steered",
     "study_design",
+    "unseen_origin",
 ]

@@ -3,16 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from labrig.analysis.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import ReadFrame, find_origins, refused_by_origin
+from labrig.analysis.origin import ReadFrame, find_origins, from_origins, refused_by_origin
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
-from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Sentinel, Stamp
-from labrig.analysis.sentinel import watch, watched
+from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, Stamp, TrialOrigin
+from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.errors import RecordError
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
@@ -65,13 +66,14 @@ def analyze_curvature(
     places = tuple(run.pictures[int(one.line["frame"])] for one in pictures)
     plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
     others = (
-        partial(find_origins, read, lines, plane, settings.sheath_diameter_mm),
-        partial(_sentinel, protocol, read, lines, plane),
+        partial(_origins, protocol, read, lines, plane),
+        partial(sentinel_of, protocol, read, lines, plane),
     )
-    seen = yield PictureWork(places, plane, settings, mask, others)
+    named = None if mask is None else mask.with_names(_sources(pictures))
+    seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(one, each) for one, each in zip(pictures, measured, strict=True)]
-    results = watched(refused_by_origin(bare, origins), sentinel)
+    results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
@@ -92,16 +94,23 @@ def _picture(frames: Frames, frame: int) -> Picture:
     return frames[frame]
 
 
-def _sentinel(
+def _origins(
     protocol: SteerabilityProtocol | ImportProtocol,
     read: ReadFrame,
     lines: Sequence[Mapping[str, Any]],
     plane: PlaneMap,
-) -> Sentinel | None:
-    """Return what the grid pictures say, where the protocol asks for them."""
-    if not isinstance(protocol, SteerabilityProtocol) or protocol.sentinel is None:
-        return None
-    return watch(read, lines, plane, protocol.sentinel.pitch_mm)
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    if isinstance(protocol, ImportProtocol):
+        return ()
+    return find_origins(read, lines, plane, protocol.sheath)
+
+
+def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
+    """Return what each imported picture was called, by its file's name in the record."""
+    return {
+        Path(one.line["file"]).name: str(one.line["source"]) for one in pictures if one.line.get("source")
+    }
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:

@@ -12,6 +12,8 @@ Scalar = str | int | float | bool | None
 _STAMP = frozenset({
     "created", "damage", "inputs", "overrides", "parent", "provenance", "schema_version", "settings",
 })  # fmt: skip
+# Sentences repeat settings and numbers; whether there is one counts, and not how it reads.
+_SENTENCES = frozenset({"cause", "reason", "unmeasured"})
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Divergence:
 def first_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergence | None:
     """Return where a result parts from an older one of the same run; None where all numbers are identical.
 
-    What was measured in single pictures is looked at first, in their order, then what was computed from it.
+    What was measured in single pictures is looked at first, in their order, then what was computed from it; of a
+    sentence only whether it is there.
 
     Parameters
     ----------
@@ -45,14 +48,23 @@ def first_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergen
         The documents of both results.
     """
     for key, before, after in differing_values(_ordered(old), _ordered(new)):
+        reads_otherwise = isinstance(before, str) and isinstance(after, str)
+        if key.rpartition(".")[2] in _SENTENCES and reads_otherwise:
+            continue
         return Divergence(key, _frame_of(key, new) or _frame_of(key, old), before, after)
     return None
 
 
 def _ordered(document: Mapping[str, Any]) -> dict[str, Any]:
-    said = {key: value for key, value in document.items() if key not in _STAMP}
-    pictures = {key: value for key, value in said.items() if _is_of_pictures(value)}
-    return {**pictures, **said}
+    """Return a document without its stamp, what is of pictures before all else, at each level."""
+    said = {key: _within(value) for key, value in document.items() if key not in _STAMP}
+    return dict(sorted(said.items(), key=lambda item: not _is_of_pictures(item[1])))
+
+
+def _within(value: object) -> object:
+    if isinstance(value, Mapping):
+        return _ordered(value)
+    return [_within(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def _is_of_pictures(value: object) -> bool:

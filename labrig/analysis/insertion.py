@@ -1,31 +1,38 @@
 """How near to their targets the insertions of a run ended, and what was known of the tip on the way.
 
-Errors are measured on the final pictures by the end of the shaft. What happened on the way is estimated again from the
-recorded pictures and the turns that were made, by the functions that steered: with the settings of the protocol it
-comes out as it was, and with others (`labrig reanalyze --set estimator.radius_sd_mm=0`) as it would have been.
+Errors are measured on the final pictures by the end of the shaft. The way there is gone again over the recorded
+pictures by the step that steered: the tip is found anew, its pose estimated with the turns that were made, and what the
+step says then is written down. With the settings of the protocol it comes out as it was, to the last digit; with others
+(`labrig reanalyze --set planner.radius_mm=32`) each command is what would have been told there. The needle went where
+the run sent it all the same: it is a comparison picture by picture, and no forecast of another path.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.insertion_settings import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings, started_at
 from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import find_origins
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import (
+    InsertionCommand,
     InsertionObstacle,
     InsertionPlan,
     InsertionResult,
     InsertionStep,
     InsertionTrial,
     Point,
+    Sentinel,
     Stamp,
 )
+from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol import InsertionProtocol
 from labrig.record import Run
@@ -33,15 +40,19 @@ from labrig.steering import (
     Obstacle,
     Plan,
     PlannedArc,
+    SteeringCommand,
     SteeringSettings,
     SteeringState,
     TipSighting,
     sample_path,
     sighted,
     start_steering,
+    step_steering,
     turned,
 )
 from labrig.vision import (
+    Mask,
+    Picture,
     PlaneMap,
     ShaftTip,
     TipFix,
@@ -55,8 +66,12 @@ FloatArray = NDArray[np.float64]
 _Line = Mapping[Any, Any]
 
 TEMPLATE_FILE = "template.png"
+# The picture in which the plan is shown, taken before the needle leaves the sheath.
+_SHEATH_ROLE = "scene"
 # Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
+# How sure the end of a shaft is read, in pixels: by `python -m tests.benchmarks insertion`, measured beside true.
+_READ_PX = 0.5
 _NO_POINTS = np.empty((0, 2))
 
 
@@ -68,6 +83,13 @@ class _Eye:
     plane: PlaneMap
     template: TipTemplate
     protocol: InsertionProtocol
+    sentinel: Sentinel | None
+    mask: Mask | None
+
+    def masked(self, image: Picture, frame: int) -> NDArray[np.bool_] | None:
+        """Return which pixels of a recorded picture are not the needle."""
+        file = Path(self.run.pictures[frame].file)
+        return None if self.mask is None else self.mask.masked(file.name, image)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +120,7 @@ class _Places:
 
 
 def analyze_insertion(
-    run: Run, protocol: InsertionProtocol, stamp: Stamp, progress: Progress | None
+    run: Run, protocol: InsertionProtocol, stamp: Stamp, mask: Mask | None, progress: Progress | None
 ) -> InsertionResult:
     """Measure where each insertion ended, and estimate the way to it again.
 
@@ -111,7 +133,8 @@ def analyze_insertion(
     """
     template = load_template(run.calibration_path(TEMPLATE_FILE))
     plane = load_mapping(run)
-    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol)
+    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
+    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel, mask)
     trials = run.trials.to_dict("records")
     insertions = []
     for number, trial in enumerate(trials, start=1):
@@ -132,6 +155,10 @@ def analyze_insertion(
         replans=sum(one.replans for one in insertions),
         length_mm=_worst([one.length_mm for one in insertions]),
         insertions=tuple(insertions),
+        origins=find_origins(
+            run.read_frame, run.frame_table.to_dict("records"), plane, protocol.sheath, _SHEATH_ROLE
+        ),
+        sentinel=sentinel,
     )
 
 
@@ -139,17 +166,17 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
     number = int(line["trial"])
     target_mm = _point3(line["target_mm"])
     obstacles = tuple(Obstacle(_point3(one["position_mm"]), one["radius_mm"]) for one in line["obstacles"])
-    settings = insertion_settings(eye.protocol, target_mm, obstacles)
+    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
+    settings = started_at(insertion_settings(eye.protocol, target_mm, obstacles), events)
     truth = next((one for one in eye.run.truth.to_dict("records") if one["trial"] == number), None)
     true = _true_path(truth)
-    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
-    steps = tuple(_steps(events, settings, eye, true))
+    steps, commands = _gone_again(events, settings, eye, true)
     end, unmeasured = _end(line.get("final_frame"), eye)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
     return InsertionTrial(
         trial=number,
         start_t_s=float(line["start_t_s"]),
-        **_verdict(line, error_mm, settings.problem.tolerance_mm),
+        **_verdict(line, error_mm, settings.problem.tolerance_mm, eye.sentinel),
         target_mm=target_mm,
         tolerance_mm=settings.problem.tolerance_mm,
         obstacles=tuple(
@@ -160,6 +187,7 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _points(end.centre_line_mm),
         target_error_mm=error_mm,
+        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm[1:], eye),
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm[1:]) if steps else None,
         true_target_error_mm=None if truth is None else _number(truth.get("true_target_error_mm")),
@@ -169,14 +197,21 @@ def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
         length_mm=_number(line.get("depth_mm")),
         missed_sightings=sum(not one.believed for one in steps),
         mean_nis=_mean([one.nis for one in steps if one.believed]),
-        steps=steps,
+        steps=tuple(steps),
         plans=tuple(_plan(one, settings) for one in events if one["kind"] == "plan"),
+        as_recorded=[one.estimate_mm for one in steps] == _recorded_estimates(events),
+        commands=tuple(commands),
     )
 
 
-def _verdict(line: _Line, error_mm: float | None, tolerance_mm: float) -> dict[str, Any]:
-    """Return how an insertion ended: as it was steered, unless the shaft says that it missed."""
+def _verdict(
+    line: _Line, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
+) -> dict[str, Any]:
+    """Return how an insertion ended: as it was steered, unless the shaft says that it missed, or a bump hides it."""
     outcome = _said(line.get("outcome"), "stopped")
+    if sentinel is not None and not sentinel.accepted and outcome == "reached":
+        cause = sentinel.reason or ""
+        return {"outcome": "unknown", "stop": "camera_bumped", "cause": cause, "reached": False}
     if outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
         cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
         return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
@@ -188,30 +223,59 @@ def _verdict(line: _Line, error_mm: float | None, tolerance_mm: float) -> dict[s
     }
 
 
-def _steps(
+def _gone_again(
     events: Sequence[_Line], settings: SteeringSettings, eye: _Eye, true: _True
-) -> Iterator[InsertionStep]:
-    """Follow the record: turn the bevel where it was turned, and take in each picture where it was taken."""
-    state, _ = start_steering(settings)
-    state = replace(state, turns=())
+) -> tuple[list[InsertionStep], list[InsertionCommand]]:
+    """Take the step that steered at each picture, with the turns that were made and not those that it would have made.
+
+    A turn that it asks for and that was made is its own, so that the same settings give the same digits.
+    """
+    state, command = start_steering(settings)
+    steps, commands = list[InsertionStep](), [_command(None, state, command)]
     for event in events:
         if event["kind"] == "flip":
-            state = turned(state, event["to_rad"] - event["from_rad"], settings)
+            if command.roll_rad == 0.0:
+                state = turned(state, event["to_rad"] - event["from_rad"], settings)
+            command = replace(command, roll_rad=0.0)
         elif event["kind"] == "observation":
-            depth_mm = float(event["depth_mm"])
-            predicted = state.predicted(depth_mm, settings)
+            if command.roll_rad != 0.0:
+                state = replace(state, turns=state.turns[:-1])
+            predicted = state.predicted(float(event["depth_mm"]), settings)
             fix = _look_again(event, predicted, eye)
-            position = None
-            if fix.tip_px is not None:
-                position = np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
-            state = sighted(state, TipSighting(depth_mm, position), settings)
-            yield _step(event, fix, state, _Places(predicted[:3, 3], position, settings, true))
+            sighting = _sighting(event, fix, eye)
+            if command.stop is None:
+                state, command = step_steering(state, sighting, settings)
+                commands.append(_command(int(event["frame"]), state, command))
+            else:
+                state = sighted(state, sighting, settings)
+            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
+            steps.append(_step(event, fix, state, places))
+    return steps, commands
+
+
+def _command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
+    return InsertionCommand(
+        frame=frame,
+        depth_mm=state.insertion_mm,
+        roll_rad=command.roll_rad,
+        observe_at_mm=command.observe_at_mm,
+        run_to_mm=command.run_to_mm,
+        sought=state.why,
+        replans=max(state.replans, 0),
+        stop=command.stop,
+    )
+
+
+def _recorded_estimates(events: Sequence[_Line]) -> list[Point]:
+    """Return where the live run believed the tip, (y, z), at each picture."""
+    return [_point2(one["estimate"]["position_mm"][1:]) for one in events if one["kind"] == "observation"]
 
 
 def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
     """Find the tip in a recorded picture, in a region as large as the one that was searched then."""
     try:
         image = eye.run.pictures[int(event["frame"])].read()
+        masked = eye.masked(image, int(event["frame"]))
     except (PictureError, RecordError) as error:
         return TipFix(accepted=False, reason=error.message.replace(f"{eye.run.path}/", ""))
     u, v = eye.plane.to_px(predicted[None, 1:3, 3])[0]
@@ -222,7 +286,13 @@ def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
         heading_rad=math.atan2(predicted[1, 2], predicted[2, 2]),
         roll_rad=float(event["bevel_rad"]),
         region_px=float(event["region_px"]),
+        mask=masked,
     )
+
+
+def _sighting(event: _Line, fix: TipFix, eye: _Eye) -> TipSighting:
+    position = None if fix.tip_px is None else np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
+    return TipSighting(float(event["depth_mm"]), position)
 
 
 def _step(event: _Line, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
@@ -289,12 +359,35 @@ def _end(frame: object, eye: _Eye) -> tuple[ShaftTip | None, str | None]:
     number = _number(frame)
     if number is None:
         return None, "there is no final picture"
+    if eye.sentinel is not None and not eye.sentinel.accepted:
+        return None, eye.sentinel.reason
     needle, sheath = eye.protocol.needle, eye.protocol.sheath
     try:
         image = eye.run.pictures[int(number)].read()
-        return measure_shaft_tip(image, eye.plane, needle.diameter_mm, sheath.diameter_mm), None
+        masked = eye.masked(image, int(number))
+        return measure_shaft_tip(
+            image, eye.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
+        ), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
         return None, error.message.replace(f"{eye.run.path}/", "")
+
+
+def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float:
+    """Return the standard deviation of the distance from the target to the end of the shaft.
+
+    What is uncertain in lens and plane map moves the end along each of its axes; the end is read to half a pixel, a
+    bevel having no edge square to the shaft; what the grid pictures say of drift counts over the length from the
+    origin.
+    """
+    tip_mm = np.array(end.tip_mm)
+    towards = tip_mm - target_mm
+    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    moved = [
+        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.varied()
+    ]
+    drift = 0.0 if eye.sentinel is None else (eye.sentinel.drift or 0.0)
+    reading_mm = _READ_PX * eye.plane.mm_per_px
+    return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
 
 
 def _true_path(truth: _Line | None) -> _True:

@@ -1,6 +1,11 @@
 """What an insertion protocol says to planner, estimator and policy; the live run and its reanalysis read it here."""
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from labrig.protocol import InsertionProtocol
 from labrig.steering import (
@@ -56,3 +61,23 @@ def insertion_settings(
         ),
         method=planner.method,
     )
+
+
+def starting_at(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
+    """Return the settings of an insertion that starts where the sheath was found, (y, z), in its direction."""
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    start = np.eye(4)
+    start[1:3, 1:3] = ((cosine, sine), (-sine, cosine))
+    start[1:3, 3] = tip_mm
+    return replace(settings, problem=replace(settings.problem, start=start))
+
+
+def started_at(settings: SteeringSettings, events: Iterable[Mapping[Any, Any]]) -> SteeringSettings:
+    """Return the settings that an insertion was steered by, given the events of its trial.
+
+    It started at the sheath's tip where one was found and accepted, else at the plane's origin.
+    """
+    for event in events:
+        if event["kind"] == "origin" and event["accepted"]:
+            return starting_at(settings, event["tip_mm"], float(event["heading_rad"]))
+    return settings

@@ -1,12 +1,13 @@
-"""The map from pixels to mm that a run was recorded with."""
+"""What a run keeps beside its pictures: the map from pixels to mm, and the mask of what is not the needle."""
 
 from labrig.errors import InputError
 from labrig.protocol import ImportProtocol
 from labrig.record import Run
-from labrig.vision import Intrinsics, PlaneMap, load_intrinsics, load_plane
+from labrig.vision import Intrinsics, Mask, PlaneMap, load_intrinsics, load_mask, load_plane
 
 INTRINSICS_FILE = "intrinsics.json"
 PLANE_FILE = "plane.json"
+MASK_FILE = "mask"
 
 
 def load_mapping(run: Run) -> PlaneMap:
@@ -37,3 +38,17 @@ def load_lens(run: Run) -> Intrinsics | None:
     """Return the camera's intrinsics, or None for a run without them: its pictures are rectified already."""
     path = run.calibration_path(INTRINSICS_FILE)
     return load_intrinsics(path) if path.is_file() else None
+
+
+def load_kept_mask(run: Run) -> Mask | None:
+    """Return the mask that a run keeps since it began, None where it has none.
+
+    Raises
+    ------
+    RecordError
+        When it is not the one that the run began with.
+    InputError
+        When it is none.
+    """
+    kept = sorted(run.calibration_path(MASK_FILE).parent.glob(f"{MASK_FILE}.*"))
+    return load_mask(run.calibration_path(kept[0].name)) if kept else None

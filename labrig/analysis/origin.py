@@ -1,49 +1,113 @@
-"""Where the sheath's tip stands in each trial, from the picture taken once it is in, beside what the encoder says.
+"""Where the sheath stands in each trial, found in the picture taken once it is in, beside what was commanded.
 
-The plane's origin is fixed when the camera is calibrated; the sheath stands anew in every trial. Its tip and direction
-are found in the picture of role "sheath", before the needle leaves it. What the trials have in common, tip minus travel
-of the linear module, is their median; a trial that is further from it than the sheath can be was measured through a
-bumped camera or with a sheath that slipped, and its radii are refused. The tip is where the darkness ends: for a blunt
-end some tenths of a millimetre late, the same in all trials.
+The plane's origin and its direction are the command's, fixed when the camera was calibrated; the sheath stands anew in
+every trial. Its tip and heading are found before the needle leaves it, by the functions that serve the live run too.
+Expected is the tip at the origin, further on by what the linear encoder says beyond the depth that belongs to the
+origin.
+
+What is off is judged by where it points, because the causes differ:
+
+- **Along the insertion** the encoder measures. A sheath that slipped in its clamp, or a camera that was bumped, is
+  further off than the encoder's errors and the zero that was set by eye.
+- **Across it** the sheath has play in its guide, from hole to hole. The needle goes where the sheath goes, and what is
+  found is reckoned with, so that play costs nothing; only what no play explains is refused.
+- **A turned** sheath is bent, or it is the camera that was turned.
+
+The first trial can be refused by that. What the trials have in common is their median: from three on each is compared
+with it as well, which finds a slip that the eye's zero hides. Without `sheath.origin` in the protocol the median is
+all there is.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labrig.analysis.result import PictureResult, Point, TrialOrigin
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
-from labrig.vision import Picture, PlaneMap, measure_shaft_tip
+from labrig.protocol import Sheath, SheathOrigin
+from labrig.vision import Picture, PlaneMap, SheathPose, measure_sheath
 
 ReadFrame = Callable[[int], Picture]
 
 SHEATH_ROLE = "sheath"
-_LARGEST_DISAGREEMENT_MM = 1.0
 # Trials that a median takes to speak against one of them.
 _LEAST_TRIALS = 3
+_COMMAND = "origin and linear encoder put it"
+_OTHERS = "linear encoder and the other trials put it"
 
 
 @dataclass(frozen=True)
-class _Sheath:
-    """The sheath of one trial: tip (y, z), pixel (u, v), heading and travel of the linear module."""
+class _Off:
+    """How far a sheath is from where it should be: beyond it along the insertion, to the side of +y, and turned."""
 
-    line: Mapping[str, Any]
-    tip_mm: Point
-    tip_px: Point
-    heading_rad: float
+    along_mm: float
+    across_mm: float
+    turn_rad: float
 
-    @property
-    def offset_mm(self) -> tuple[float, float]:
-        """Return the tip less the travel, the same in every trial."""
-        return self.tip_mm[0], self.tip_mm[1] - float(self.line["linear_mm"])
+    def reasons(self, limits: SheathOrigin, by: str) -> Iterator[str]:
+        """Yield a sentence for each limit that is passed; `by` says what put the sheath where it should be."""
+        if abs(self.along_mm) > limits.along_mm:
+            where = "beyond" if self.along_mm > 0 else "short of"
+            yield (
+                f"The sheath's tip is {abs(self.along_mm):.2f} mm {where} where {by}, and {limits.along_mm:g} mm along "
+                "the insertion is the most: the sheath slipped, or the camera was bumped."
+            )
+        if abs(self.across_mm) > limits.across_mm:
+            yield (
+                f"The sheath's tip is {abs(self.across_mm):.2f} mm aside of where {by}, and {limits.across_mm:g} mm is "
+                "the most that its play explains: the camera was bumped, or the sheath is bent."
+            )
+        if abs(math.degrees(self.turn_rad)) > limits.turn_deg:
+            yield (
+                f"The sheath heads {abs(math.degrees(self.turn_rad)):.1f} degrees off where {by}, and "
+                f"{limits.turn_deg:g} degrees is the most: the camera was turned, or the sheath is bent."
+            )
+
+
+def sheath_origin(
+    pose: SheathPose, sheath: Sheath, linear_mm: float, *, trial: int, frame: int
+) -> TrialOrigin:
+    """Return where the sheath stands in a trial, compared with the command where the protocol says how far is too far.
+
+    Parameters
+    ----------
+    pose : SheathPose
+        As found in the picture of number `frame`.
+    linear_mm : float
+        The linear encoder's reading there.
+    """
+    beyond_mm = linear_mm - sheath.origin_depth_mm
+    off = _Off(pose.tip_mm[1] - beyond_mm, pose.tip_mm[0], pose.heading_rad)
+    known = sheath.origin is not None
+    reasons = tuple(off.reasons(sheath.origin, _COMMAND)) if sheath.origin is not None else ()
+    return TrialOrigin(
+        trial=trial,
+        frame=frame,
+        tip_mm=pose.tip_mm,
+        tip_px=pose.tip_px,
+        heading_rad=pose.heading_rad,
+        linear_mm=linear_mm,
+        expected_mm=(0.0, beyond_mm) if known else None,
+        along_mm=off.along_mm if known else None,
+        across_mm=off.across_mm if known else None,
+        disagreement_mm=math.hypot(off.along_mm, off.across_mm) if known else None,
+        accepted=not reasons,
+        reason=" ".join(reasons) or None,
+    )
 
 
 def find_origins(
-    read: ReadFrame, lines: Iterable[Mapping[str, Any]], plane: PlaneMap, sheath_diameter_mm: float | None
+    read: ReadFrame,
+    lines: Iterable[Mapping[Any, Any]],
+    plane: PlaneMap,
+    sheath: Sheath,
+    role: str = SHEATH_ROLE,
 ) -> tuple[TrialOrigin, ...]:
-    """Find the sheath in the picture of each trial that shows it alone.
+    """Find the sheath in the picture of each trial that shows it alone, and compare it with command and other trials.
 
     Parameters
     ----------
@@ -51,24 +115,19 @@ def find_origins(
         Gives the picture of a frame number.
     lines : iterable of Mapping
         Of frames.jsonl; those of another role are passed over.
-    sheath_diameter_mm : float or None
-        None for pictures without a sheath: there is nothing to find then.
+    role : str
+        Of the pictures that show the sheath alone.
     """
-    if sheath_diameter_mm is None:
-        return ()
-    wanted = [line for line in lines if line["role"] == SHEATH_ROLE and line.get("trial") is not None]
-    found = [_found(read, line, plane, sheath_diameter_mm) for line in wanted]
-    sheaths = [one for one in found if isinstance(one, _Sheath)]
-    return tuple(_judged(one, sheaths) if isinstance(one, _Sheath) else one for one in found)
+    wanted = [line for line in lines if line["role"] == role and line.get("trial") is not None]
+    found = [_found(read, line, plane, sheath) for line in wanted]
+    return _told_of_bumps(_beside_others(found, sheath))
 
 
 def refused_by_origin(
     results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
 ) -> tuple[PictureResult, ...]:
-    """Return the pictures, those of a trial whose sheath disagrees with the encoder refused."""
-    reasons = {
-        one.trial: one.reason for one in origins if one.disagreement_mm is not None and not one.accepted
-    }
+    """Return the pictures, those of a trial whose sheath stands elsewhere than it should refused."""
+    reasons = {one.trial: one.reason for one in origins if one.tip_mm is not None and not one.accepted}
     return tuple(
         one.model_copy(update={"accepted": False, "reason": reasons[one.trial]})
         if one.trial in reasons and one.accepted
@@ -77,38 +136,97 @@ def refused_by_origin(
     )
 
 
-def _found(
-    read: ReadFrame, line: Mapping[str, Any], plane: PlaneMap, diameter_mm: float
-) -> "_Sheath | TrialOrigin":
-    """Return the sheath in a picture, or a refused origin where it is not seen."""
-    try:
-        tip = measure_shaft_tip(read(int(line["frame"])), plane, diameter_mm, None)
-    except (MeasurementRefusedError, PictureError, RecordError) as refusal:
-        reason = f"The sheath's tip was not found in frame {line['frame']}: {refusal.message}."
-        return TrialOrigin(trial=int(line["trial"]), frame=int(line["frame"]), accepted=False, reason=reason)
-    return _Sheath(line, tip.tip_mm, tip.tip_px, tip.heading_rad)
+def from_origins(
+    results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
+) -> tuple[PictureResult, ...]:
+    """Return the pictures with the origin that holds for each, and the needle's tip told from it.
+
+    It is the one of the trial; of an imported picture the sheath's end in that picture.
+    """
+    by_trial = {one.trial: one for one in origins}
+    return tuple(_from_origin(one, by_trial.get(-1 if one.trial is None else one.trial)) for one in results)
 
 
-def _judged(one: _Sheath, all_of_them: Sequence[_Sheath]) -> TrialOrigin:
-    off: float | None = None
-    if len(all_of_them) >= _LEAST_TRIALS:
-        common = np.median([each.offset_mm for each in all_of_them], axis=0)
-        off = float(np.hypot(*(np.array(one.offset_mm) - common)))
-    refused = off is not None and off > _LARGEST_DISAGREEMENT_MM
-    reason = (
-        f"The sheath's tip is {off:.2f} mm from where the linear encoder and the other trials put it, and "
-        f"{_LARGEST_DISAGREEMENT_MM:g} mm is the most: the camera was bumped, or the sheath slipped."
-        if refused
-        else None
+def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResult:
+    place, heading_rad = (
+        (one.sheath_tip_mm, one.sheath_heading_rad) if origin is None else (origin.tip_mm, origin.heading_rad)
     )
-    return TrialOrigin(
-        trial=int(one.line["trial"]),
-        frame=int(one.line["frame"]),
-        tip_mm=one.tip_mm,
-        tip_px=one.tip_px,
-        heading_rad=one.heading_rad,
-        linear_mm=float(one.line["linear_mm"]),
-        disagreement_mm=off,
-        accepted=not refused,
-        reason=reason,
+    if place is None or heading_rad is None:
+        return one
+    known: dict[str, object] = {"origin_mm": place, "origin_heading_rad": heading_rad}
+    if one.tip_mm is not None:
+        known["tip_from_origin_mm"] = told_from(one.tip_mm, place, heading_rad)
+    return one.model_copy(update=known)
+
+
+def told_from(point_mm: Point, origin_mm: Point, heading_rad: float) -> Point:
+    """Return a point of the plane as (aside, along) of an origin with a heading; aside is positive to the left of it.
+
+    For a heading of zero these are its y and z from there.
+    """
+    y, z = point_mm[0] - origin_mm[0], point_mm[1] - origin_mm[1]
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    return y * cosine - z * sine, y * sine + z * cosine
+
+
+def _found(read: ReadFrame, line: Mapping[Any, Any], plane: PlaneMap, sheath: Sheath) -> TrialOrigin:
+    """Return the sheath in a picture, or a refused origin where it is not seen."""
+    trial, frame = int(line["trial"]), int(line["frame"])
+    try:
+        pose = measure_sheath(read(frame), plane, sheath.diameter_mm)
+    except (MeasurementRefusedError, PictureError, RecordError) as refusal:
+        return unseen_origin(refusal.message, trial=trial, frame=frame)
+    return sheath_origin(pose, sheath, float(line["linear_mm"]), trial=trial, frame=frame)
+
+
+def unseen_origin(why: str, *, trial: int, frame: int) -> TrialOrigin:
+    """Return the origin of a trial whose picture does not show the sheath."""
+    reason = f"The sheath's tip was not found in frame {frame}: {why}."
+    return TrialOrigin(trial=trial, frame=frame, accepted=False, reason=reason)
+
+
+def _beside_others(found: Sequence[TrialOrigin], sheath: Sheath) -> list[TrialOrigin]:
+    """Return the origins, each compared as well with the median of those not refused, where there are enough."""
+    stands = [_stand(one) for one in found]
+    good = [stand for one, stand in zip(found, stands, strict=True) if one.accepted and stand is not None]
+    if len(good) < _LEAST_TRIALS:
+        return list(found)
+    usual = np.median(good, axis=0)
+    return [
+        one if stand is None else _beside(one, _Off(*(stand - usual).tolist()), sheath)
+        for one, stand in zip(found, stands, strict=True)
+    ]
+
+
+def _stand(one: TrialOrigin) -> NDArray[np.float64] | None:
+    """Return what a sheath has in every trial alike: tip less travel along, across, and heading; None if not seen."""
+    if one.tip_mm is None or one.linear_mm is None or one.heading_rad is None:
+        return None
+    return np.array((one.tip_mm[1] - one.linear_mm, one.tip_mm[0], one.heading_rad))
+
+
+def _beside(one: TrialOrigin, off: _Off, sheath: Sheath) -> TrialOrigin:
+    reasons = tuple(off.reasons(sheath.origin or SheathOrigin(), _OTHERS))
+    apart_mm = math.hypot(off.along_mm, off.across_mm)
+    known = one.model_copy(
+        update={
+            "from_others_mm": apart_mm,
+            "disagreement_mm": one.disagreement_mm if one.expected_mm else apart_mm,
+        }
+    )
+    if not one.accepted or not reasons:
+        return known
+    return known.model_copy(update={"accepted": False, "reason": " ".join(reasons)})
+
+
+def _told_of_bumps(origins: Sequence[TrialOrigin]) -> tuple[TrialOrigin, ...]:
+    """Return the origins, a refused one told so where each later sheath is refused too: it was no single slip."""
+    seen = [one for one in origins if one.tip_mm is not None]
+    last_good = max((index for index, one in enumerate(seen) if one.accepted), default=-1)
+    since = {one.trial for one in seen[last_good + 1 :]} if len(seen) - last_good > _LEAST_TRIALS else set()
+    return tuple(
+        one.model_copy(update={"reason": f"{one.reason} So it is in every trial from {min(since)} on."})
+        if one.trial in since and one.tip_mm is not None
+        else one
+        for one in origins
     )

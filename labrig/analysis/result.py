@@ -30,7 +30,11 @@ _NONE: Mapping[str, str] = {}
 
 
 class PictureResult(Model):
-    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused."""
+    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused.
+
+    `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
+    needle's tip told from them, (aside, along). Everything else is told in the plane's frame.
+    """
 
     frame: int
     image: str
@@ -53,7 +57,11 @@ class PictureResult(Model):
     tip_mm: Point | None = None
     tip_px: Point | None = None
     sheath_tip_mm: Point | None = None
+    sheath_heading_rad: float | None = None
     entry_mm: Point | None = None
+    origin_mm: Point | None = None
+    origin_heading_rad: float | None = None
+    tip_from_origin_mm: Point | None = None
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
 
@@ -150,7 +158,10 @@ class Stamp:
 class TrialOrigin(Model):
     """Where the sheath's tip stood in a trial, found in the picture taken once it was in; None where that is unknown.
 
-    `disagreement_mm` is its distance from where the linear encoder and the other trials put it.
+    `tip_mm` and `heading_rad` are the origin and the direction of the trial. `expected_mm` is where command and linear
+    encoder put the tip; `along_mm` and `across_mm` is how far beyond that, and to the side of +y, it was found, and
+    `disagreement_mm` how far at all; where the protocol does not say what to expect, how far from where the encoder
+    and the other trials put it, which is `from_others_mm`.
     """
 
     trial: int
@@ -159,7 +170,11 @@ class TrialOrigin(Model):
     tip_px: Point | None = None
     heading_rad: float | None = None
     linear_mm: float | None = None
+    expected_mm: Point | None = None
+    along_mm: float | None = None
+    across_mm: float | None = None
     disagreement_mm: float | None = None
+    from_others_mm: float | None = None
     accepted: bool
     reason: str | None = None
 
@@ -268,6 +283,24 @@ class InsertionStep(Model):
     true_heading_rad: float | None
 
 
+class InsertionCommand(Model):
+    """What the step that steers says at a picture, by the settings of the result and knowing the turns that were made.
+
+    `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
+    turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
+    first, and why to stop; after the first stop there are no more.
+    """
+
+    frame: int | None
+    depth_mm: float
+    roll_rad: float
+    observe_at_mm: float
+    run_to_mm: float
+    sought: str | None
+    replans: int
+    stop: str | None
+
+
 class InsertionPlan(Model):
     """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
 
@@ -295,9 +328,12 @@ class InsertionTrial(Model):
 
     `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
     `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
-    is no tip. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
+    is no tip. `sigma_target_error_mm` holds the reading of the end, lens and plane map, and what the grid pictures say
+    of drift. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
     to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
-    of freedom, so 2 where the noise is what the protocol says.
+    of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
+    the live run to the last digit, as it is with its settings and its code; older results say neither that nor
+    `commands`.
     """
 
     trial: int
@@ -313,6 +349,7 @@ class InsertionTrial(Model):
     tip_mm: Point | None
     shaft_mm: tuple[Point, ...]
     target_error_mm: float | None
+    sigma_target_error_mm: float | None = None
     unmeasured: str | None
     template_error_mm: float | None
     true_target_error_mm: float | None
@@ -324,6 +361,8 @@ class InsertionTrial(Model):
     mean_nis: float | None
     steps: tuple[InsertionStep, ...]
     plans: tuple[InsertionPlan, ...]
+    as_recorded: bool | None = None
+    commands: tuple[InsertionCommand, ...] = ()
 
 
 class InsertionResult(_Common):
@@ -343,6 +382,8 @@ class InsertionResult(_Common):
     replans: int
     length_mm: float | None
     insertions: tuple[InsertionTrial, ...]
+    origins: tuple[TrialOrigin, ...] = ()
+    sentinel: Sentinel | None = None
 
 
 class RollZeroResult(_Common):
@@ -359,6 +400,7 @@ class RollZeroResult(_Common):
     deflections_mm: tuple[float, ...]
     fit: dict[str, float] | None
     offset_mm: float | None = None
+    sentinel: Sentinel | None = None
 
 
 AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult | InsertionResult | RollZeroResult
@@ -407,6 +449,8 @@ def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) 
         write_atomically(path / LINES_FILE, _pack(lines))
         write_atomically(path / "measurements.csv", _csv(content.measurements, PictureResult))
         write_atomically(path / "specimens.csv", _csv(content.specimens, SpecimenResult))
+    if isinstance(content, CurvatureResult | InsertionResult) and content.origins:
+        write_atomically(path / "origins.csv", _csv(content.origins, TrialOrigin))
     if isinstance(content, InsertionResult):
         for one in content.insertions:
             write_atomically(path / f"steps-{one.trial}.csv", _csv(one.steps, InsertionStep))
@@ -523,6 +567,9 @@ _PAIRS = {
     "true_mm": ("true_y_mm", "true_z_mm"),
     "sheath_tip_mm": ("sheath_tip_y_mm", "sheath_tip_z_mm"),
     "entry_mm": ("entry_y_mm", "entry_z_mm"),
+    "origin_mm": ("origin_y_mm", "origin_z_mm"),
+    "tip_from_origin_mm": ("tip_aside_of_origin_mm", "tip_along_from_origin_mm"),
+    "expected_mm": ("expected_y_mm", "expected_z_mm"),
 }
 # Spreadsheets take "+y" for a formula, and the centre says the same.
 _LEFT_OUT = {"bend"}

@@ -7,14 +7,17 @@ from dataclasses import asdict
 from labrig.analysis.mapping import load_mapping
 from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import RollZeroResult, Stamp
+from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
 from labrig.protocol import RollZeroProtocol
 from labrig.record import Run
 from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings
+from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask
 
 
-def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Analysis[RollZeroResult]:
+def analyze_roll_zero(
+    run: Run, protocol: RollZeroProtocol, stamp: Stamp, mask: Mask | None
+) -> Analysis[RollZeroResult]:
     """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
 
     Raises
@@ -27,7 +30,9 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
     pictures = run.frame_table[run.frame_table["role"] == "roll-zero"].to_dict("records")
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     places = tuple(run.pictures[int(one["frame"])] for one in pictures)
-    measured = (yield PictureWork(places, load_mapping(run), settings)).measured
+    plane = load_mapping(run)
+    sentinel = sentinel_of(protocol, run.read_frame, run.frame_table.to_dict("records"), plane)
+    measured = (yield PictureWork(places, plane, settings, mask)).measured
     seen = [
         (float(line["rotation_rad"]), each.tip_mm[0])
         for line, each in zip(pictures, measured, strict=True)
@@ -43,6 +48,8 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
         reasons.append(error.message)
     if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
         reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
+    if sentinel is not None and not sentinel.accepted:
+        reasons.append(sentinel.reason or "the grid pictures differ")
     return RollZeroResult(
         **stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
         accepted=not reasons,
@@ -52,6 +59,7 @@ def analyze_roll_zero(run: Run, protocol: RollZeroProtocol, stamp: Stamp) -> Ana
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
         offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
+        sentinel=sentinel,
     )
 
 

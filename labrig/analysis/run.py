@@ -2,7 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,12 @@ from labrig.analysis.calibration import analyze_calibration
 from labrig.analysis.curvature import analyze_curvature
 from labrig.analysis.design import analyze_design
 from labrig.analysis.insertion import analyze_insertion
+from labrig.analysis.mapping import load_kept_mask
 from labrig.analysis.pictures import Analysis, Progress, concluded, look_at
-from labrig.analysis.result import AnalysisResult, Stamp, result_numbers, write_result
+from labrig.analysis.result import AnalysisResult, Stamp, load_result, result_numbers, write_result
 from labrig.analysis.roll_zero import analyze_roll_zero
 from labrig.analysis.workers import DEFAULT_WORKERS
-from labrig.errors import InputError
+from labrig.errors import InputError, RecordError
 from labrig.protocol import (
     AnyProtocol,
     CameraCalibrationProtocol,
@@ -32,7 +35,7 @@ BY_PICTURES = (SteerabilityProtocol, ImportProtocol, RollZeroProtocol)
 """Protocols whose analysis is made of pictures that can be measured one by one, in any process."""
 
 _OVERRIDABLE = ("analysis.",)
-# How an insertion was steered can be asked of its sightings again; see `labrig.analysis.steer_again`.
+# How an insertion was steered can be asked of its pictures again; see `labrig.analysis.insertion`.
 _OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 
@@ -61,7 +64,7 @@ def analyze_run(
     provenance : Mapping
         Code version, packages, host and command line, as `labrig.record.collect_provenance` gives them.
     mask : Mask or None
-        Pixels that are not the needle; a copy is kept with the result.
+        Pixels that are not the needle; a copy is kept with the result. None: the run's own, where it keeps one.
 
     Raises
     ------
@@ -95,15 +98,15 @@ def analysis_of(
             f"labrig reanalyze {run.path.parent / run.withdraws}",
         )
     protocol = _resolved_protocol(run, overrides)
-    numbers = result_numbers(run)
     stamp = Stamp(
-        parent=numbers[-1] if numbers else None,
+        parent=_parent(run),
         created=created.isoformat(timespec="seconds"),
         overrides=tuple(overrides),
         inputs=_input_hashes(run.path),
         provenance=dict(provenance),
         damage={problem.where: problem.message for problem in run.damage},
     )
+    mask = load_kept_mask(run) if mask is None else mask
     # The folder is made once there is something to put into it: an analysis that fails leaves nothing behind.
     if isinstance(protocol, CameraCalibrationProtocol):
         calibration = analyze_calibration(run, protocol, stamp, progress)
@@ -122,12 +125,28 @@ def analysis_of(
         study.save(folder, stamp.provenance)
         return write_result(folder, answer)
     if isinstance(protocol, InsertionProtocol):
-        arrivals = analyze_insertion(run, protocol, stamp, progress)
+        arrivals = analyze_insertion(run, protocol, stamp, mask, progress)
         return write_result(run.new_result_dir(), arrivals)
     if isinstance(protocol, RollZeroProtocol):
-        zero = yield from analyze_roll_zero(run, protocol, stamp)
+        zero = yield from analyze_roll_zero(run, protocol, stamp, mask)
         return write_result(run.new_result_dir(), zero)
     raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
+
+
+def _parent(run: Run) -> int | None:
+    """Return the number of the newest result with the run's own settings; else of the newest that can be read."""
+    readable: list[int] = []
+    for number in reversed(result_numbers(run)):
+        with suppress(RecordError):
+            result = load_result(run, number)
+            readable.append(number)
+            if result is not None and _has_own_settings(result):
+                return number
+    return readable[0] if readable else None
+
+
+def _has_own_settings(result: AnalysisResult) -> bool:
+    return not result.content.overrides and "mask" not in result.content.settings
 
 
 def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
@@ -139,9 +158,12 @@ def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
             example = (
                 "policy.deviation_mm=1" if prefixes is not _OVERRIDABLE else "analysis.window_start_mm=5"
             )
+            section = override.partition("=")[0].partition(".")[0]
+            near = get_close_matches(section, [one.rstrip(".") for one in prefixes], 1)
+            meant = f"did you mean {near[0]}.? " if near else ""
             raise InputError(
                 f"{override!r} cannot be changed after the run: only {', '.join(f'{one}*' for one in prefixes)} can",
-                f"for example {example}",
+                f"{meant}for example {example}",
             )
     return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
 

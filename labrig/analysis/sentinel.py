@@ -1,21 +1,32 @@
 """Grid pictures before and after a run: an error bar for its lengths, or the reason why they are refused."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from labrig.analysis.origin import ReadFrame
 from labrig.analysis.result import PictureResult, Sentinel
 from labrig.errors import CalibrationRefusedError, PictureError, RecordError
-from labrig.vision import GridCheck, Picture, PlaneMap, check_grid, compare_grids
+from labrig.protocol import AnyProtocol, InsertionProtocol, RollZeroProtocol, SteerabilityProtocol
+from labrig.vision import GridCheck, PlaneMap, check_grid, compare_grids
 
 BEFORE_ROLE, AFTER_ROLE = "grid-before", "grid-after"
 _TWO_SIDED_95 = 1.96
 
 
-def watch(
-    read: Callable[[int], Picture], lines: Iterable[Mapping[str, Any]], plane: PlaneMap, pitch_mm: float
-) -> Sentinel:
+def sentinel_of(
+    protocol: AnyProtocol, read: ReadFrame, lines: Iterable[Mapping[Any, Any]], plane: PlaneMap
+) -> Sentinel | None:
+    """Return what the grid pictures of a run say, as `watch` does; None where its protocol asks for none."""
+    if not isinstance(protocol, SteerabilityProtocol | InsertionProtocol | RollZeroProtocol):
+        return None
+    if protocol.sentinel is None:
+        return None
+    return watch(read, lines, plane, protocol.sentinel.pitch_mm)
+
+
+def watch(read: ReadFrame, lines: Iterable[Mapping[Any, Any]], plane: PlaneMap, pitch_mm: float) -> Sentinel:
     """Compare the first grid picture before the run with the last one after it.
 
     Parameters

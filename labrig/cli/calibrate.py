@@ -9,8 +9,8 @@ import typer
 from labrig.cli import template
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
 from labrig.cli.damage import require_undamaged
-from labrig.cli.options import InsertionOption, RigOption, rig_file
-from labrig.cli.output import AsJson, failure_lines, print_json, say
+from labrig.cli.options import InsertionOption, RigOption, RunArgument, rig_file
+from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
 
 app = typer.Typer(
@@ -127,17 +127,17 @@ def plane(
     if as_json:
         print_json(document)
     else:
-        typer.echo("accepted" if found.accepted else "refused")
+        print_line("accepted" if found.accepted else "refused")
         for reason in found.reasons:
-            typer.echo(f"  {reason}")
-        typer.echo(
+            print_line(f"  {reason}")
+        print_line(
             f"scale {document['mm_per_px']:.5f} mm/px, residual {document['rms_mm']:.4f} mm rms, "
             f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
         )
         if found.bend is not None:
             typer.echo(found.bend.sentence())
         for sentence in document["assumptions"]:
-            typer.echo(f"assumed: {sentence}")
+            print_line(f"assumed: {sentence}")
     _say_whether_written(out, found.accepted, force)
     return 0 if found.accepted else 1
 
@@ -146,7 +146,7 @@ def plane(
     "adopt", help="Copy the calibration that a run of protocols/calibration.yaml found to the rig's files."
 )
 def adopt(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibration run.")],
+    run_path: RunArgument,
     rig: RigOption = None,
     force: ForceOption = False,
     as_json: AsJson = False,
@@ -179,7 +179,7 @@ def adopt(
         print_json({"run": str(run_path), "written": [str(path) for path in targets.values()]})
     else:
         for path in targets.values():
-            typer.echo(str(path))
+            print_line(str(path))
 
 
 def _board_size(board: str) -> tuple[int, int]:
@@ -216,22 +216,22 @@ def _say_whether_written(out: Path | None, accepted: bool, force: bool) -> None:
 
 
 def _print_intrinsics(document: dict[str, Any]) -> None:
-    typer.echo("accepted" if document["accepted"] else "refused")
+    print_line("accepted" if document["accepted"] else "refused")
     for reason in document["reasons"]:
-        typer.echo(f"  {reason}")
+        print_line(f"  {reason}")
     for name in ("fx", "fy", "cx", "cy"):
         sigma = document["sigma"][name]
-        typer.echo(
+        print_line(
             f"{name}  {document[name]:9.3f} px" + ("" if sigma is None else f"  ± {sigma:.3f} (1 sigma)")
         )
-    typer.echo("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
+    print_line("k1 k2 p1 p2 k3  " + " ".join(f"{value:.5f}" for value in document["distortion"]))
     if document["skew"]:
-        typer.echo(f"skew {document['skew']:.5f} px")
+        print_line(f"skew {document['skew']:.5f} px")
     held_out = document["holdout_rms_px"]
-    typer.echo(
+    print_line(
         f"residual {document['rms_px']:.3f} px rms"
         + ("" if held_out is None else f", held out {held_out:.3f} px rms")
     )
     for view in document["views"]:
         state = f"{view['rms_px']:.3f} px" if view["used"] else f"left out: {view['reason']}"
-        typer.echo(f"  {view['image']}  {state}")
+        print_line(f"  {view['image']}  {state}")

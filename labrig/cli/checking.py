@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, say
+from labrig.cli.options import RunsArgument
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
 from labrig.errors import LabrigError, Problem, RecordError
 
 
@@ -17,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    run_paths: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    run_paths: RunsArgument,
     repair: Annotated[
         bool,
         typer.Option(
@@ -77,13 +78,13 @@ def _reason(damage: Iterable[Problem]) -> str | None:
 
 def _print(row: dict[str, Any]) -> None:
     """Print what a run holds, and a line for each thing that is wrong with it."""
-    typer.echo(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_state(row)}")
+    print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_state(row)}")
     counts = (plural(row[key], key.removesuffix("s")) for key in ("frames", "states", "events"))
-    typer.echo(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
+    print_line(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
     for name in ("damage", "torn"):
         for problem in row[name]:
-            typer.echo(f"  {name}: {problem['where']}: {problem['message']}")
-            typer.echo(f"    hint: {problem['hint']}")
+            print_line(f"  {name}: {problem['where']}: {problem['message']}")
+            print_line(f"    hint: {problem['hint']}")
 
 
 def _state(row: dict[str, Any]) -> str:

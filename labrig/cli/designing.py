@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from labrig.analysis import DesignOrder, DesignStudy, design_file, hinge_table, load_result, study_design
 from labrig.cli.damage import require_undamaged
-from labrig.cli.output import interval, number, print_table, say
+from labrig.cli.output import interval, number, print_line, print_table, say
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
 from labrig.needle import STEEPEST_CUT_DEG
@@ -120,22 +118,22 @@ def carry_out(order: DesignOrder, outputs: Outputs) -> Document:
 def print_design(document: Document) -> None:
     """Print the answer for people."""
     search = document["search"]
-    typer.echo(
+    print_line(
         f"A radius of {number(document['radius_mm'], 2)} mm at a clearance of {document['clearance_mm']:g} mm: "
         f"two hinges turn {number(document['beta_rot_deg'], 2)} degrees."
     )
     print_table(("", "equation (3)", "our contour"), _rows(document, search))
     if document["table_1"] is not None:
-        typer.echo(
+        print_line(
             f"Table I prints {document['table_1']['beta_cut_deg']} degrees; "
             f"equation (3) solved for it gives {number(document['beta_cut_deg'], 2)}."
         )
     if document["links"] is not None:
-        typer.echo(f"The tip takes {document['links']} links.")
+        print_line(f"The tip takes {document['links']} links.")
     if document["measured"] is not None:
         _print_measured(document["measured"])
     for sentence in _warnings(document):
-        typer.echo(sentence)
+        print_line(sentence)
 
 
 def _rows(document: Document, search: Document) -> list[list[str]]:
@@ -170,7 +168,7 @@ def _rows(document: Document, search: Document) -> list[list[str]]:
 
 def _print_measured(measured: Document) -> None:
     own = measured["search_clearance_mm"]
-    typer.echo(
+    print_line(
         f"Measured {number(measured['radius_mm'], 2)} mm means {number(measured['beta_rot_deg'], 2)} degrees; cut at "
         f"{number(measured['beta_cut_deg'], 2)} degrees, a clearance of {number(measured['clearance_mm'], 4)} mm by "
         f"equation (3), {number(own, 4)} mm by our contour."

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.output import AsJson, print_json
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.signals import note_signals
 from labrig.errors import InputError
 
@@ -35,7 +35,7 @@ def simulate(
         if as_json:
             print_json({"interface": interface, "channel": reached_by, "nodes": node_ids})
         else:
-            typer.echo(f"ready: nodes {nodes} on {interface} {reached_by}".rstrip())
+            print_line(f"ready: nodes {nodes} on {interface} {reached_by}".rstrip())
 
     with note_signals() as interrupted:
         serve_drives(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.output import AsJson, print_json, say
+from labrig.cli.output import AsJson, print_json, print_line, say
 from labrig.errors import InputError, RecordError
 
 
@@ -48,7 +48,7 @@ def export(
         print_json({"run": run, "out": out, "files": files, "ok": not opened.damage})
     else:
         for file in files if not record else [""]:
-            typer.echo(f"{out.rstrip('/')}/{file}")
+            print_line(f"{out.rstrip('/')}/{file}")
     for problem in opened.damage:
         say(f"error: the record is damaged: {problem.where}: {problem.message}")
     return RecordError.exit_code if opened.damage else 0

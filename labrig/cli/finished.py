@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from labrig.cli.designing import print_design
 from labrig.cli.output import (
     failure_document,
@@ -16,6 +14,7 @@ from labrig.cli.output import (
     interval,
     number,
     print_json,
+    print_line,
     print_table,
     say,
 )
@@ -63,7 +62,7 @@ def tell(finished: Finished, as_json: bool) -> int:
         print_json(document)
     elif finished.result is not None:
         print_result(finished.result)
-        typer.echo(f"record  {finished.run}\nreport  {finished.report}")
+        print_line(f"record  {finished.run}\nreport  {finished.report}")
     if finished.error is not None:
         return finished.error.exit_code
     said = {} if finished.result is None else finished.result
@@ -90,11 +89,11 @@ def print_result(result: Mapping[str, Any]) -> None:
             for specimen in specimens
         ]
         print_table(("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % interval mm"), rows)
-        typer.echo(f"mean of the means  {number(result['mean_radius_mm'])} mm")
+        print_line(f"mean of the means  {number(result['mean_radius_mm'])} mm")
     elif "accepted" in result:
-        typer.echo("calibration accepted" if result["accepted"] else "calibration refused")
+        print_line("calibration accepted" if result["accepted"] else "calibration refused")
         for reason in result.get("reasons", ()):
-            typer.echo(f"  {reason}")
+            print_line(f"  {reason}")
 
 
 def _print_insertions(result: Mapping[str, Any]) -> None:
@@ -112,18 +111,18 @@ def _print_insertions(result: Mapping[str, Any]) -> None:
     ]
     heads = ("insertion", "outcome", "error mm", "true error mm", "true clearance mm", "length mm", "replans")
     print_table(heads, rows)
-    typer.echo(f"{result['arrived']} of {result['made']} reached the target")
+    print_line(f"{result['arrived']} of {result['made']} reached the target")
 
 
 def _print_roll_zero(result: Mapping[str, Any]) -> None:
     fit = result["fit"]
     if fit is None or not result["accepted"]:
-        typer.echo("roll zero refused")
+        print_line("roll zero refused")
         for reason in result["reasons"]:
-            typer.echo(f"  {reason}")
+            print_line(f"  {reason}")
         return
     zero, sd = (math.degrees(fit[key]) for key in ("zero_rad", "sd_rad"))
-    typer.echo(
+    print_line(
         f"needle {result['needle_id']} bends towards -y at {number(zero)} degrees, SD {number(sd)} degrees"
     )
 

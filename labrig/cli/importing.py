@@ -11,7 +11,7 @@ from labrig.devices import SystemClock
 from labrig.errors import InputError, PictureError
 from labrig.protocol import Direction, ImportProtocol, dump_yaml, model_of_values
 from labrig.record import Recorder, collect_provenance
-from labrig.vision import read_picture
+from labrig.vision import load_mask, read_picture
 
 PICTURE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"}
 
@@ -27,6 +27,7 @@ class ImportOrder:
     plane: Path | None
     needle_diameter_mm: float
     sheath_diameter_mm: float | None
+    mask: Path | None
     title: str | None
     runs_dir: Path
     command_line: tuple[str, ...]
@@ -83,16 +84,19 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
         },
         dump_yaml(protocol),
         None,
-        {
-            f"{kind}.json": path
-            for kind, path in (("intrinsics", order.intrinsics), ("plane", order.plane))
-            if path is not None
-        },
+        _kept_files(order),
     )
     refused = _copy(pictures, recorder)
     reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
     recorder.close("success", reason, clock.utc())
     return {"run": str(recorder.path), "ok": not refused, "reason": reason or None}
+
+
+def _kept_files(order: ImportOrder) -> dict[str, Path]:
+    """Return the calibration and the mask by the names that they have in a record."""
+    calibration = (("intrinsics.json", order.intrinsics), ("plane.json", order.plane))
+    kept = {name: path for name, path in calibration if path is not None}
+    return kept if order.mask is None else {**kept, load_mask(order.mask).kept_as: order.mask}
 
 
 def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:

@@ -15,13 +15,14 @@ from labrig.cli import (
     measure,
     plan,
     protocols,
+    reanalyzing,
     record,
     replay,
     resume,
     run,
     runs,
 )
-from labrig.cli.output import print_failure
+from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
 
@@ -40,6 +41,7 @@ replay.register(app)
 protocols.register(app)
 plan.register(app)
 record.register(app)
+reanalyzing.register(app)
 exporting.register(app)
 design.register(app)
 app.add_typer(runs.app, name="runs")
@@ -52,7 +54,7 @@ GROUPS = (["runs"], ["calibrate"], ["measure"], ["devices"])
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"labrig {__version__}")
+        print_line(f"labrig {__version__}")
         raise typer.Exit
 
 

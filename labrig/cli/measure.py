@@ -89,6 +89,7 @@ def tip(
         ),
     ] = None,
     region_px: Annotated[float, typer.Option(help="Side of the square around --near-px.")] = 120.0,
+    mask: MaskOption = None,
     intrinsics: IntrinsicsOption = None,
     plane: PlaneOption = None,
     px_per_mm: PxPerMmOption = None,
@@ -99,11 +100,15 @@ def tip(
     """Exit with 0 when the tip was found in every picture, 1 otherwise, 2 when no picture could be used."""
     from labrig.cli.mapping import plane_map
     from labrig.cli.tips import TipSearch, search_tip
-    from labrig.vision import load_template
+    from labrig.vision import load_mask, load_template
 
     mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     search = TipSearch(
-        load_template(template).relative_to(mapping.insertion), heading_deg, near_px, region_px
+        load_template(template).relative_to(mapping.insertion),
+        heading_deg,
+        near_px,
+        region_px,
+        None if mask is None else load_mask(mask),
     )
     rows = _measured(images, lambda path: search_tip(path, mapping, search), NO_TIP)
     if as_json:

@@ -35,6 +35,28 @@ RunsDirOption = Annotated[
     Path,
     typer.Option("--runs-dir", metavar="DIR", help="Folder that holds the runs.", callback=_local),
 ]
+
+
+def _found(run: Path) -> Path:
+    """Return the folder of a run that is given as one, or by its name in data/runs, as `labrig runs` lists it."""
+    named = DEFAULT_RUNS_DIR / run
+    return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
+
+
+def _all_found(runs: list[Path]) -> list[Path]:
+    return [_found(run) for run in runs]
+
+
+RunArgument = Annotated[
+    Path,
+    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_found),
+]
+RunsArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_all_found
+    ),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -15,9 +16,34 @@ from labrig.errors import FileFormatError, LabrigError, fault_fields
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
 
+# What moves the cursor, colours, renames the window or turns the direction of writing, and half characters of names
+# that are no UTF-8. A tab and the end of a line stay.
+_CONTROLS = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+def plain(text: str) -> str:
+    r"""Return a text as a terminal may have it: control characters are written out, as `\x1b`.
+
+    Titles, notes, tags and the names of folders come from others, and would otherwise speak to the terminal.
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def print_line(text: str) -> None:
+    """Print a line of an answer on standard output."""
+    typer.echo(plain(text))
+
+
 def print_json(document: object) -> None:
     """Print one JSON document; what is unknown or infinite has been made null before."""
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+_UNKNOWN = "-"
+_INDENT = "  "
 
 
 class Talk(io.TextIOBase):
@@ -49,7 +75,7 @@ class Talk(io.TextIOBase):
 def say(text: str) -> None:
     """Say something to the person at the terminal, on standard error."""
     talk = Talk()
-    talk.write(f"{text}\n")
+    talk.write(f"{plain(text)}\n")
     talk.flush()
 
 
@@ -104,35 +130,65 @@ def tell(text: str, indent: int = 2) -> None:
             break_long_words=False,
             break_on_hyphens=False,
         )
-        typer.echo("\n".join(wrapped))
+        print_line("\n".join(wrapped))
 
 
-def print_table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table that fits an 80-column terminal; narrower ones get one `head: value` block a row."""
+def print_table(
+    heads: Sequence[str], rows: Sequence[Sequence[object]], under: Sequence[str] | None = None
+) -> None:
+    """Print a table that fits the terminal; where it is too narrow, a block of `head: value` a row.
+
+    Parameters
+    ----------
+    under : sequence of str or None
+        A line to put below each row; an empty one is left out.
+    """
     cells = [[_cell(value) for value in row] for row in rows]
-    widths = [
-        max(len(head), *(len(row[i]) for row in cells)) if cells else len(head)
-        for i, head in enumerate(heads)
-    ]
-    if sum(widths) + 2 * (len(widths) - 1) > _terminal_columns():
-        _print_blocks(heads, cells)
+    below = under or [""] * len(rows)
+    if not fits(heads, rows):
+        for row, line in zip(cells, below, strict=True):
+            _print_block(heads, row, line)
         return
+    widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
     numeric = [
         bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
     ]
-    fill = [str.rjust if right else str.ljust for right in numeric]
-    padded = (
-        "  ".join(pad(cell, width) for pad, cell, width in zip(fill, line, widths, strict=True)).rstrip()
-        for line in (heads, *cells)
-    )
-    typer.echo("\n".join(padded))
+    for cells_of_row, line in zip((heads, *cells), ("", *below), strict=True):
+        padded = [
+            c.rjust(w) if right else c.ljust(w)
+            for c, w, right in zip(cells_of_row, widths, numeric, strict=True)
+        ]
+        print_line("  ".join(padded).rstrip())
+        _print_under(line)
 
 
-def _print_blocks(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> None:
-    for row in cells:
-        for head, cell in zip(heads, row, strict=True):
-            typer.echo(f"{head}: {cell}")
-        typer.echo("")
+def fits(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
+    """Return whether a table is no wider than the terminal; what is no terminal takes every table."""
+    cells = [[_cell(value) for value in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
+    return sum(widths) + 2 * (len(widths) - 1) <= _terminal_columns()
+
+
+def _print_block(heads: Sequence[str], row: Sequence[str], under: str) -> None:
+    """Print the first cell, and the others with their heads on as few lines as the terminal allows."""
+    print_line(f"{heads[0]}: {row[0]}" if heads[0] else row[0])
+    others = [f"{head}: {cell}" for head, cell in zip(heads[1:], row[1:], strict=True) if cell != _UNKNOWN]
+    width = _terminal_columns() - len(_INDENT)
+    line = ""
+    for one in others:
+        joined = f"{line}  {one}" if line else one
+        if line and len(joined) > width:
+            print_line(_INDENT + line)
+            joined = one
+        line = joined
+    if line:
+        print_line(_INDENT + line)
+    _print_under(under)
+
+
+def _print_under(line: str) -> None:
+    for part in textwrap.wrap(line, max(_terminal_columns() - len(_INDENT), 20)):
+        print_line(_INDENT + part)
 
 
 def _terminal_columns() -> int:
@@ -143,8 +199,12 @@ def _terminal_columns() -> int:
 
 def _cell(value: object) -> str:
     if value is None:
-        return "-"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+        return _UNKNOWN
+    return (
+        f"{value:.3f}"
+        if isinstance(value, float)
+        else plain(str(value)).replace("\n", " ").replace("\t", " ")
+    )
 
 
 def number(value: object, digits: int = 3) -> str:

@@ -1,5 +1,6 @@
 """The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -152,24 +153,27 @@ def record_on_rig(
         progress(protocol.experiment, work) as reporter,
     ):
         path, outcome = act(rig, reporter)
-        needle = _needle_left(rig)
+        needle = _needle_left(rig, path)
     return Recorded(
         path, outcome, needle, interrupted(), can_resume=isinstance(protocol, SteerabilityProtocol)
     )
 
 
-def _needle_left(rig: Rig) -> str:
+def _needle_left(rig: Rig, run: Path) -> str:
     """Say that the needle is in tissue, where and what to do; empty where it is known to be out."""
     if rig.state.needle_in_tissue is False:
         return ""
+    if rig.description.kind == "simulated":
+        return "the needle is in simulated gel, which is new when the rig is opened again: nothing is to be taken out"
     try:
         states = rig.read_states()
         where = f"insertion {states['insertion'].position:.1f} mm, sheath {states['linear'].position:.1f} mm"
     except MachineError as error:
         where = f"where is not known: {error.message}"
+    since = shlex.quote(str(run.parent / (rig.state.since_run or run.name)))
     return (
         f"the needle is in tissue ({where}); the axes stand still and hold nothing once labrig has ended. "
-        f"Take it out along its path: labrig devices withdraw --rig FILE --run {rig.state.since_run}. "
+        f"Take it out along its path: labrig devices withdraw --rig FILE --run {since}. "
         "After a withdrawal by hand, the next run asks whether needle and sheath are out."
     )
 

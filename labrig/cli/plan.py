@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.output import AsJson, number, plural, print_json, print_table
+from labrig.cli.output import AsJson, number, plural, print_json, print_line, print_table
 from labrig.errors import InputError, OutputExistsError
 
 
@@ -60,7 +60,7 @@ def _check_figure(figure: Path, force: bool) -> None:
 
 def _print(document: dict[str, Any]) -> None:
     if not document["found"]:
-        typer.echo(f"no path: {document['reason']}")
+        print_line(f"no path: {document['reason']}")
         return
     rows = [
         [place, number(arc["roll_rad"], 4), number(arc["angle_rad"], 4), number(arc["length_mm"], 2)]
@@ -68,13 +68,13 @@ def _print(document: dict[str, Any]) -> None:
     ]
     print_table(("arc", "roll rad", "angle rad", "length mm"), rows)
     x, y, z = document["tip_mm"]
-    typer.echo(
+    print_line(
         f"\n{plural(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "
         f"{document['target_error_mm']:.2f} mm from the target, clearance {number(document['clearance_mm'], 2)} mm, "
         f"planned in {1000 * document['elapsed_s']:.1f} ms"
     )
     if document["worst_target_error_mm"] is not None:
-        typer.echo(
+        print_line(
             "Followed without looking, a needle of the worst radius within its tolerance would end "
             f"{document['worst_target_error_mm']:.1f} mm from the target, with a clearance of "
             f"{number(document['worst_clearance_mm'], 2)} mm."

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Protocol, cast
 
-from labrig.cli.output import Talk, say
+from labrig.cli.output import Talk, plain, say
 
 
 class Reporter(Protocol):
@@ -40,10 +40,10 @@ def _bar(title: str, total: float) -> Iterator[Reporter]:
         TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=Console(file=cast("IO[str]", Talk()))) as bar:
-        task = bar.add_task(title, total=total)
+        task = bar.add_task(plain(title), total=total)
 
         def report(done: float, doing: str) -> None:
-            bar.update(task, completed=done, description=doing)
+            bar.update(task, completed=done, description=plain(doing))
 
         yield report
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, say, tell
+from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say, tell
 from labrig.errors import FileFormatError, Problem
 
 
@@ -90,8 +90,8 @@ def schema(
     from labrig.protocol import protocol_schema, schema_text
 
     if of is Of.PROTOCOL:
-        typer.echo(schema_text(protocol_schema()), nl=False)
+        print_line(schema_text(protocol_schema()).rstrip())
         return
     from labrig.devices import rig_schema
 
-    typer.echo(schema_text(rig_schema()), nl=False)
+    print_line(schema_text(rig_schema()).rstrip())

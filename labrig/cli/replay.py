@@ -1,13 +1,13 @@
 """`labrig replay`: the same procedure on recorded devices, and whether it does what it did."""
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from labrig.cli.damage import require_undamaged
-from labrig.cli.output import AsJson, print_json
+from labrig.cli.options import RunArgument
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import AnswerIsNoError
 
 
@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    run_path: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every command and every line is the recorded one, and with 1 at the first that differs."""
@@ -54,17 +54,17 @@ def _print(document: Mapping[str, Any]) -> None:
     """Print whether all was the same, and what was compared; or the first difference with both values."""
     one = document["first_difference"]
     if one is None:
-        typer.echo("identical, to the last bit" if document["bit_exact"] else "identical")
+        print_line("identical, to the last bit" if document["bit_exact"] else "identical")
     else:
         place = f"after picture {_known(one['frame'])}, in trial {_known(one['trial'])}"
-        typer.echo(f"differs at t = {one['t_s']:.3f} s, {place}")
-        typer.echo(f"  {one['what']} in the record: {one['recorded']}")
-        typer.echo(f"  {one['what']} in the replay: {one['now']}")
+        print_line(f"differs at t = {one['t_s']:.3f} s, {place}")
+        print_line(f"  {one['what']} in the record: {one['recorded']}")
+        print_line(f"  {one['what']} in the replay: {one['now']}")
         _print_code(document["code"])
     if document["ended_early"]:
-        typer.echo(f"  {document['ended_early']}; it is compared up to there")
+        print_line(f"  {document['ended_early']}; it is compared up to there")
     same = ", ".join(f"{count} {what}" for what, count in document["compared"].items())
-    typer.echo(f"  the same: {same or 'nothing before it'}")
+    print_line(f"  the same: {same or 'nothing before it'}")
 
 
 def _code(provenance: object) -> dict[str, object]:
@@ -77,7 +77,7 @@ def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
     """Say whose difference it is, where other code than this one made the record."""
     recorded, now = code["recorded"], code["now"]
     if recorded != now or now["git_dirty"]:
-        typer.echo(f"  other code made this record: {_named(recorded)}; this is {_named(now)}")
+        print_line(f"  other code made this record: {_named(recorded)}; this is {_named(now)}")
 
 
 def _named(code: Mapping[str, object]) -> str:

@@ -10,15 +10,13 @@ import typer
 from labrig.cli import checking
 from labrig.cli.damage import Damaged, tell_damage
 from labrig.cli.interrupted import next_steps
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
-from labrig.cli.output import AsJson, print_json, print_table, say
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunArgument, RunsArgument, RunsDirOption
+from labrig.cli.output import AsJson, fits, print_json, print_line, print_table, say
 from labrig.errors import RecordError
 
 app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
 checking.register(app)
 
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]
-RunsArgument = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")]
 ByOption = Annotated[
     str | None,
     typer.Option(
@@ -75,29 +73,43 @@ def _row(found: Any) -> dict[str, object]:
     return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
 
+# Fields that have a column of their own, or are the run itself.
+_SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
+
+
 def _print_runs(found: Sequence[Any]) -> None:
-    """Print a table, with a column for each field that was asked for and does not stand in it anyway."""
-    asked = [
-        name for name in found[0].fields if name not in {"run", "exit_status", "protocol", "tag", "verdict"}
-    ]
-    rows = [
-        [
-            one.summary.run.name,
-            one.summary.protocol,
-            one.summary.exit_status,
-            f"{one.summary.trials_done} of {one.summary.trials_planned}"
-            if one.summary.trials_planned
-            else None,
-            *(_values(one.fields[name]) for name in asked),
-            " ".join((*one.summary.tags, *([f"[{one.summary.verdict}]"] if one.summary.verdict else [])))
-            or None,
-        ]
-        for one in found
-    ]
-    heads = ["run", "experiment", "exit status", "trials", *asked, "tags"]
-    if all(row[-1] is None for row in rows):
-        heads, rows = heads[:-1], [row[:-1] for row in rows]
-    print_table(heads, rows)
+    """Print a table, with a column for each field that was asked for and does not stand in it anyway.
+
+    What people have said stands in columns too, or below each run where the terminal is too narrow for that.
+    """
+    asked = [name for name in found[0].fields if name not in _SHOWN]
+    heads = ["run", "experiment", "exit status", "trials", *asked]
+    rows = [[*_own_cells(one.summary), *(_values(one.fields[name]) for name in asked)] for one in found]
+    said = [_said_cells(one.summary) for one in found]
+    wanted = [column for column in range(len(_SAID)) if any(cells[column] for cells in said)]
+    wide_heads = [*heads, *(_SAID[column] for column in wanted)]
+    wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, said, strict=True)]
+    if not wanted or fits(wide_heads, wide):
+        print_table(wide_heads, wide)
+    else:
+        print_table(heads, rows, [_said_line(cells) for cells in said])
+
+
+def _own_cells(summary: Any) -> list[object]:
+    done, planned = summary.trials_done, summary.trials_planned
+    trials = f"{done} of {planned}" if planned else None
+    return [summary.run.name, summary.protocol, summary.exit_status, trials]
+
+
+_SAID = ("verdict", "notes", "tags")
+
+
+def _said_cells(summary: Any) -> tuple[str | None, int | None, str | None]:
+    return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
+
+
+def _said_line(cells: tuple[str | None, int | None, str | None]) -> str:
+    return "  ".join(f"{name}: {cell}" for name, cell in zip(_SAID, cells, strict=True) if cell is not None)
 
 
 def _values(values: Sequence[object]) -> object:
@@ -117,11 +129,13 @@ def tag(
 
     at = _now()
     said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
+    for run in runs:
+        _say_page_is_older(run)
     if as_json:
         print_json([_said(run, annotations) for run, annotations in said])
         return
     for run, annotations in said:
-        typer.echo(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
+        print_line(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
 
 
 @app.command(
@@ -147,11 +161,14 @@ def note(
         annotations = read_annotations(run)
     else:
         annotations = note_on_run(run, text, revises=revise, by=_person(by), at=_now())
+        _say_page_is_older(run)
     if as_json:
         print_json(_said(run, annotations))
         return
     for one in annotations.revisions if text is None else annotations.notes:
-        typer.echo(f"{one.note}.{one.revision}  {one.at}  {one.by}: {one.text}")
+        # What begins at the left is labrig's; a further line of a note cannot pass for it.
+        text = one.text.replace("\n", "\n    ")
+        print_line(f"{one.note}.{one.revision}  {one.at}  {one.by}: {text}")
 
 
 @app.command("verdict", help="Say whether a run is to be trusted; the last word counts.")
@@ -168,10 +185,11 @@ def verdict(
     from labrig.record import judge_run
 
     annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
+    _say_page_is_older(run)
     if as_json:
         print_json(_said(run, annotations))
     else:
-        typer.echo(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
+        print_line(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
 
 
 @app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
@@ -194,13 +212,13 @@ def diff(
         print_json({"a": a, "b": b, "identical": not found, "differences": found, "reason": damage})
         return exit_code
     if not differences:
-        typer.echo("no difference")
+        print_line("no difference")
     for section, group in groupby(differences, key=lambda each: each.section):
         rows = [[each.key, _shortened(each.a), _shortened(each.b)] for each in group]
         print_table((section, "A", "B"), rows[:LONGEST_SECTION])
         if len(rows) > LONGEST_SECTION:
-            typer.echo(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
-        typer.echo("")
+            print_line(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
+        print_line("")
     return exit_code
 
 
@@ -220,6 +238,12 @@ def _said(run: Path, annotations: Any) -> dict[str, object]:
     from dataclasses import asdict
 
     return {"run": str(run), **asdict(annotations)}
+
+
+def _say_page_is_older(run: Path) -> None:
+    """Say that the page of a run, where it has one, does not show what has just been said."""
+    if (run / "report.html").exists():
+        say(f"note: {run}/report.html does not show this yet; written anew by: labrig report {run}")
 
 
 def _person(by: str | None) -> str:

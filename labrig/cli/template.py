@@ -15,7 +15,7 @@ from labrig.cli.options import (
     PlaneOption,
     PxPerMmOption,
 )
-from labrig.cli.output import AsJson, print_json
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError
 
 
@@ -109,8 +109,8 @@ def template(
 
 def _print(document: dict[str, Any]) -> None:
     side_px, (u, v) = document["side_px"], document["tip_px"]
-    typer.echo(f"template  {document['template']}, {side_px} x {side_px} px")
-    typer.echo(f"tip       ({u:.2f}, {v:.2f}) px")
-    typer.echo(
+    print_line(f"template  {document['template']}, {side_px} x {side_px} px")
+    print_line(f"tip       ({u:.2f}, {v:.2f}) px")
+    print_line(
         f"heading   {document['heading_deg']:.2f} degrees, bevel at {document['roll_deg']:.0f} degrees"
     )

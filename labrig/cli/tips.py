@@ -6,17 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision import PlaneMap, TipTemplate, locate_tip, read_picture, require_size
+from labrig.vision import Mask, PlaneMap, TipTemplate, locate_tip, read_picture, require_size
 
 
 @dataclass(frozen=True)
 class TipSearch:
-    """What is known of the tip beforehand: its looks, and perhaps heading and place."""
+    """What is known of the tip beforehand: its looks, perhaps heading and place, and where it is not."""
 
     template: TipTemplate
     heading_deg: float | None
     near_px: tuple[float, float] | None
     region_px: float
+    mask: Mask | None
 
 
 def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, object]:
@@ -34,7 +35,12 @@ def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, obje
         require_size(image, plane.image_size, "the plane map")
     heading_rad = None if search.heading_deg is None else math.radians(search.heading_deg)
     fix = locate_tip(
-        image, search.template, near_px=search.near_px, heading_rad=heading_rad, region_px=search.region_px
+        image,
+        search.template,
+        near_px=search.near_px,
+        heading_rad=heading_rad,
+        region_px=search.region_px,
+        mask=None if search.mask is None else search.mask.masked(path.name, image),
     )
     tip_mm = None if fix.tip_px is None else plane.to_mm(np.array([fix.tip_px]))[0].tolist()
     return {**fix.to_json(), "tip_mm": tip_mm}

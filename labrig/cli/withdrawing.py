@@ -5,10 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import typer
-
 from labrig.cli.options import rig_file
-from labrig.cli.output import failure_document, failure_lines, print_json, say
+from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
 from labrig.cli.rigs import remark_on_yes, rig_for_person
@@ -65,7 +63,7 @@ def withdraw_and_tell(
     if as_json:
         print_json(document)
     elif outcome.error is None:
-        typer.echo(f"the needle is out\nrecord  {recorded}")
+        print_line(f"the needle is out\nrecord  {recorded}")
     return 0 if outcome.error is None else outcome.error.exit_code
 
 

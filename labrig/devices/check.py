@@ -6,7 +6,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from labrig.devices import epos2_objects as od
 from labrig.devices.camera import Camera
@@ -26,10 +29,12 @@ from labrig.devices.rig_file import (
 )
 from labrig.devices.state import StateStore
 from labrig.errors import InputError, LabrigError
-from labrig.vision import Intrinsics, PlaneMap, calibration_created, load_intrinsics, load_plane
+from labrig.vision import Intrinsics, PlaneMap, calibration_created, load_intrinsics, load_mask, load_plane
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8
+_CALIBRATE = "labrig run protocols/calibration.yaml, then labrig calibrate adopt RUN"
+_DRAW_MASK = "name a picture of the camera's size, white where no needle is, or polygons; or leave mask: out"
 _OLD_DAYS = 30
 _RATE_PICTURES = 6
 _LEAST_RATE_FRACTION = 0.9
@@ -256,6 +261,16 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
             yield _age_result(which, path, now, moves=rig.kind != ONLY_SIMULATED)
+    for path in rig.mask_paths().values():
+        yield _calibration_result("mask", path, partial(_described_mask, rig), _DRAW_MASK)
+
+
+def _described_mask(rig: RigDescription, path: Path) -> str:
+    """Say which part of the camera's picture a mask takes away."""
+    size = (rig.camera.height_px, rig.camera.width_px)
+    masked = load_mask(path).masked("", np.zeros(size, np.uint8))
+    share = 0.0 if masked is None else 100.0 * float(masked.mean())
+    return f"{path.name}: {share:.1f} % of the picture is not the needle"
 
 
 def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
@@ -274,11 +289,10 @@ def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckR
     )
 
 
-def _calibration_result(which: str, path: Path | None, describe: Callable[[Path], str]) -> CheckResult:
-    check, solution = (
-        f"calibration {which}",
-        "labrig run protocols/calibration.yaml, then labrig calibrate adopt RUN",
-    )
+def _calibration_result(
+    which: str, path: Path | None, describe: Callable[[Path], str], solution: str = _CALIBRATE
+) -> CheckResult:
+    check = f"calibration {which}"
     if path is None or not path.is_file():
         value = "none named in the rig file" if path is None else f"{path} does not exist"
         return CheckResult(check, CheckStatus.FAIL, value, solution)

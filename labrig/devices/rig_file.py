@@ -315,6 +315,11 @@ class CalibrationDescription(Model):
         description="Picture of the needle's tip by which insertions find it, beside the rig file, with a JSON of the "
         "same name; labrig calibrate template makes it. null: not yet.",
     )
+    mask: FileName | None = Field(
+        None,
+        description="Pixels that are never the needle (a clamp, a reflection), beside the rig file: a picture of the "
+        "camera's size, white there, or polygons as JSON. Every run keeps it. null: none.",
+    )
 
 
 class RecordingDescription(Model):
@@ -324,7 +329,8 @@ class RecordingDescription(Model):
         10.0, description="States recorded a second while axes move [Hz]."
     )
     fsync_period_s: Annotated[float, Field(gt=0, le=60)] = Field(
-        1.0, description="The record is forced to disk this often; a power cut loses no more [s]."
+        1.0,
+        description="The record is forced to disk this often; a power cut loses at most what came since [s].",
     )
     least_free_mb: Annotated[float, Field(ge=0, le=1e6)] = Field(
         100.0, description="A run ends as failed when its disk has less free space than this [MB]."
@@ -443,10 +449,22 @@ class RigDescription(Model):
         picture = self._folder / self.calibration.template
         return {"template.png": picture, "template.json": picture.with_suffix(".json")}
 
+    def mask_paths(self) -> dict[str, Path]:
+        """Return the mask by the name that it has in a record; empty where the rig file names none."""
+        if self.calibration.mask is None:
+            return {}
+        path = self._folder / self.calibration.mask
+        return {f"mask{path.suffix}": path}
+
     def calibration_files(self) -> dict[str, Path]:
         """Return the files named that exist: a rig that is being calibrated has none yet."""
-        named = self.calibration_paths() | self.template_paths()
+        named = self.calibration_paths() | self.template_paths() | self.mask_paths()
         return {name: path for name, path in named.items() if path.is_file()}
+
+
+_OTHER_KINDS = {
+    "experiment": ("this is a protocol, expected a rig file", "such as calibration/rig-simulated.yaml")
+}
 
 
 def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
@@ -464,7 +482,7 @@ def load_rig(path: Path | str, overrides: Sequence[str] = ()) -> RigDescription:
     FileFormatError
         With every fault of the file, each with its line and column.
     """
-    return load_yaml_model(path, RigDescription, overrides).placed_in(Path(path).parent)
+    return load_yaml_model(path, RigDescription, overrides, _OTHER_KINDS).placed_in(Path(path).parent)
 
 
 def rig_schema() -> JsonSchema:

@@ -5,6 +5,9 @@ around a needle that stops. For a turn it stands: half a turn takes most of a se
 the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. So the lag of the
 bevel behind its drive, measured in the rig file (`axes.rotation.lag_s`), is waited for and not reckoned with: however
 long it is, the turn acts where it was planned.
+
+The path starts where the sheath's tip is found once it is in, in its direction. A sheath that stands elsewhere than
+origin and linear encoder allow ends the insertion before the needle leaves it.
 """
 
 import math
@@ -12,11 +15,18 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from labrig.analysis import insertion_settings
+from labrig.analysis import (
+    TrialOrigin,
+    insertion_settings,
+    sheath_origin,
+    starting_at,
+    unseen_origin,
+)
 from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
-from labrig.errors import FileFormatError, TargetMissedError
+from labrig.errors import FileFormatError, MeasurementRefusedError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
-from labrig.experiments.roll_zero import RollZeroOrder, confirm_needle_out, find_roll_zero
+from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
+from labrig.experiments.roll_zero import RollZeroOrder, find_roll_zero
 from labrig.experiments.session import Look, Session
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
@@ -31,12 +41,12 @@ from labrig.steering import (
     start_steering,
     step_steering,
 )
-from labrig.vision import DrawnPlan, Picture, draw_plan
+from labrig.vision import DrawnPlan, Picture, draw_plan, measure_sheath
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005
 _OFF_ZERO_MM = 0.05
-_UNSURE = ("needle_lost", "needle_stuck")
+_UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
 
 
 def run_insertion(protocol: InsertionProtocol, session: Session) -> int:
@@ -46,13 +56,18 @@ def run_insertion(protocol: InsertionProtocol, session: Session) -> int:
     ------
     TargetMissedError
         When one of them did not reach the target, after all of them have been made; or when there is no path.
+    CalibrationRefusedError
+        When grid pictures before and after them say that the camera was bumped.
     """
     eye = load_eye(session.rig.description)
+    before = watch_grid(protocol.sentinel, BEFORE, session)
     roll_zero = _certified_roll_zero(protocol, session)
     missed: list[SteeringCommand] = []
     for trial in range(protocol.repetitions):
         command = _insert_once(protocol, session, eye, roll_zero, trial)
         missed += [command] if command.stop != "target_reached" else []
+    after = watch_grid(protocol.sentinel, AFTER, session)
+    require_same_grid(before, after, protocol.sentinel, eye.plane)
     if missed:
         made = protocol.repetitions
         reason = missed[0].stop if missed[0].stop in _UNSURE else "target_missed"
@@ -119,8 +134,13 @@ def _insert_once(
     session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     insertion.path.append(stance_of(rig.read_states()))
-    insertion.confirm(session.see("scene", trial).image, aim, state)
-    state, command = _steer(insertion, state, command)
+    look = session.see("scene", trial)
+    origin = insertion.find_sheath(look)
+    if origin is not None:
+        state, command = insertion.begin_at(origin, state)
+    if command.stop is None:
+        insertion.confirm(look.image, aim, state, origin)
+        state, command = _steer(insertion, state, command)
     rig.stop()
     insertion.finish(state, command)
     return command
@@ -217,14 +237,44 @@ class _Insertion:
             self.eye, look.image, state.predicted(inserted_mm, self.settings), state.tip, self.bevel_rad
         )
 
-    def confirm(self, image: Picture, aim: Aim, state: SteeringState) -> None:
-        """Draw plan, obstacles and axes into the picture, and wait for a yes."""
+    def find_sheath(self, look: Look) -> TrialOrigin | None:
+        """Find where the sheath stands before the needle leaves it, and write it down; None where that is not asked."""
+        sheath = self.protocol.sheath
+        if sheath.origin is None:
+            return None
+        require_light(look.image)
+        try:
+            pose = measure_sheath(look.image, self.eye.plane, sheath.diameter_mm)
+        except MeasurementRefusedError as refusal:
+            origin = unseen_origin(refusal.message, trial=self.trial, frame=look.frame)
+        else:
+            linear_mm = look.stance.linear_mm
+            origin = sheath_origin(pose, sheath, linear_mm, trial=self.trial, frame=look.frame)
+        self.session.note("origin", **origin.model_dump())
+        return origin
+
+    def begin_at(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
+        """Plan anew from where the sheath was found; stop before the needle leaves a sheath that stands elsewhere."""
+        if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
+            return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
+        self.settings = starting_at(self.settings, origin.tip_mm, origin.heading_rad)
+        state, command = start_steering(self.settings)
+        self._tell_plan(state, origin.frame, because="origin")
+        return state, command
+
+    def confirm(
+        self, image: Picture, aim: Aim, state: SteeringState, origin: TrialOrigin | None = None
+    ) -> None:
+        """Draw plan, obstacles, axes and the sheath that was found into the picture, and wait for a yes."""
         problem = self.settings.problem
         drawn = DrawnPlan(
             path_mm=sample_path(problem, state.plan)[:, 1:],
             target_mm=aim.target_mm[1:],
             tolerance_mm=problem.tolerance_mm,
             obstacles=tuple((one.position_mm[1:], one.radius_mm) for one in aim.obstacles),
+            sheath=None
+            if origin is None or origin.tip_mm is None
+            else (origin.tip_mm, origin.heading_rad or 0.0),
         )
         file = self.session.draw(draw_plan(image, self.eye.plane, drawn), "plan", self.trial)
         arcs = len(state.plan.arcs)
@@ -313,14 +363,14 @@ class _Insertion:
             _done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
         )
 
-    def _tell_plan(self, state: SteeringState, frame: int | None) -> None:
+    def _tell_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         pose = state.plan_start
         self.session.note(
             "plan",
             trial=self.trial,
             frame=frame,
             depth_mm=state.insertion_mm,
-            because=state.why,
+            because=because or state.why,
             refusal=state.refusal,
             replans=state.replans,
             from_mm=state.plan_from_mm,

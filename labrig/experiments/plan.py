@@ -36,6 +36,10 @@ PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
 """The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
 
 
+_GRID_PICTURES = 2
+"""Before the run and after it; for each the paper is laid, and taken away again."""
+
+
 @dataclass(frozen=True)
 class PlannedMove:
     """One move of one axis: where from, where to [mm or rad], how fast [per s]."""
@@ -200,9 +204,8 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         trials = trials_planned(protocol)
         duration_s = trials * sum(move.duration_s for move in planned_moves(protocol))
         advance = math.ceil(protocol.insertion.length_mm / protocol.insertion.frame_every_mm) - 1
-        grids = 0 if protocol.sentinel is None else 2
-        pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE) + grids
-        steps = 1 + len(protocol.specimens) + trials + 2 * grids
+        pictures = trials * (advance + PICTURES_A_TRIAL_BESIDE_ADVANCE)
+        steps = 1 + len(protocol.specimens) + trials
     elif isinstance(protocol, InsertionProtocol):
         trials, zero, found_first_s = protocol.repetitions, protocol.roll_zero, roll_zero_s(protocol)
         duration_s = found_first_s + trials * sum(move.duration_s for move in planned_moves(protocol))
@@ -216,5 +219,7 @@ def estimate(protocol: AnyProtocol, rig: RigDescription | None) -> Estimate:
         duration_s, pictures, steps = 0.0, protocol.views + 1, protocol.views + 2
     else:
         duration_s, pictures, steps = 0.0, 0, 0
+    if isinstance(protocol, MovingProtocol) and protocol.sentinel is not None:
+        pictures, steps = pictures + _GRID_PICTURES, steps + 2 * _GRID_PICTURES
     states_bytes = int(duration_s * rig.recording.state_rate_hz * 270)
     return Estimate(duration_s, pictures, pictures * frame_bytes + states_bytes, steps)

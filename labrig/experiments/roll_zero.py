@@ -5,18 +5,18 @@ from dataclasses import asdict, dataclass
 
 from labrig.devices import (
     ConfirmAxesAtZero,
-    ConfirmNeedleOut,
     MountNeedle,
     PlaceSpecimen,
     RollZero,
     ShiftToHole,
 )
 from labrig.errors import MeasurementRefusedError
+from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
 from labrig.experiments.session import Session
 from labrig.experiments.sight import load_plane_map
 from labrig.experiments.stance import Stance
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
-from labrig.protocol import Advance, Needle, RollZeroProtocol, RollZeroSteps, Sheath
+from labrig.protocol import Advance, GridSentinel, Needle, RollZeroProtocol, RollZeroSteps, Sheath
 from labrig.steering import fit_roll_zero
 from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature
 
@@ -30,6 +30,7 @@ class RollZeroOrder:
     advance: Advance
     steps: RollZeroSteps
     radius_mm: float
+    sentinel: GridSentinel | None = None
 
     @property
     def duration_s(self) -> float:
@@ -46,6 +47,7 @@ def order_of(protocol: RollZeroProtocol) -> RollZeroOrder:
         protocol.insertion,
         protocol.roll_zero,
         protocol.needle.design_radius_mm,
+        protocol.sentinel,
     )
 
 
@@ -61,6 +63,8 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     ------
     MeasurementRefusedError
         When a picture does not show the tip, the bend is not the needle's, or the zero is too uncertain.
+    CalibrationRefusedError
+        When the camera was bumped meanwhile.
     """
     rig, steps = session.rig, order.steps
     plane = load_plane_map(rig.description)
@@ -68,6 +72,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     rig.reference_axes()
+    before = watch_grid(order.sentinel, BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
     strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
@@ -85,23 +90,10 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             "most that is certified",
             "insert at more rolls or further, and look at the pictures",
         )
+    require_same_grid(before, watch_grid(order.sentinel, AFTER, session), order.sentinel, plane)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
     rig.certify_roll_zero(certified)
     return certified
-
-
-def confirm_needle_out(session: Session) -> None:
-    """Where the rig does not know that no needle is in tissue, have the operator confirm it.
-
-    Raises
-    ------
-    SafetyStopError
-        When the operator says no.
-    """
-    rig = session.rig
-    if rig.state.needle_in_tissue is not False:
-        session.ask(ConfirmNeedleOut(rig.state.doubt))
-        rig.mark_needle_out()
 
 
 def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session) -> float:

@@ -11,11 +11,13 @@ from labrig.devices import RigDescription
 from labrig.errors import CameraError, InputError
 from labrig.steering import TipState
 from labrig.vision import (
+    Mask,
     Picture,
     PlaneMap,
     TipFix,
     TipTemplate,
     load_intrinsics,
+    load_mask,
     load_plane,
     load_template,
     locate_tip,
@@ -33,10 +35,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """What turns a picture into a place: the plane map, and the template with its heading told from that plane."""
+    """What turns a picture into a place: plane map, mask, and the template with its heading told from that plane."""
 
     plane: PlaneMap
     template: TipTemplate
+    mask: Mask | None = None
 
     def pixel_of(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
         """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
@@ -80,7 +83,9 @@ def load_eye(rig: RigDescription) -> Eye:
             "the rig file names no template of the tip",
             "labrig calibrate template makes one; see calibration:",
         )
-    return Eye(plane, load_template(files["template.png"]).relative_to(plane.insertion))
+    template = load_template(files["template.png"]).relative_to(plane.insertion)
+    masks = [load_mask(path) for path in rig.mask_paths().values()]
+    return Eye(plane, template, masks[0] if masks else None)
 
 
 def load_plane_map(rig: RigDescription) -> PlaneMap:
@@ -115,8 +120,15 @@ def look_for_tip(eye: Eye, image: Picture, expected: FloatArray, tip: TipState, 
     reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / eye.plane.mm_per_px)
     region_px = next_region_px(max(eye.template.picture.shape) + 2 * reach_px, tip.misses)
     asked_rad = heading_rad if tip.misses < _MISSES_WITH_HEADING else None
+    masked = None if eye.mask is None else eye.mask.masked("", image)
     fix = locate_tip(
-        image, eye.template, near_px=(u, v), heading_rad=asked_rad, roll_rad=roll_rad, region_px=region_px
+        image,
+        eye.template,
+        near_px=(u, v),
+        heading_rad=asked_rad,
+        roll_rad=roll_rad,
+        region_px=region_px,
+        mask=masked,
     )
     position = None
     if fix.tip_px is not None:

@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from labrig.devices import (
     AxisReadback,
-    ClearBench,
     ConfirmAxesAtZero,
-    ConfirmNeedleOut,
-    LayGraphPaper,
     MountNeedle,
     PlaceSpecimen,
     ShiftToHole,
 )
+from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, watch_grid
 from labrig.experiments.plan import planned_moves
 from labrig.experiments.schedule import PlannedTrial, whole_sweep
 from labrig.experiments.session import Session
@@ -23,10 +21,7 @@ def run_steerability(protocol: SteerabilityProtocol, session: Session) -> int:
 
     A specimen after another is placed by the operator, and in it a hole after another; the bench has no lateral axis.
     """
-    rig = session.rig
-    if rig.state.needle_in_tissue is not False:
-        session.ask(ConfirmNeedleOut(rig.state.doubt))
-        rig.mark_needle_out()
+    confirm_needle_out(session)
     mount_and_reference(protocol, session)
     return make_insertions(protocol, whole_sweep(protocol), session)
 
@@ -41,7 +36,7 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> int:
     """Make insertions in their order, each specimen placed when its first one is due; return how many were made."""
-    _watch_grid(protocol, "grid-before", session)
+    watch_grid(protocol.sentinel, BEFORE, session)
     placed: Specimen | None = None
     behind = len(whole_sweep(protocol)) - len(trials)
     for done, trial in enumerate(trials, start=max(behind, 0)):
@@ -49,17 +44,8 @@ def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTria
             session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
             placed = trial.specimen
         _insert_once(protocol, trial, done, session)
-    _watch_grid(protocol, "grid-after", session)
+    watch_grid(protocol.sentinel, AFTER, session)
     return len(trials)
-
-
-def _watch_grid(protocol: SteerabilityProtocol, role: str, session: Session) -> None:
-    """Photograph graph paper in the steering plane, where the protocol asks for it."""
-    if protocol.sentinel is None:
-        return
-    session.ask(LayGraphPaper(protocol.sentinel.pitch_mm))
-    session.look(role)
-    session.ask(ClearBench("the graph paper"))
 
 
 def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:

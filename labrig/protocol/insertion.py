@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from labrig.protocol.model import Conflict, Line, Model, NonNegativeMm, PixelUv, PositiveMm, SpeedMmS
-from labrig.protocol.protocols import Needle, Protocol, Sheath, Specimen, sheath_too_thin
+from labrig.protocol.protocols import GridSentinel, Needle, Protocol, Sheath, Specimen, sheath_too_thin
 from labrig.protocol.scenario import PointMm, ScenarioWeights
 
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
@@ -51,6 +51,9 @@ class RollZeroProtocol(Protocol):
     sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
     insertion: Advance = Field(description="How fast the needle goes in and comes out.")
     roll_zero: RollZeroSteps = Field(description="How the zero is found.")
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a sheath that the needle does not fit through."""
@@ -207,6 +210,9 @@ class InsertionProtocol(Protocol):
         None,
         description="How the needle's roll zero is found first where the rig has no certified one. null: the insertion "
         "is refused then.",
+    )
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
     )
 
     def conflicts(self) -> Iterator[Conflict]:

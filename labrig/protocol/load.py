@@ -20,7 +20,7 @@ from labrig.protocol.protocols import (
 from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.tree import Node, Place, Tree, file_format_error
-from labrig.protocol.yaml_file import model_of_tree, tree_of_file
+from labrig.protocol.yaml_file import model_of_tree, require_kind, tree_of_file
 from labrig.protocol.yaml_text import read_tree
 
 AnyProtocol: TypeAlias = (
@@ -39,6 +39,14 @@ _MODELS: dict[str, type[AnyProtocol]] = {
     "camera-calibration": CameraCalibrationProtocol,
     "import": ImportProtocol,
     "design": DesignProtocol,
+}
+
+
+_OTHER_KINDS = {
+    "axes": (
+        "this is a rig file, expected a protocol",
+        "labrig run protocols/steerability.yaml --rig THIS_FILE",
+    )
 }
 
 
@@ -91,6 +99,8 @@ def _with_seed(tree: Tree, seed: int) -> Tree:
 
 def _protocol_of(tree: Tree, folder: Path | None) -> AnyProtocol:
     chosen = tree.root.children.get("experiment")
+    if chosen is None:
+        require_kind(tree, _OTHER_KINDS)
     if chosen is None or chosen.scalar not in _MODELS:
         raise file_format_error([*tree.faults, choice_fault(tree.root, ("experiment",), tuple(_MODELS))])
     model = _MODELS[str(chosen.scalar)]

@@ -100,12 +100,44 @@ class Specimen(Model):
     )
 
 
+class SheathOrigin(Model):
+    """How far from the command the sheath may be found in the picture taken once it is in; a trial beyond is refused.
+
+    Along the insertion the linear encoder measures, so little is left but the zero set by eye. Across it the sheath's
+    play moves the needle honestly, and what is found is reckoned with: a limit is for what no play explains.
+    """
+
+    depth_mm: PositiveMm | None = Field(
+        None,
+        description="Depth of the sheath at which its tip stands at the origin of the steering plane [mm]; "
+        "null: at the sheath's depth_mm.",
+    )
+    along_mm: PositiveMm = Field(
+        0.5, description="Most along the insertion, from where the linear encoder puts the tip [mm]."
+    )
+    across_mm: PositiveMm = Field(1.0, description="Most across it, by the sheath's play [mm].")
+    turn_deg: float = Field(
+        2.0, gt=0, le=45, description="Most between the sheath and the insertion's direction [deg]."
+    )
+
+
 class Sheath(Model):
     """The tube that brings the needle into the gel."""
 
     depth_mm: PositiveMm = Field(description="How far the linear module brings the sheath into the gel [mm].")
     speed_mm_s: SpeedMmS = Field(description="Speed of the sheath, in and out [mm/s].")
     diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
+    origin: SheathOrigin | None = Field(
+        None,
+        description="Tip and direction of the sheath are compared with the command, and an insertion to a target "
+        "starts where they were found. null: neither.",
+    )
+
+    @property
+    def origin_depth_mm(self) -> float:
+        """The depth at which its tip is expected at the origin of the steering plane."""
+        known = None if self.origin is None else self.origin.depth_mm
+        return self.depth_mm if known is None else known
 
 
 class Insertion(Model):

@@ -6,6 +6,7 @@ from codecs import BOM_UTF8
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -30,12 +31,18 @@ from labrig.protocol.tree import (
 )
 from labrig.protocol.yaml_text import read_tree
 
+_SUFFIXES = frozenset({".yaml", ".yml", ".json"})
 MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads about 150 kB a second
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-def load_yaml_model(path: Path | str, model: type[AnyModel], overrides: Sequence[str] = ()) -> AnyModel:
+def load_yaml_model(
+    path: Path | str,
+    model: type[AnyModel],
+    overrides: Sequence[str] = (),
+    others: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+) -> AnyModel:
     """Return the `model` that a YAML file describes.
 
     Parameters
@@ -46,13 +53,17 @@ def load_yaml_model(path: Path | str, model: type[AnyModel], overrides: Sequence
         What the file must hold.
     overrides : sequence of str
         `dotted.key=value` each, put over the file's values.
+    others : mapping of str to (str, str)
+        As `require_kind` has them.
 
     Raises
     ------
     FileFormatError
         With every problem of the file and of the overrides.
     """
-    return model_of_tree(overridden(tree_of_file(Path(path)), overrides), model)
+    tree = tree_of_file(Path(path))
+    require_kind(tree, others)
+    return model_of_tree(overridden(tree, overrides), model)
 
 
 def yaml_values(path: Path | str) -> dict[str, Plain]:
@@ -112,7 +123,29 @@ _Representer.add_representer(str, _Representer.represent_text)
 def tree_of_file(path: Path) -> Tree:
     """Return the mapping that a file holds, with places. Raises `FileFormatError`."""
     content = _read_bytes(path).removeprefix(BOM_UTF8)
-    return read_tree(_decoded(content, str(path)), str(path))
+    try:
+        return read_tree(_decoded(content, str(path)), str(path))
+    except FileFormatError as error:
+        if path.suffix in _SUFFIXES:
+            raise
+        raise _unreadable(path, "this is no YAML file", _nearby_hint(path.parent / "x.yaml")) from error
+
+
+def require_kind(tree: Tree, others: Mapping[str, tuple[str, str]]) -> None:
+    """Refuse a file of another kind in one sentence, instead of every key that it has not.
+
+    Parameters
+    ----------
+    others : mapping of str to (str, str)
+        A key that only files of another kind have -> what such a file is, and what to do.
+
+    Raises
+    ------
+    FileFormatError
+    """
+    for key, (message, hint) in others.items():
+        if (node := tree.root.children.get(key)) is not None:
+            raise file_format_error([Fault(node.key, (key,), message, hint)])
 
 
 def model_of_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
@@ -167,7 +200,7 @@ def _nearby_hint(path: Path) -> str:
     """Return the YAML files beside `path`, or the one that was probably meant."""
     if not path.parent.is_dir():
         return f"the folder {path.parent} does not exist"
-    names = sorted(each.name for each in path.parent.iterdir() if each.suffix in {".yaml", ".yml"})
+    names = sorted(each.name for each in path.parent.iterdir() if each.suffix in _SUFFIXES)
     if meant := difflib.get_close_matches(path.name, names, n=1):
         return f"did you mean {path.parent / meant[0]}?"
     return f"YAML files there: {', '.join(names[:10])}" if names else f"{path.parent} holds no YAML file"

@@ -33,8 +33,9 @@ Decided here:
   is dropped and reported in `Run.problems`. Whatever else is missing or changed, of a closed run also a last
   line, is in `Run.damage`. The manifest carries the same checksum over its content.
 - A line is handed to the kernel in one write before the call returns, a picture is complete under its name
-  before its line is written. So a killed process loses nothing acknowledged. A power cut loses at most the
-  lines of the last `fsync_period_s` of rig time; see `Recorder`.
+  before its line is written. So a killed process loses nothing acknowledged. Both are forced to disk by a thread of its
+  own, so that no axis waits for a busy disk: a power cut loses at most the last two `fsync_period_s` of rig time while
+  the disk keeps up; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
 - What is listed and searched comes from the folders. `.catalogue.sqlite3` beside them is a cache of it, each row under
   the time, size and inode of its files and with a CRC-32: throw it away, copy runs about, edit it, and the answers

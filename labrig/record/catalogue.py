@@ -9,7 +9,7 @@ from typing import Any
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.condition import Condition, Fields, Value, parse_condition, require_field, values_of
-from labrig.record.fields import annotation_fields, file_fields, manifest_fields
+from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
@@ -108,10 +108,10 @@ def find_runs(
     names = _names_asked_for(condition, sort)
     summaries = list_runs(runs_dir)
     fields = _fields_of(runs_dir, summaries) if names else [{} for _ in summaries]
-    known = {path for each in fields for path in each}
-    if known and condition is not None:
+    known = {path for each in fields for path in each} | ANNOTATION_FIELDS
+    if summaries and condition is not None:
         condition.require_known(known)
-    if known and sort is not None:
+    if summaries and sort is not None:
         require_field(sort, known, "--sort")
     found = [
         FoundRun(summary, {name: values_of(name, each) for name in names})

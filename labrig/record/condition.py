@@ -97,7 +97,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
         return
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
     short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
-    near = get_close_matches(name, short, 1)
+    near = [path for path in short if path.startswith(name)] or get_close_matches(name, short, 1)
     meant = f"did you mean {near[0]}? " if near else ""
     more = ", ..." if len(short) > _MAX_NAMED else ""
     raise InputError(
@@ -155,10 +155,11 @@ class _Parser:
         self._text = text
         self._tokens = iter(tokens)
         self._next = next(self._tokens)
+        self._after_number = False
 
     def expect_end(self) -> None:
         if self._next.kind != "end":
-            raise self._unexpected("and, or, or the end")
+            raise self._unexpected(f"and, or, or the end{self._unit_after_number()}")
 
     def choice(self, depth: int) -> Callable[[Fields], bool]:
         parts = [self._union(depth)]
@@ -196,10 +197,16 @@ class _Parser:
         self._advance()
         value = self._next
         if value.kind not in {"word", "quoted"}:
-            raise self._unexpected("a value")
+            raise self._unexpected("a value (equal is one =)" if value.text == "=" else "a value")
         self._advance()
+        self._after_number = value.kind == "word" and _number(value.text) is not None
         self.names.append((name.text, name.column))
         return _comparison(name.text, sign.text, value)
+
+    def _unit_after_number(self) -> str:
+        """Return a remark where a number is followed by another word, as its unit would be."""
+        follows = self._after_number and self._next.kind == "word"
+        return " (a number goes alone: its unit stands in the name of the field)" if follows else ""
 
     def _takes(self, text: str) -> bool:
         if self._next.kind == "quoted" or self._next.text != text:

@@ -88,7 +88,11 @@ def _sections(run: Path) -> dict[str, Mapping[str, Any]]:
         "protocol": _yaml(run, PROTOCOL),
         "rig": _yaml(run, RIG),
         "calibration": _calibration(run, manifest),
-        "versions": {key: value for key, value in provenance.items() if key != "command_line"},
+        "versions": {
+            **{key: value for key, value in provenance.items() if key != "command_line"},
+            # Of two changed checkouts of one commit this tells whether they were changed alike.
+            "code_diff_sha256": _mapping(manifest.get("hashes")).get("code_diff_sha256"),
+        },
         "devices": _mapping(manifest.get("devices")),
         "results": {key: value for key, value in result.items() if key not in _STAMP},
     }

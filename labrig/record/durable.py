@@ -19,6 +19,8 @@ _HINTS = {
     errno.EROFS: "the disk is mounted read-only: choose another folder",
     errno.ENOTDIR: "a file stands where a folder is needed: choose another folder",
     errno.ENAMETOOLONG: "choose a shorter name",
+    errno.ENOLCK: "that disk knows no locks: keep the runs on a local one",
+    errno.ENOTSUP: "that disk cannot do this: keep the runs on a local one",
 }
 
 
@@ -42,28 +44,39 @@ def write_atomically(path: Path, content: bytes) -> None:
         sync_directory(path.parent)
 
 
-def write_and_rename(path: Path, content: bytes) -> None:
+def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file under a temporary name, fsync it, and rename it into place.
 
-    The content is durable when this returns. The name is durable after the next `sync_directory` of its
-    folder.
+    The content is durable when this returns, or without `sync` after the next `sync_file`. The name is durable after
+    the next `sync_directory` of its folder.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     with disk_errors(path):
         try:
-            _write_new(temporary, content)
+            _write_new(temporary, content, sync=sync)
             temporary.replace(path)
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
 
 
-def _write_new(path: Path, content: bytes) -> None:
+def sync_file(path: Path) -> None:
+    """Make a file's content durable. Raises `OSError`."""
+    # Windows flushes only what is open for writing.
+    descriptor = os.open(path, os.O_RDWR | NO_LINKS)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
     # A leftover of a killed writer is overwritten; a link that stands there is not followed.
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | NO_LINKS, 0o666)
     try:
         write_fully(descriptor, content)
-        os.fsync(descriptor)
+        if sync:
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
 

@@ -28,15 +28,18 @@ def manifest_fields(manifest: Mapping[str, object]) -> Leaves:
     return fields if duration_s is None else {**fields, "duration_s": [duration_s]}
 
 
+ANNOTATION_FIELDS = frozenset({"tag", "verdict", "verdict_reason", "note"})
+"""What may be asked for also where nobody has said anything yet."""
+
+
 def annotation_fields(said: Annotations) -> Leaves:
-    """Return tags, verdict and notes; what nobody has said is absent."""
-    fields: Leaves = {
+    """Return tags, verdict and notes; what nobody has said has no value, so that no other field answers for it."""
+    return {
         "tag": list(said.tags),
-        "verdict": [said.verdict],
-        "verdict_reason": [said.verdict_reason],
+        "verdict": [] if said.verdict is None else [said.verdict],
+        "verdict_reason": [] if said.verdict_reason is None else [said.verdict_reason],
         "note": [note.text for note in said.notes],
     }
-    return {name: values for name, values in fields.items() if values not in ([], [None])}
 
 
 def file_fields(run: Path) -> Leaves:

@@ -65,10 +65,16 @@ class LineFile:
         return self._length
 
     def sync(self) -> None:
-        """Make the lines so far durable against a power cut."""
-        if self._unsynced:
+        """Make the lines so far durable against a power cut; another thread may append meanwhile."""
+        if not self._unsynced:
+            return
+        # Before the fsync: what is appended during it is left for the next one.
+        self._unsynced = False
+        try:
             os.fsync(self._descriptor)
-            self._unsynced = False
+        except OSError:
+            self._unsynced = True
+            raise
 
     def close(self) -> None:
         """Let the file go."""

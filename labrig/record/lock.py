@@ -67,13 +67,13 @@ class FileLock:
             When the file cannot be made.
         """
         with disk_errors(self.path):
-            descriptor = self._locked()
-            self.stale = _parsed(os.read(descriptor, 4096))
-            owner = LockOwner(doing, os.getpid(), platform.node())
-            os.lseek(descriptor, 0, os.SEEK_SET)
-            os.ftruncate(descriptor, 0)
-            write_fully(descriptor, (json.dumps(asdict(owner)) + "\n").encode())
-        self._descriptor = descriptor
+            self._descriptor = self._locked()
+            try:
+                self.stale = _parsed(os.read(self._descriptor, 4096))
+                _say_owner(self._descriptor, LockOwner(doing, os.getpid(), platform.node()))
+            except OSError:
+                self.release()
+                raise
         return self
 
     def _locked(self) -> int:
@@ -129,6 +129,12 @@ def lock_owner(path: Path) -> LockOwner | None:
     finally:
         os.close(descriptor)
     return None
+
+
+def _say_owner(descriptor: int, owner: LockOwner) -> None:
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    os.ftruncate(descriptor, 0)
+    write_fully(descriptor, (json.dumps(asdict(owner)) + "\n").encode())
 
 
 def _is_still(path: Path, descriptor: int) -> bool:

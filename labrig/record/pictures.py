@@ -6,6 +6,7 @@ tenth of that. Either way the line of a picture says where it stands and what it
 
 import hashlib
 import math
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from labrig.errors import InputError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.durable import write_and_rename
+from labrig.record.durable import sync_file, write_and_rename
 from labrig.record.layout import FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
 
@@ -40,7 +41,7 @@ class PictureWriter(Protocol):
         ...
 
     def sync(self) -> None:
-        """Make the pictures so far durable. Raises `OSError`."""
+        """Make the pictures so far durable; another thread may write more meanwhile. Raises `OSError`."""
         ...
 
     def sums(self, frames: int) -> dict[str, str]:
@@ -58,31 +59,34 @@ def picture_writer(run: Path, store: Store, first: int) -> PictureWriter:
 
 
 class PngPictures:
-    """Pictures as frames/NNNNNN.png, each complete and durable under its name."""
+    """Pictures as frames/NNNNNN.png, each complete under its name."""
 
     def __init__(self, run: Path, first: int) -> None:
         self._run = run
         self._first = first
         self._digests = bytearray()
-        self._unsynced = False
+        self._unsynced: deque[int] = deque()
 
     def write(self, number: int, image: Picture) -> dict[str, object]:
-        """Write a picture under a temporary name, fsync it, and rename it into place."""
+        """Write a picture under a temporary name, and rename it into place."""
         _, encoded = cv2.imencode(".png", np.ascontiguousarray(_checked(image)), _PNG_SETTINGS)
         content = encoded.tobytes()
         digest = hashlib.sha256(content)
-        write_and_rename(self._run / picture_file(number), content)
-        self._unsynced = True
+        write_and_rename(self._run / picture_file(number), content, sync=False)
+        self._unsynced.append(number)
         # Ten minutes are 18,000 pictures: their names are not kept.
         start = _DIGEST_BYTES * (number - self._first)
         self._digests[start : start + _DIGEST_BYTES] = digest.digest()
         return {"file": picture_file(number), "sha256": digest.hexdigest()}
 
     def sync(self) -> None:
-        """Make the names durable; the contents are."""
-        if self._unsynced:
+        """Make the contents durable, then the names."""
+        written = len(self._unsynced)
+        for _ in range(written):
+            sync_file(self._run / picture_file(self._unsynced[0]))
+            self._unsynced.popleft()
+        if written:
             sync_directory(self._run / FRAMES)
-            self._unsynced = False
 
     def sums(self, frames: int) -> dict[str, str]:
         """Return the SHA-256 of each picture."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
 from labrig.protocol import AnyProtocol, load_protocol
+from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.durable import disk_errors
 from labrig.record.json_lines import check_lines, read_lines
@@ -174,6 +175,17 @@ class Run:
         """Name of the run whose needle this one took out; None of any run that is no withdrawal."""
         name = self.manifest.get(WITHDRAWS)
         return name if isinstance(name, str) else None
+
+    @property
+    def annotations(self) -> Annotations:
+        """What people say of the run now: tags, notes, a verdict.
+
+        Raises
+        ------
+        RecordError
+            When a line of it is damaged.
+        """
+        return read_annotations(self.path)
 
     @cached_property
     def protocol(self) -> AnyProtocol:

@@ -15,7 +15,7 @@ from typing import Any
 from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
-_FORMAT = 1
+_FORMAT = 2
 _BUSY_TIMEOUT_S = 2.0
 
 Row = dict[str, Any]
@@ -98,7 +98,8 @@ def _keep(
         except sqlite3.OperationalError:
             # Another labrig writes it, or this account may not: the next listing tries again.
             return
-        except sqlite3.DatabaseError:
+        except (sqlite3.DatabaseError, ValueError):
+            # What SQLite says of a spoilt file may hold bytes of it that are no text.
             with suppress(OSError):
                 path.unlink()
             continue

@@ -5,12 +5,14 @@ import math
 import os
 import shutil
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
+from threading import Lock
 from typing import Self
 
 import numpy as np
@@ -49,8 +51,13 @@ from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
 from labrig.record.pictures import Store, picture_writer
 from labrig.record.reopening import Before, Standing, reopen_files
+from labrig.record.syncing import Rounds, sync_in_order
 
 EXIT_STATUSES = ("success", "aborted", "failed")
+
+# How many periods the disk may need for one round of fsyncs: to wait holds up who supervises the axes, and a disk that
+# other programs keep busy is quick again after some seconds.
+_MOST_PERIODS_BEHIND = 10
 
 _OF_A_PICTURE = frozenset({"frame", "file", "sha256", "offset", "shape", "t_s"})
 
@@ -67,10 +74,11 @@ class Recorder:
     """The record of a running experiment; made by `Recorder.create`, ended by `close`.
 
     What can be lost. A line is in the kernel before its call returns, and a picture stands complete under its
-    name before its line is written: killing the process loses nothing that was acknowledged. Each picture is
-    fsynced before it gets its name; the lines, and the names of pictures, are fsynced when the rig time of a
-    call passes a multiple of `fsync_period_s`, and on closing. So a power cut loses at most the lines and
-    pictures of the last period, and may tear the last line.
+    name before its line is written: killing the process loses nothing that was acknowledged. Pictures, and then
+    lines, are fsynced when the rig time of a call passes a multiple of `fsync_period_s`, by a thread of its own,
+    and on closing. So a power cut loses at most the lines and pictures of the last two periods, and may tear the
+    last line. Where the disk takes longer than a period, it is that much more; after `_MOST_PERIODS_BEHIND` the
+    call waits.
 
     Attributes
     ----------
@@ -94,6 +102,8 @@ class Recorder:
         self._frames = standing.before.frames
         self._trials_done = standing.before.trials_done
         self._can_crc32 = 0
+        self._appending = Lock()
+        self._rounds = Rounds(_MOST_PERIODS_BEHIND)
         self._closed = False
 
     @classmethod
@@ -321,7 +331,7 @@ class Recorder:
         self._require_open()
         self._begin_file(CAN_LOG)
         self._begin_file(CAN_SUMS)
-        with self._written(self.path / CAN_LOG):
+        with self._written(self.path / CAN_LOG), self._appending:
             length = self._lines[CAN_LOG].append_raw(lines)
         # Where the sums cannot be written, the next ones cover this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
@@ -366,6 +376,7 @@ class Recorder:
         try:
             self._finish({**self._manifest, **ending, **manifest_updates})
         finally:
+            self._rounds.close()
             for lines in self._lines.values():
                 lines.close()
             self._pictures.close()
@@ -373,7 +384,8 @@ class Recorder:
 
     def _finish(self, manifest: Mapping[str, object]) -> None:
         with self._written(self.path):
-            self._sync()
+            self._rounds.finish()
+            self._round()()
         self._release_reserve()
         sums = self._sums | self._pictures.sums(self._frames)
         sums |= {name: lines.sha256 for name, lines in self._lines.items()}
@@ -382,7 +394,7 @@ class Recorder:
         write_atomically(self.path / MANIFEST, manifest_document(manifest))
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
-        """Append a line that happened at `t_s`, and fsync when that begins a new period."""
+        """Append a line that happened at `t_s`, and begin to fsync when that begins a new period."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
         self._write_line(name, fields)
@@ -391,7 +403,7 @@ class Recorder:
             self._period = period
             with self._written(self.path):
                 self._require_room()
-                self._sync()
+                self._rounds.begin(self._round())
 
     def _require_room(self) -> None:
         """Refuse to go on before the disk is so full that nothing else on this computer can write either."""
@@ -408,7 +420,7 @@ class Recorder:
 
     def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
         self._require_open()
-        with self._written(self.path / name):
+        with self._written(self.path / name), self._appending:
             self._lines[name].append(fields)
 
     @contextmanager
@@ -421,11 +433,9 @@ class Recorder:
             self._release_reserve()
             raise
 
-    def _sync(self) -> None:
-        # Pictures first: a durable line then speaks of a durable picture.
-        self._pictures.sync()
-        for lines in self._lines.values():
-            lines.sync()
+    def _round(self) -> Callable[[], None]:
+        """Return what makes all that is written durable; files that are begun meanwhile are for the next round."""
+        return partial(sync_in_order, self._pictures, tuple(self._lines.values()), self._appending)
 
     def _release_reserve(self) -> None:
         # Where even this fails, the fault of the disk is already on its way up.

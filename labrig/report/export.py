@@ -1,11 +1,10 @@
 """A run as tables that other programs read: CSV, Parquet and MATLAB; pictures stay where they are.
 
-Every format says the same: one table each of states, events, trials, frames, truth, and of the newest result.
+Every format says the same: the tables of `labrig.report.tables`.
 """
 
 import io
 import json
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,9 +13,9 @@ import numpy as np
 import pandas as pd
 import scipy.io
 
-from labrig.analysis import AnalysisResult
 from labrig.errors import InputError
-from labrig.record import Run, encode_document, with_numbers_apart
+from labrig.record import Run, encode_document
+from labrig.report.tables import is_unknown
 
 Files = dict[str, bytes]
 
@@ -27,28 +26,6 @@ MAT_FILE = "run.mat"
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _MAT_LONGEST_NAME = 63
 _MAT_MOST_BYTES = 2**31
-
-
-def run_tables(run: Run, result: AnalysisResult | None) -> dict[str, pd.DataFrame]:
-    """Return all that a run says as tables, units in the names of their columns.
-
-    Parameters
-    ----------
-    result : AnalysisResult or None
-        Each list of its rows becomes a table: `measurements`, `specimens` ...
-
-    Returns
-    -------
-    dict
-        `states`, `events`, `trials`, `frames`, `truth` where there is one, then the result's.
-    """
-    tables = {"states": run.states, "events": run.events, "trials": run.trials, "frames": run.frame_table}
-    if not run.truth.empty:
-        tables["truth"] = run.truth
-    for name, rows in {} if result is None else result.document.items():
-        if isinstance(rows, list) and rows and all(isinstance(row, Mapping) for row in rows):
-            tables[name] = pd.DataFrame(rows)
-    return {name: _flat(with_numbers_apart(table)) for name, table in tables.items()}
 
 
 def as_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
@@ -80,12 +57,12 @@ def as_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
         name: {_mat_name(str(column)): _mat_column(table[column]) for column in table.columns}
         for name, table in tables.items()
     }
-    manifest = {
-        key: run.manifest.get(key) for key in ("run", "experiment", "exit_status", "started", "title")
-    }
-    content["run"] = {key: str(value or "") for key, value in manifest.items()} | {
-        "manifest_json": json.dumps(run.manifest, ensure_ascii=False)
-    }
+    about = (
+        {str(key): _mat_text(value) for key, value in tables["run"].iloc[0].items()}
+        if "run" in tables
+        else {}
+    )
+    content["run"] = {**about, "manifest_json": json.dumps(run.manifest, ensure_ascii=False)}
     largest = max((table.memory_usage(deep=True).max() for table in tables.values()), default=0)
     if largest >= _MAT_MOST_BYTES:
         raise InputError(
@@ -106,32 +83,6 @@ FORMATS: Mapping[str, Callable[[Run, Mapping[str, pd.DataFrame]], Files]] = {
 }
 
 _MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
-
-
-def _flat(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in which every cell holds a number, a text, true, false or nothing."""
-    return pd.DataFrame({str(name): _flat_column(table[name]) for name in table.columns}, index=table.index)
-
-
-def _flat_column(column: "pd.Series[Any]") -> "pd.Series[Any]":
-    if column.dtype != object:
-        return column
-    known = [value for value in column if not _is_unknown(value)]
-    if all(isinstance(value, bool) for value in known):
-        return column.astype("boolean")
-    if all(isinstance(value, int | float) for value in known):
-        return column.astype("float64")
-    return pd.Series(
-        [None if _is_unknown(v) else _text(v) for v in column], index=column.index, dtype="string"
-    )
-
-
-def _is_unknown(value: object) -> bool:
-    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value))
-
-
-def _text(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _no_formula(value: object) -> object:
@@ -156,5 +107,9 @@ def _mat_column(column: "pd.Series[Any]") -> np.ndarray[Any, Any]:
     if pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(dtype=np.float64, na_value=np.nan)
     cells = np.empty(len(column), dtype=object)
-    cells[:] = ["" if _is_unknown(value) else str(value) for value in column]
+    cells[:] = [_mat_text(value) for value in column]
     return cells
+
+
+def _mat_text(value: object) -> str:
+    return "" if is_unknown(value) else str(value)

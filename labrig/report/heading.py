@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from labrig import __version__
 from labrig.analysis import AnalysisResult
+from labrig.errors import RecordError
 from labrig.protocol import (
     CameraCalibrationProtocol,
     DesignProtocol,
@@ -34,8 +35,8 @@ _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed"
 class Heading:
     """Title, state and facts of a run; `verdict` is the page in a sentence or two.
 
-    `problems` says what the record lacks now (where, what, what to do), `damage` what else it lacked when it
-    was measured.
+    `said` is what people say of the run (tags, verdict and notes, each with a heading), `problems` what the record
+    lacks now (where, what, what to do), `damage` what else it lacked when it was measured.
     """
 
     eyebrow: str
@@ -47,6 +48,7 @@ class Heading:
     verdict: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     notes: str
+    said: tuple[tuple[str, str], ...]
     written: str
     problems: tuple[tuple[str, str, str], ...]
     damage: tuple[str, ...]
@@ -75,10 +77,23 @@ def make_heading(
         ),
         facts=tuple((term, value) for term, value in _facts(run) if value != UNKNOWN),
         notes=run.protocol.notes.strip(),
+        said=_said(run),
         written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
         problems=problems,
         damage=tuple(one for one in measured if one not in known),
     )
+
+
+def _said(run: Run) -> tuple[tuple[str, str], ...]:
+    """Return what people have said of a run since; of notes that cannot be read that they cannot be."""
+    try:
+        said = run.annotations
+    except RecordError as error:
+        return (("Notes", error.message.replace(f"{run.path}/", "")),)
+    verdict = ": ".join(filter(None, (said.verdict, said.verdict_reason)))
+    notes = [(f"Note {one.note}, {one.by}, {moment(one.at)}", one.text) for one in said.notes]
+    rows = (("Verdict", verdict), ("Tags", ", ".join(said.tags)), *notes)
+    return tuple((term, text) for term, text in rows if text)
 
 
 def _is_simulated(run: Run) -> bool:
@@ -162,12 +177,16 @@ def _resumed(run: Run) -> list[tuple[str, str]]:
     times = len(run.sessions)
     if times == 0:
         return []
-    repeated = [
-        f"trial {event['repeats']} was interrupted and repeated as trial {event['trial']}"
-        for event in run.lines("events")
-        if event["kind"] == "trial_start" and "repeats" in event
-    ]
+    begun = {event["trial"]: event for event in run.lines("events") if event["kind"] == "trial_start"}
+    repeated = [_repetition(begun[one["repeats"]], one) for one in begun.values() if "repeats" in one]
     return [("Resumed", "; ".join(["once" if times == 1 else f"{times} times", *repeated]))]
+
+
+def _repetition(lost: Mapping[str, object], again: Mapping[str, object]) -> str:
+    return (
+        f"trial {lost['trial']} was interrupted and repeated as trial {again['trial']}, "
+        f"{again['hole_position_mm']:g} mm from the first entry point instead of {lost['hole_position_mm']:g} mm"
+    )
 
 
 def _pictures(run: Run) -> str:

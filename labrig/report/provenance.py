@@ -1,7 +1,7 @@
 """Where a page's numbers come from: code, inputs, settings, calibration, devices."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from labrig.analysis import AnalysisResult
@@ -27,6 +27,7 @@ def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows =
     measured = () if result is None else _code(result.content.provenance)
     sections = (
         *_code_sections(_code(run.manifest.get("provenance")), measured),
+        *_session_sections(run),
         Section("Analysis", () if result is None else _analysis(result)),
         Section("Calibration", calibration),
         Section("SHA-256 of what was used", _hashes(run, result)),
@@ -41,6 +42,15 @@ def _code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
     if recorded == measured:
         return (Section("Recorded and measured with", recorded),)
     return Section("Recorded with", recorded), Section("Measured with", measured)
+
+
+def _session_sections(run: Run) -> Iterator[Section]:
+    """Yield for each time that a run was resumed when that was, and the code that then ran."""
+    for number, session in enumerate(run.sessions, start=2):
+        diff = session.get("code_diff")
+        changes = () if diff is None else (("changes to the code", str(diff)),)
+        began = ("started", moment(session.get("started")))
+        yield Section(f"Resumed with, session {number}", (began, *_code(session.get("provenance")), *changes))
 
 
 def _analysis(result: AnalysisResult) -> Rows:

@@ -8,7 +8,9 @@ from labrig.errors import InputError
 from labrig.steering.problem import PlanMethod, PlanProblem
 from labrig.steering.tip import EstimatorSettings, FloatArray, frozen, numbers
 
-StopReason = Literal["target_reached", "target_missed", "blocked", "needle_lost", "needle_stuck"]
+StopReason = Literal[
+    "target_reached", "target_missed", "blocked", "needle_lost", "needle_stuck", "sheath_astray"
+]
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
 from labrig.vision.refraction import Gel, PaperPlace
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.sheath import SheathPose, measure_sheath
 from labrig.vision.template_file import load_template, save_template, template_files
 from labrig.vision.tip import TipFix, TipSettings, locate_tip, next_region_px
 from labrig.vision.tip_template import TipTemplate, cut_template
@@ -46,6 +47,7 @@ __all__ = [
     "Picture",
     "PlaneMap",
     "ShaftTip",
+    "SheathPose",
     "TipFix",
     "TipSettings",
     "TipTemplate",
@@ -70,6 +72,7 @@ __all__ = [
     "locate_tip",
     "measure_curvature",
     "measure_shaft_tip",
+    "measure_sheath",
     "next_region_px",
     "projection_sigma_px",
     "read_picture",

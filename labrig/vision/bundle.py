@@ -6,7 +6,8 @@ by Gauss-Newton from OpenCV's answer without skew. The covariance is that of lea
 residuals and their degrees of freedom; OpenCV's own standard deviations count a corner as one observation, not two.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -96,17 +97,19 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     CalibrationRefusedError
         If no camera explains them.
     """
+    corners, unknown = sum(len(view.pixels) for view in views), len(FREE[model]) + _POSE * len(views)
+    if 2 * corners < unknown:
+        raise CalibrationRefusedError(
+            f"{corners} corners are too few for a camera, {-(-unknown // 2)} are the least",
+            "photograph the board in more poses, and more of it",
+        )
     boards = [view.board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:
-        _, matrix, lens, turns, shifts = cv2.calibrateCamera(
-            boards,
-            pixels,
-            size,
-            None,
-            None,
-            flags=_FLAGS[model],
-        )
+        with _one_thread():
+            _, matrix, lens, turns, shifts = cv2.calibrateCamera(
+                boards, pixels, size, None, None, flags=_FLAGS[model]
+            )
     except cv2.error as error:
         raise CalibrationRefusedError(
             f"no camera explains the {len(views)} views: {error.err}",
@@ -117,6 +120,17 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     poses = np.array([np.ravel(np.vstack(pose)) for pose in zip(turns, shifts, strict=True)], dtype=float)
     fit = Fit(model, start, poses, 0.0, None)
     return _with_evidence(_polished(fit, views) if model == "zhang" else fit, views)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let OpenCV add up in one order: with several threads the last digits of a camera change from call to call."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
 
 
 def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:

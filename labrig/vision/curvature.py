@@ -22,6 +22,7 @@ from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import Shaft, locate_shaft
+from labrig.vision.sheath import heading_of
 
 FloatArray = NDArray[np.float64]
 Bend = Literal["+y", "-y"]
@@ -106,6 +107,8 @@ class CurvatureMeasurement:
     tip_mm, sheath_tip_mm, entry_mm : (float, float) or None
         (y, z). The entry is the sheath's tip, or where the needle enters the picture and no sheath is stated;
         the sheath's tip is None then. The needle's tip is the end of its centre line.
+    sheath_heading_rad : float or None
+        Of the sheath, zero along the insertion, positive towards +y; None where too little of it is seen.
     tip_px : (float, float) or None
         (u, v).
     arc_length_mm : float or None
@@ -135,6 +138,7 @@ class CurvatureMeasurement:
     tip_mm: tuple[float, float] | None = None
     tip_px: tuple[float, float] | None = None
     sheath_tip_mm: tuple[float, float] | None = None
+    sheath_heading_rad: float | None = None
     entry_mm: tuple[float, float] | None = None
     arc_length_mm: float | None = None
     residual_rms_mm: float | None = None
@@ -155,6 +159,7 @@ class CurvatureMeasurement:
             "tip_mm": _listed(self.tip_mm),
             "tip_px": _listed(self.tip_px),
             "sheath_tip_mm": _listed(self.sheath_tip_mm),
+            "sheath_heading_rad": self.sheath_heading_rad,
             "entry_mm": _listed(self.entry_mm),
             "arc_length_mm": self.arc_length_mm,
             "residual_rms_mm": self.residual_rms_mm,
@@ -234,6 +239,7 @@ def _with_circle(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> 
         tip_mm=tip,
         tip_px=_pair(shaft.tip_px),
         sheath_tip_mm=entry if shaft.sheathed else None,
+        sheath_heading_rad=heading_of(shaft.sheath_mm),
         entry_mm=entry,
         arc_length_mm=shaft.length_mm,
     )

@@ -10,7 +10,7 @@ or for one under its file's name::
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -85,6 +85,11 @@ class Mask:
             fixed = np.rint(np.array(polygon) * 2**_SUBPIXEL_BITS).astype(np.int32)
             cv2.fillPoly(drawn, [fixed], 255, shift=_SUBPIXEL_BITS)
         return np.asarray(drawn > 0)
+
+    def with_names(self, names: Mapping[str, str]) -> "Mask":
+        """Return the mask with polygons under other names too: of each copy, what it was copied from."""
+        known = {copy: self.polygons[name] for copy, name in names.items() if name in self.polygons}
+        return replace(self, polygons={**self.polygons, **known})
 
 
 def load_mask(path: Path) -> Mask:

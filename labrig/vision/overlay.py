@@ -21,12 +21,16 @@ _CENTRE_LINE: _Colour = (66, 228, 240)
 _CIRCLE: _Colour = (233, 180, 86)
 _ENTRY: _Colour = (115, 158, 0)
 _TIP: _Colour = (0, 94, 213)
+_SHEATH: _Colour = (167, 121, 204)
 # The circle is drawn this far beyond the fitted window, so that its course shows against the needle's.
 _BEYOND_MM = 4.0
 _CIRCLE_POINTS = 200
 _DASH_ROWS = 10
 _SUBPIXEL_BITS = 4
 _AXIS_MM = 10.0
+# The sheath's arrow goes beyond the axis, and its words stand clear of those of the axes.
+_SHEATH_MM = 16.0
+_BELOW_PX = np.array([8.0, 36.0])
 # Marks are this long compared with the picture's width, and at least so many pixels.
 _MARK, _LEAST_MARK_PX = 0.012, 5.0
 
@@ -35,20 +39,22 @@ _MARK, _LEAST_MARK_PX = 0.012, 5.0
 class DrawnPlan:
     """A plan as it is drawn: columns (y, z) [mm] of the steering plane.
 
-    path_mm (N, 2); target_mm (y, z) with its tolerance; obstacles ((y, z), radius).
+    path_mm (N, 2); target_mm (y, z) with its tolerance; obstacles ((y, z), radius); sheath its tip (y, z) and heading
+    [rad] where it was found.
     """
 
     path_mm: FloatArray
     target_mm: tuple[float, float]
     tolerance_mm: float
     obstacles: tuple[tuple[tuple[float, float], float], ...] = ()
+    sheath: tuple[tuple[float, float], float] | None = None
 
 
 def draw_measurement(image: Picture, measurement: CurvatureMeasurement, plane: PlaneMap) -> Picture:
     """Return a copy of the picture, (H, W, 3) blue-green-red, with what was measured drawn in.
 
-    The centre line is dashed yellow, the fitted circle blue, the entry (the sheath's tip) a green cross, the
-    needle's tip an orange ring; what is None is not drawn.
+    The centre line is dashed yellow, the fitted circle blue, the entry (the sheath's tip) a green cross, the sheath's
+    direction a purple arrow, the needle's tip an orange ring; what is None is not drawn.
     """
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
     drawn = np.asarray(colour, dtype=np.uint8)
@@ -64,6 +70,8 @@ def draw_measurement(image: Picture, measurement: CurvatureMeasurement, plane: P
         centre = plane.to_px(np.array([measurement.entry_mm]))[0]
         for across in (np.array([half, half]), np.array([half, -half])):
             _polyline(drawn, np.array([centre - across, centre + across]), _ENTRY)
+    if measurement.sheath_tip_mm is not None and measurement.sheath_heading_rad is not None:
+        _draw_sheath(drawn, plane, measurement.sheath_tip_mm, measurement.sheath_heading_rad)
     if measurement.tip_px is not None:
         turn = np.linspace(0.0, 2.0 * np.pi, 60)
         _polyline(drawn, measurement.tip_px + half * np.column_stack((np.cos(turn), np.sin(turn))), _TIP)
@@ -74,7 +82,7 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     """Return a copy of the picture, (H, W, 3) blue-green-red, with a plan and the plane's axes drawn in.
 
     The path is blue, the target an orange ring of its tolerance, obstacles yellow; the axes are green, 10 mm long, z
-    along the insertion.
+    along the insertion, from the origin that was commanded. Where the sheath was found is a purple arrow along it.
     """
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
     drawn = np.asarray(colour, dtype=np.uint8)
@@ -86,13 +94,35 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     if len(plan.path_mm):
         _polyline(drawn, plane.to_px(plan.path_mm), _CIRCLE)
     for name, end_mm in (("z 10 mm", (0.0, _AXIS_MM)), ("y", (_AXIS_MM, 0.0))):
-        start, end = plane.to_px(np.array([(0.0, 0.0), end_mm]))
-        tip = 0.85 * (end - start)
-        aside = 0.07 * np.array([-(end - start)[1], (end - start)[0]])
-        _polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), _ENTRY)
-        u, v = (int(one) for one in end + 6.0)
-        cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _ENTRY, 1, cv2.LINE_AA)
+        _, end = _arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _ENTRY)
+        _name(drawn, name, end + 6.0, _ENTRY)
+    if plan.sheath is not None:
+        _draw_sheath(drawn, plane, *plan.sheath)
     return drawn
+
+
+def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], heading_rad: float) -> None:
+    """Draw where the sheath was found: an arrow along its heading through a ring at its tip, named with both."""
+    along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
+    start, _ = _arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
+    turn = np.linspace(0.0, 2.0 * np.pi, 40)
+    _polyline(drawn, start + _LEAST_MARK_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
+    found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
+    _name(drawn, found, start + _BELOW_PX, _SHEATH)
+
+
+def _arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArray, FloatArray]:
+    """Draw an arrow between two pixels (2, 2), and return them."""
+    start, end = ends
+    tip = 0.85 * (end - start)
+    aside = 0.07 * np.array([-(end - start)[1], (end - start)[0]])
+    _polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), colour)
+    return start, end
+
+
+def _name(drawn: Picture, name: str, place: FloatArray, colour: _Colour) -> None:
+    u, v = (int(one) for one in place)
+    cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
 
 
 def _arc_mm(centre: tuple[float, float], radius: float, measurement: CurvatureMeasurement) -> FloatArray:

@@ -63,6 +63,8 @@ class Shaft:
         The sheath's tip, or where the shaft enters the picture.
     sheathed : bool
         Whether the entry is a sheath's tip.
+    sheath_mm : ndarray (M, 2)
+        The sheath's centre line in the plane [mm], up to its tip; empty without one.
     tip_px : ndarray (2,)
         The end of the centre line, level with the foremost point of the bevel.
     length_mm : float
@@ -75,6 +77,7 @@ class Shaft:
     width_mm: float
     entry_px: FloatArray
     sheathed: bool
+    sheath_mm: FloatArray
     tip_px: FloatArray
     length_mm: float
 
@@ -219,7 +222,8 @@ def _measured(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters,
     width_mm = np.hypot(*(right_mm - left_mm).T)
     run = longest_run(edges.counts, widths.px_per_mm)
     entry = sheath_end(width_mm, run, widths.px_per_mm, diameters)
-    bar = run & _is_bar(width_mm, run, entry) & (grid > entry + _STEP_BLUR * widths.needle_px)
+    even = run & _is_bar(width_mm, run, entry)
+    sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
     tip = needle_end(strip, edges, np.flatnonzero(run), widths)
     if tip >= len(grid) - 1:
         raise _no_tip(scene.picture, guide.places[-1], view)
@@ -236,6 +240,7 @@ def _measured(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters,
         width_mm=float(np.median(width_mm[bar])),
         entry_px=ends[0],
         sheathed=diameters.sheath_mm is not None,
+        sheath_mm=0.5 * (left_mm + right_mm)[sheath],
         tip_px=ends[1],
         length_mm=float(tip_arc - entry_arc),
     )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.picture import Picture, require_size
@@ -43,7 +44,12 @@ class ShaftTip:
 
 
 def measure_shaft_tip(
-    image: Picture, plane: PlaneMap, diameter_mm: float, sheath_diameter_mm: float | None
+    image: Picture,
+    plane: PlaneMap,
+    diameter_mm: float,
+    sheath_diameter_mm: float | None,
+    *,
+    masked: NDArray[np.bool_] | None = None,
 ) -> ShaftTip:
     """Measure where the needle in a picture ends.
 
@@ -55,6 +61,8 @@ def measure_shaft_tip(
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
         None where no sheath is in the picture.
+    masked : ndarray of bool (H, W), optional
+        Pixels that are not the needle.
 
     Raises
     ------
@@ -65,7 +73,7 @@ def measure_shaft_tip(
     """
     if plane.image_size is not None:
         require_size(image, plane.image_size, "the plane map")
-    shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm)
+    shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm, masked=masked)
     end_mm = shaft.arc_mm[-1] - _BEVEL_ONSET * shaft.width_mm
     last = (shaft.arc_mm >= end_mm - _OVER_MM) & (shaft.arc_mm <= end_mm)
     arc_mm = shaft.arc_mm[last] - shaft.length_mm

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.analysis import CalibrationResult, analyze_run, load_result
+from labrig.analysis import CalibrationResult, analyze_run, first_divergence, load_result
 from labrig.record import Run
 from labrig.vision import Gel, load_intrinsics, load_plane
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
@@ -55,6 +55,12 @@ def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
     used = {view["image"] for view in content.intrinsics["views"] if view["used"]}
     assert content.corners.keys() == used
     assert {len(pixels) for pixels in content.corners.values()} == {54}
+
+
+def test_unchanged_settings_give_identical_numbers(run: Run) -> None:
+    """Lens and plane come out the same to the last digit, however many threads OpenCV has."""
+    first, second = (_analyse(run)[0].model_dump(mode="json") for _ in range(2))
+    assert first_divergence(first, second) is None
 
 
 def test_progress_counts_the_pictures(run: Run) -> None:

@@ -31,3 +31,14 @@ def test_a_picture_that_is_gone_and_a_sum_that_differs_are_named() -> None:
     assert first_divergence(_document(), fewer) == Divergence("measurements.1.frame", 7, 7, None)
     other = _document(mean_radius_mm=1.0)
     assert first_divergence(_document(), other) == Divergence("mean_radius_mm", None, 27.5, 1.0)
+
+
+def test_of_a_sentence_only_counts_whether_it_is_there() -> None:
+    """A reason that quotes another setting is no other number; a picture that is refused now is."""
+    refused = _document(measurements=[{"frame": 3, "reason": "4 mm are left out"}])
+    other = _document(measurements=[{"frame": 3, "reason": "6 mm are left out"}])
+    assert first_divergence(refused, other) is None
+    accepted = _document(measurements=[{"frame": 3, "reason": None}])
+    assert first_divergence(refused, accepted) == Divergence(
+        "measurements.0.reason", 3, "4 mm are left out", None
+    )

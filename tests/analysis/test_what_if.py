@@ -1,84 +1,76 @@
-"""What an insertion would have been told with other settings, over the sightings that were recorded."""
+"""What an insertion would have been told with other settings, on its recorded pictures: one result beside another."""
 
-import shutil
-from pathlib import Path
+from functools import cache
+from typing import Any
 
-import numpy as np
 import pytest
 
-from labrig.analysis import insertion_settings, steer_again
-from labrig.errors import RecordError
-from labrig.protocol import InsertionProtocol, dump_yaml, load_protocol
-from labrig.record import Recorder, Run, open_run
-from labrig.steering import TipSighting, start_steering, step_steering
-from tests.record.runs import ENDED, STARTED
-
-ROOT = Path(__file__).parents[2]
-TARGET_MM = (0.0, 4.0, 60.0)
+from labrig.analysis import InsertionResult, compare_steering, first_divergence, steered
+from tests.analysis.insertions import analysed, observations, recorded
 
 
-def _protocol(*overrides: str) -> InsertionProtocol:
-    protocol = load_protocol(ROOT / "protocols" / "insertion.yaml", ["obstacles=[]", *overrides])
-    assert isinstance(protocol, InsertionProtocol)
-    return protocol
+@cache
+def _document(*overrides: str) -> dict[str, Any]:
+    document: dict[str, Any] = _result(*overrides).model_dump(mode="json")
+    return document
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """An insertion whose tip is seen where it is predicted, but for a little noise; its record alone, no pictures."""
-    protocol, draw = _protocol(), np.random.default_rng(6)
-    recorder = Recorder.create(
-        tmp_path_factory.mktemp("runs"), "run", {"experiment": "insertion", "started": STARTED},
-        dump_yaml(protocol), None, {},
-    )  # fmt: skip
-    recorder.event("trial_start", 0.0, trial=0, target_mm=TARGET_MM, tolerance_mm=2.0, obstacles=[])
-    settings = insertion_settings(protocol, TARGET_MM, ())
-    state, command = start_steering(settings)
-    number = 0
-    while command.stop is None:
-        depth_mm = command.observe_at_mm
-        y_mm, z_mm = state.predicted(depth_mm, settings)[1:3, 3] + draw.normal(0.0, 0.2, 2)
-        seen = None if number % 9 == 4 else (0.0, float(y_mm), float(z_mm))
-        state, command = step_steering(
-            state, TipSighting(depth_mm, None if seen is None else np.asarray(seen)), settings
-        )
-        said = {"tip_mm": seen, "estimate": {"position_mm": state.tip.position_mm.tolist()}}
-        depth_mm = state.insertion_mm
-        recorder.event("observation", 1.0 + number, trial=0, frame=number, depth_mm=depth_mm, **said)
-        number += 1
-    recorder.close("success", "", ENDED)
-    return open_run(recorder.path)
+@cache
+def _result(*overrides: str) -> InsertionResult:
+    return analysed(recorded(), *overrides)
 
 
-def test_unchanged_settings_give_every_command_again(run: Run) -> None:
-    """The estimates are those of the record to the last digit, and no command differs."""
-    (found,) = steer_again(run, _protocol())
-    assert (found.as_recorded, found.divergence) == (True, None)
-    assert found.old == found.new
-    assert found.sightings > 20
-    assert found.old.turns == len(found.old.turns_at_mm) > 0
+def test_unchanged_settings_give_every_command_again() -> None:
+    """Every estimate is that of the record to the last digit; the bevel is told to turn where it was turned."""
+    (insertion,) = _result().insertions
+    assert insertion.as_recorded is True
+    (found,) = compare_steering(_document(), _document())
+    assert (found.divergence, found.old) == (None, found.new)
+    flips = [event for event in recorded().lines("events") if event["kind"] == "flip"]
+    assert list(found.new.turns_at_mm) == [flip["depth_mm"] for flip in flips]
+    assert found.new.stop == "target_reached"
+    assert [one.frame for one in insertion.commands[1:]] == [one["frame"] for one in observations(recorded())]
 
 
-def test_the_first_command_that_differs_is_named(run: Run) -> None:
+def test_the_first_command_that_differs_is_named() -> None:
     """A radius that the planner believes otherwise shows in the first command, before anything was seen."""
-    (found,) = steer_again(run, _protocol("planner.radius_mm=33"))
-    assert found.as_recorded
+    (found,) = compare_steering(_document(), _document("planner.radius_mm=33"))
     assert found.divergence is not None
+    assert found.divergence.frame is None
     assert found.divergence.old != found.divergence.new
-    assert found.divergence.frame is None or found.divergence.frame >= 0
 
 
-def test_an_estimator_of_another_kind_parts_later(run: Run) -> None:
-    """Other estimates lead to another command, if at all, after some picture; what was recorded stays as it was."""
-    (found,) = steer_again(run, _protocol("estimator.observation_sd_mm=2.0"))
-    assert found.as_recorded
-    assert found.old.tip_mm != found.new.tip_mm
-    if found.divergence is not None:
-        assert found.divergence.depth_mm > 0.0
+def test_a_policy_shows_in_commands_alone() -> None:
+    """With a policy that never plans anew the estimates stay, since the turns that were made are known."""
+    other = _document("policy.replan_every_mm=500", "policy.deviation_mm=null", "policy.final_mm=0")
+    (found,) = compare_steering(_document(), other)
+    assert found.new.replans < found.old.replans
+    assert found.divergence is not None
+    assert found.divergence.frame is not None
+    assert [one["estimate_mm"] for one in other["insertions"][0]["steps"]] == [
+        one["estimate_mm"] for one in _document()["insertions"][0]["steps"]
+    ]
 
 
-def test_a_run_that_is_no_insertion_is_refused(tmp_path: Path) -> None:
-    """Steering is asked of insertions alone."""
-    copy = Path(shutil.copytree(ROOT / "data" / "first-record", tmp_path / "run"))
-    with pytest.raises(RecordError, match="is no insertion"):
-        steer_again(open_run(copy), _protocol())
+def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
+    """The first number that differs stands in a step, and its picture is named before what was computed from it."""
+    found = first_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
+    assert found is not None
+    assert found.key.startswith("insertions.0.steps.")
+    assert found.frame in {one["frame"] for one in observations(recorded())}
+
+
+def test_after_a_stop_no_more_commands_are_given() -> None:
+    """Settings that would have stopped the needle earlier end its commands there; it is estimated on to the end."""
+    other = _document("planner.radius_mm=200")
+    told = steered(other["insertions"][0])
+    assert told is not None
+    assert told.stop is not None
+    assert len(other["insertions"][0]["commands"]) <= len(other["insertions"][0]["steps"])
+    assert len(other["insertions"][0]["steps"]) == len(observations(recorded()))
+
+
+@pytest.mark.parametrize("lacking", [{}, {"insertions": [{"trial": 0, "steps": []}]}])
+def test_a_result_without_commands_has_nothing_to_compare(lacking: dict[str, Any]) -> None:
+    """Results of other experiments, and insertions of a labrig that wrote none down, are left out."""
+    assert compare_steering(lacking, _document()) == ()

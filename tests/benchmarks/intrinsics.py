@@ -4,7 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision import BoardSearch, Intrinsics, calibrate_from_pictures, calibrate_intrinsics, read_picture
+from labrig.vision import (
+    BoardSearch,
+    Intrinsics,
+    calibrate_from_pictures,
+    calibrate_intrinsics,
+    projection_sigma_px,
+    read_picture,
+)
 from tests.benchmarks.table import print_rows
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -55,15 +62,26 @@ def print_table() -> None:
         [f"Zhang's {name}", f"{value:.6f}", ZHANG[name], f"{value - ZHANG[name]:+.6f}", "0.01"]
         for name, value in _zhang()
     ]
+    cut = _cut_boards()
     for what, lens in (
         ("one photograph five times", calibrate_from_pictures([pictures[0]] * 5, 9, 6, 25.0)),
-        ("a board held all but parallel, cut by the frame", _cut_boards()),
+        ("20 photographs of a board all but parallel, cut by the frame", cut),
     ):
         rows.append([what, "accepted" if lens.accepted else "refused", "refused", "", "refused"])
     print_rows(("figure", "measured", "known", "off", "limit"), rows)
     corners = np.vstack([view.corners_px for view in found.views])
     centre = np.array(found.projection_sigma_px)[3, 4]
-    print(f"{len(corners)} corners; uncertain by {centre:.3f} px in the middle (mrcal: 0.026)")
+    at = projection_sigma_px(found, [(100.0, 100.0)], corners)[0]
+    print(
+        f"{len(corners)} corners; uncertain by {centre:.3f} px in the middle (mrcal: 0.026) and "
+        f"{at:.2f} px at (100, 100) (mrcal: 0.14); predicted to {found.holdout_rms_px:.3f} px"
+    )
+    print(
+        f"the cut boards: {sum(view.used for view in cut.views)} of {len(cut.views)} used, fx {cut.fx:.0f} +- "
+        f"{cut.sigma['fx']:.0f} px, predicted to {cut.holdout_rms_px:.2f} px"
+    )
+    for reason in cut.reasons:
+        print(f"  {reason}")
 
 
 def _zhang() -> list[tuple[str, float]]:
@@ -77,5 +95,5 @@ def _zhang() -> list[tuple[str, float]]:
 
 def _cut_boards() -> Intrinsics:
     folder = DATA / "real_insertions" / "checkerboard"
-    pictures = [(path.name, read_picture(path)) for path in sorted(folder.glob("*.jpg"))[:8]]
+    pictures = [(path.name, read_picture(path)) for path in sorted(folder.glob("*.jpg"))]
     return calibrate_from_pictures(pictures, 9, 6, 25.0, search=BoardSearch(partial=True))

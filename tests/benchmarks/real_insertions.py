@@ -36,7 +36,7 @@ WITHIN_MM = 1.0
 Papers = dict[str, tuple[tuple[int, int], PlaneFit]]
 WHY_THE_SCALE = (
     "5.607 px/mm is 157 px counted as 28 mm, where one px is 0.6 %. The lines, counted over 700 px by labrig and by "
-    "eye, and the drive's steps of 8 mm are measured apart from each other; where they agree and 5.607 does not, it is off. "
+    "eye, and the drive's steps of 8 mm are measured apart from each other; where these agree, 5.607 is off. "
     "Gel before the paper (n 1.35) would enlarge it by 1.2 % if it were 0.047 of the camera's distance deep; neither "
     "depth nor distance is known, so refraction is not shown to be the cause."
 )

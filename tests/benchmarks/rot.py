@@ -6,33 +6,49 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from labrig.record import open_run
+from labrig.record import list_runs, open_run
+from labrig.record.pictures import Store
+from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows
-from tests.record.faults import RAW_FILES, Values, full_run, is_noticed_or_unchanged, told, values
+from tests.record.faults import Values, full_run, is_noticed_or_unchanged, raw_files, told, values
 
 FLIPS = 1000
 _LAST_BYTES = 1024
+_STORES: tuple[Store, ...] = ("png", "raw")
+_NOT_RECORDED = frozenset({".lock"})
+"""Who writes the run; of one that was left it says nothing."""
 
 
 def print_table(flips: int = FLIPS) -> None:
-    """Print how many cuts and flips of an open and of a closed run were noticed, or changed nothing that is read."""
-    rows = []
-    for closed in (False, True):
-        with tempfile.TemporaryDirectory() as folder:
-            run = full_run(Path(folder), closed=closed)
-            original = values(open_run(run))
-            for what, outcomes in (
-                ("cut at a byte of its last kilobyte", list(_cuts(run, original))),
-                ("one flipped bit", list(_flips(run, original, flips))),
-            ):
-                state = "closed" if closed else "open"
-                rows.append([f"{state} run, {what}", sum(outcomes), f"{len(outcomes)} of {len(outcomes)}"])
-    print_rows(("opened as it was, or refused with the place", "runs", "limit"), rows)
+    """Print how many cuts and flips of open and closed runs were noticed, or changed nothing that is read."""
+    rows: list[list[object]] = []
+    for store in _STORES:
+        for closed in (False, True):
+            with tempfile.TemporaryDirectory() as folder:
+                run = full_run(Path(folder), closed=closed, store=store)
+                name = f"{'closed' if closed else 'open'} run, {'PNG' if store == 'png' else 'raw'} frames"
+                rows += _rows(name, run, store, closed, flips)
+    rows.append(_row("index of a folder of runs: one flipped bit, the list is the same", _index_flips(flips)))
+    print_rows(("opened as it was, or refused with the place", "so", "limit"), rows)
 
 
-def _cuts(run: Path, original: Values) -> Iterator[bool]:
+def _rows(name: str, run: Path, store: Store, closed: bool, flips: int) -> Iterator[list[object]]:
+    original = values(open_run(run))
+    yield _row(f"{name}: cut at each byte of a file's last kilobyte", _cuts(run, original, store))
+    found = list(_flips(run, original, flips))
+    yield _row(f"{name}: one flipped bit", [noticed for noticed, _ in found])
+    if closed:
+        yield _row(f"{name}: that bit named by runs check", [by_check for _, by_check in found])
+
+
+def _row(what: str, outcomes: Iterator[bool] | list[bool]) -> list[object]:
+    so = list(outcomes)
+    return [what, sum(so), f"{len(so)} of {len(so)}"]
+
+
+def _cuts(run: Path, original: Values, store: Store) -> Iterator[bool]:
     """Yield for each cut whether it was noticed; anything but a named error ends the benchmark."""
-    for name in RAW_FILES:
+    for name in raw_files(store):
         content = (run / name).read_bytes()
         for kept in range(max(0, len(content) - _LAST_BYTES), len(content)):
             (run / name).write_bytes(content[:kept])
@@ -41,18 +57,36 @@ def _cuts(run: Path, original: Values) -> Iterator[bool]:
         (run / name).write_bytes(content)
 
 
-def _flips(run: Path, original: Values, count: int) -> Iterator[bool]:
+def _flips(run: Path, original: Values, count: int) -> Iterator[tuple[bool, bool]]:
+    """Yield for each flip whether it was noticed by who reads the run, and whether by a check."""
     source = random.Random(6)
     files = sorted(path for path in run.rglob("*") if path.is_file() and path.stat().st_size)
+    files = [path for path in files if path.name not in _NOT_RECORDED]
     for _ in range(count):
         path = source.choice(files)
         content = path.read_bytes()
-        changed = bytearray(content)
-        changed[source.randrange(len(changed))] ^= 1 << source.randrange(8)
-        path.write_bytes(changed)
-        yield is_noticed_or_unchanged(run, original)
-        told(run)
+        path.write_bytes(_flipped(content, source))
+        yield is_noticed_or_unchanged(run, original), bool(told(run))
         path.write_bytes(content)
+
+
+def _index_flips(count: int) -> Iterator[bool]:
+    """Yield for each flip in the index of three runs whether the list is the same."""
+    source = random.Random(6)
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("a", "b", "c"):
+            full_run(Path(folder) / name, closed=True).rename(Path(folder) / f"run-{name}")
+        listed, index = list_runs(Path(folder)), Path(folder) / INDEX_FILE
+        content = index.read_bytes()
+        for _ in range(count):
+            index.write_bytes(_flipped(content, source))
+            yield list_runs(Path(folder)) == listed
+
+
+def _flipped(content: bytes, source: random.Random) -> bytes:
+    changed = bytearray(content)
+    changed[source.randrange(len(changed))] ^= 1 << source.randrange(8)
+    return bytes(changed)
 
 
 if __name__ == "__main__":

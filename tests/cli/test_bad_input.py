@@ -45,6 +45,36 @@ def test_a_malformed_protocol_is_refused_with_its_place(text: str, labrig: Labri
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path: Path) -> None:
+    """A rig file for a protocol, the other way round, and a text: not every key that they have not."""
+    done = labrig("check", RIG)
+    assert (done.exit_code, done.err.count("error:")) == (2, 1)
+    assert "this is a rig file, expected a protocol" in done.err
+    done = labrig("check", SWEEP, "--rig", SWEEP)
+    assert (done.exit_code, done.err.count("error:")) == (2, 1)
+    assert "this is a protocol, expected a rig file" in done.err
+    text = tmp_path / "notes.md"
+    text.write_text("# Notes\n\n- `a`: b: c\n", encoding="utf-8")
+    done = labrig("run", text)
+    assert (done.exit_code, done.err) == (
+        2, f"error: {text}: this is no YAML file\nhint: {tmp_path} holds no YAML file\n",
+    )  # fmt: skip
+
+
+def test_a_run_is_found_by_the_name_that_the_list_shows(
+    labrig: Labrig, sweep: Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In data/runs of the folder where labrig is called; a folder of that name comes first."""
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "runs").symlink_to(sweep.run.parent, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    for command in (("reanalyze",), ("report",), ("runs", "check"), ("replay",)):
+        done = labrig(*command, "no-such-run")
+        assert (done.exit_code, "no-such-run" in done.err) == (4, True), command
+    done = labrig("runs", "check", sweep.run.name, "--json")
+    assert done.json()[0]["run"] == str(Path("data/runs") / sweep.run.name)
+
+
 def test_a_missing_protocol_is_refused(labrig: Labrig, tmp_path: Path) -> None:
     """A protocol that is not there exits with 2 and names the path."""
     done = labrig("run", tmp_path / "nowhere.yaml", "--json")

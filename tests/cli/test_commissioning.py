@@ -289,7 +289,7 @@ def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, 
     assert "labrig run" in document["done"][0]
     assert running.returncode == 3
     assert "stopped by labrig devices stop" in talk
-    assert "labrig devices withdraw" in talk
+    assert "nothing is to be taken out" in talk
     (run,) = (path.parent for path in tmp_path.glob("*/manifest.json"))
     assert open_run(run).manifest["exit_status"] == "aborted"
 

@@ -11,17 +11,24 @@ import pytest
 
 from labrig.record import check_run, open_run
 from tests.cli.conftest import RIG, ROOT, SHORT_SWEEP, SWEEP
+from tests.record.faults import killed_run
 
 UNSHARE = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
+
+
+def _mounting(disk: Path, size: str) -> str:
+    """Return the command that makes a small disk, for a namespace of its own; skip where that is not allowed."""
+    disk.mkdir()
+    mount = f"mount -t tmpfs -o size={size} none '{disk}'"
+    if shutil.which("unshare") is None or subprocess.run([*UNSHARE, mount], check=False).returncode:
+        pytest.skip("this account may not mount a small disk of its own")
+    return mount
 
 
 def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[str, object], Path]:
     """Run the short sweep on a disk of its own; return what was printed and a copy of the record."""
     disk, copy = tmp_path / "disk", tmp_path / "copy"
-    disk.mkdir()
-    mount = f"mount -t tmpfs -o size={size} none '{disk}'"
-    if shutil.which("unshare") is None or subprocess.run([*UNSHARE, mount], check=False).returncode:
-        pytest.skip("this account may not mount a small disk of its own")
+    mount = _mounting(disk, size)
     sets = [word for setting in settings for word in ("--set", setting)]
     command = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", disk]
     command += ["--run-name", "run", "--json", *SHORT_SWEEP, *sets]
@@ -56,3 +63,38 @@ def test_the_axes_stop_and_the_record_says_why(
     assert len(list(opened.frames)) == len(opened.frame_table) > 5
     halted = [frame for frame in list(opened.can_frames)[-60:] if frame.data[1:3] == b"\x40\x60"]
     assert halted, "every axis was told to stop"
+
+
+def test_raw_frames_that_may_not_grow_end_the_run_whole(tmp_path: Path) -> None:
+    """A quota on the file of raw frames: stopped, failed with the reason, every acknowledged picture readable."""
+    command = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path]
+    command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "rig.camera.store=raw"]
+    script = ["bash", "-c", 'ulimit -f 6000; exec "$@"', "bash"]
+    done = subprocess.run(
+        [*script, *map(str, command)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, "Traceback" in done.stderr) == (3, False)
+    assert json.loads(done.stdout)["exit_status"] == "failed"
+    run = open_run(tmp_path / "run")
+    assert "File too large" in str(run.manifest["reason"])
+    assert (run.problems, check_run(tmp_path / "run").damage) == ((), ())
+    assert len(list(run.frames)) == len(run.frame_table) == 6_000 * 1024 // (1280 * 720)
+
+
+def test_commands_on_a_full_disk_say_so_and_change_nothing(tmp_path: Path) -> None:
+    """List, repair, remark, analysis, page and tables: exit code 3 with the file, or an answer; no run is touched."""
+    shutil.copytree(ROOT / "data" / "first-record", tmp_path / "runs" / "closed")
+    killed_run(tmp_path / "runs", "open")
+    disk = tmp_path / "disk"
+    mount = _mounting(disk, "4m")
+    script = f"{mount} && cp -r '{tmp_path}/runs/.' '{disk}' && exec \"$@\""
+    command = [*UNSHARE, script, "sh", sys.executable, "-m", "tests.cli.on_full_disk", str(disk)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    document = json.loads(done.stdout)
+    listing, *others = document["told"]
+    assert listing["exit_code"] == 0
+    for one in others:
+        assert (one["exit_code"], one["words"]) == (3, one["words"])
+        assert re.search(r"cannot write .*No space left on device", one["err"])
+    assert "Traceback" not in done.stderr
+    assert document["unchanged"]

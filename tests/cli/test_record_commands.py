@@ -51,11 +51,26 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
     rows = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
     assert [(row["run"], row["ok"], row["parent"]) for row in rows] == [(str(run), True, 1) for run in runs]
     assert {row["first_divergence"]["frame"] for row in rows} == {2}
-    again = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
-    assert [(row["parent"], row["first_divergence"]) for row in again] == [(2, None), (2, None)]
-    printed = labrig("reanalyze", *runs).out
+    own = labrig("reanalyze", *runs, "--json").json()
+    assert [(row["parent"], Path(row["analysis"]).name) for row in own] == [(1, "003"), (1, "003")]
+    again = labrig("reanalyze", *runs, "--json").json()
+    assert [(row["parent"], row["first_divergence"]) for row in again] == [(3, None), (3, None)]
+    printed = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=6").out
     assert printed.count("first divergence: frame 2") == 2
-    assert "old" in printed
+    assert "old: analysis/004, the run's own settings" in printed
+    assert "new: analysis/005, analysis.window_start_mm=6" in printed
+
+
+@pytest.mark.parametrize("setting", ["analyis.window_start_mm=5", "analysis.window_strt_mm=5"])
+def test_a_setting_with_a_slip_is_refused_with_the_nearest(
+    labrig: Labrig, tmp_path: Path, setting: str
+) -> None:
+    """Section and key that were probably meant are named, and no result is made."""
+    run = shutil.copytree(ROOT / "data" / "first-record", tmp_path / "run")
+    done = labrig("reanalyze", run, "--set", setting)
+    assert done.exit_code == 2
+    assert "did you mean analysis" in done.err or "did you mean window_start_mm" in done.err
+    assert [path.name for path in (run / "analysis").iterdir()] == ["001"]
 
 
 def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:

@@ -56,11 +56,29 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
     assert [one["n"] for one in done.json()["result"]["specimens"]] == [2, 2]
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
-    assert "trial 1 was interrupted and repeated as trial 4" in (run / "report.html").read_text(
-        encoding="utf-8"
-    )
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "trial 1 was interrupted and repeated as trial 4, 20 mm from the first entry point" in page
+    assert "Resumed with, session 2" in page
+    assert open_run(run).sessions[0]["provenance"]["python"]
     (row,) = labrig("runs", "--runs-dir", tmp_path, "--json").json()
     assert (row["trials_done"], row["trials_planned"], row["exit_status"]) == (4, 4, "success")
+
+
+def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: Path) -> None:
+    """A drive that restarts in gel ends a run as failed, which says what to type; resumed, it comes to its end."""
+    one_gel = "specimens=[{name: gel-13, gelatin_percent: 13}]"
+    fault = "rig.faults=[{fault: boot-up, axis: linear, at_s: 20, once: moving}]"
+    words = ["--runs-dir", tmp_path, "--run-name", "a run", "--set", "insertions_per_specimen=1"]
+    failed = labrig("run", SWEEP, "--rig", RIG, *words, "--set", one_gel, "--set", fault)
+    assert failed.exit_code == 3
+    assert "nothing is to be taken out" in failed.err
+    assert f"go on with it: labrig resume '{tmp_path}/a run'" in failed.err
+    done = labrig("resume", tmp_path / "a run", "--json")
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    run = open_run(tmp_path / "a run")
+    assert list(run.trials["exit_status"]) == ["interrupted", "success"]
+    (ending,) = run.manifest["earlier_endings"]
+    assert ending["exit_status"] == "failed"
 
 
 def test_a_run_that_had_only_to_be_closed_is_closed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:

@@ -1,15 +1,19 @@
-"""What a terminal shows: lines that fit it, folded between words."""
+"""What a terminal is given: lines that fit it, folded between words, and no control character of somebody else."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import RIG, SWEEP
+from labrig.cli.output import plain
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
+
+HOSTILE = "gel \x1b[2J\x1b]0;owned\x07 was \x9b31mcloudy\u202e <b>"
 
 
 def _at_terminal(columns: int, *arguments: object) -> list[str]:
@@ -53,3 +57,56 @@ def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
     lines = _at_terminal(40, "devices", "check", "--rig", RIG)
     assert _words_too_long(lines, 40) == []
     assert any(line.startswith("PASS  bus") for line in lines)
+
+
+@pytest.fixture
+def shelf(tmp_path: Path, labrig: Labrig) -> Path:
+    """Two runs, one of which has been called names."""
+    for name in ("20261121-091022-steerability", "run with spaces, \u00e9"):
+        shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+    run = tmp_path / "20261121-091022-steerability"
+    labrig("runs", "tag", run, "-t", "pilot", "-t", "a tag of several words")
+    labrig("runs", "note", run, HOSTILE)
+    labrig("runs", "verdict", run, "doubtful", "--reason", HOSTILE)
+    return tmp_path
+
+
+@pytest.mark.parametrize("columns", [80, 40])
+def test_the_list_of_runs_fits(shelf: Path, columns: int) -> None:
+    """Names are whole, tags and verdict are there, and no line is wider than the terminal."""
+    lines = _at_terminal(columns, "runs", "--runs-dir", shelf)
+    listed = "\n".join(lines)
+    assert "20261121-091022-steerability" in listed
+    assert "doubtful" in listed
+    assert "pilot" in listed
+    assert max(map(len, lines)) <= columns
+
+
+def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
+    """Escape sequences of a note, asked for by a condition or printed whole, are written out."""
+    run = str(shelf / "20261121-091022-steerability")
+    for arguments in (("runs", "note", run), ("runs", "--runs-dir", str(shelf), "--where", "note~gel")):
+        printed = "\n".join(_at_terminal(200, *arguments))
+        assert "cloudy" in printed
+        assert not set(printed) & set("\x1b\x07\x9b\u202e")
+        assert "\\x1b[2J" in printed
+
+
+def test_json_keeps_what_was_written_and_holds_no_control_character(shelf: Path, labrig: Labrig) -> None:
+    """The document reads back as the note was, with every control character escaped."""
+    done = labrig("runs", "note", shelf / "20261121-091022-steerability", "--json")
+    assert done.json()["notes"][0]["text"] == HOSTILE
+    assert not set(done.out) & set("\x1b\x07\x9b\u202e")
+
+
+def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> None:
+    """Half a character is written out, in the list and in JSON."""
+    name = os.fsdecode(b"run-\xff")
+    shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
+    assert "run-\\udcff" in labrig("runs", "--runs-dir", tmp_path).out
+    assert labrig("runs", "--runs-dir", tmp_path, "--json").json()[0]["run"].endswith(name)
+
+
+def test_letters_of_any_language_and_line_ends_stay() -> None:
+    """Only what controls a terminal is written out."""
+    assert plain("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"

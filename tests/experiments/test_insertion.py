@@ -116,11 +116,11 @@ def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tup
 
 
 def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
-    """The first at the start, later ones on schedule, deviation or nearness; each with its path."""
+    """The first at the start, the next where the sheath was found, later ones on schedule, deviation or nearness."""
     _, run = arrived
     plans = events(run, "plan")
-    assert plans[0]["because"] == "start"
-    assert {one["because"] for one in plans[1:]} <= {"schedule", "deviation", "near"}
+    assert [one["because"] for one in plans[:2]] == ["start", "origin"]
+    assert {one["because"] for one in plans[2:]} <= {"schedule", "deviation", "near"}
     assert all(one["found"] or one["refusal"] for one in plans)
 
 
@@ -237,7 +237,7 @@ def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
 
 def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> None:
     """In a picture drowned in noise the tip is lost after the misses allowed; the operator is told, then it is out."""
-    protocol = insertion("policy.most_misses=3")
+    protocol = insertion("policy.most_misses=3", "sheath.origin=null")
     with certified(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
@@ -245,6 +245,51 @@ def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> 
     assert any(isinstance(one, ConfirmStopped) for one in watched.asked)
     assert run.states["insertion_mm"].max() < 5.0
     assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
+
+
+def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
+    """With half a millimetre and a degree of play: tip and heading as the world has them, in plan and picture too."""
+    play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.7")
+    protocol = insertion("target.position_mm=[0,-3,25]")
+    outcome, run = conducted(tmp_path, protocol, (*EVEN[:2], *play))
+    assert outcome.exit_status == "success"
+    (origin,), plan = events(run, "origin"), events(run, "plan")[1]
+    assert origin["accepted"]
+    assert math.dist(origin["tip_mm"], truth(run)["sheath_tip_mm"]) < 0.05
+    assert abs(origin["across_mm"]) > 0.1
+    leans = np.diff(np.array(truth(run)["path_mm"])[:2, 1:], axis=0)[0]
+    assert origin["heading_rad"] == pytest.approx(math.atan2(leans[0], leans[1]), abs=math.radians(0.3))
+    y_mm, z_mm = origin["tip_mm"]
+    assert plan["start"]["position_mm"][1:] == pytest.approx((y_mm, z_mm + 1.5), abs=0.1)
+    drawn = run.frame_table[run.frame_table["role"] == "plan"]["frame"].iloc[-1]
+    purple = np.abs(run.frames[int(drawn)].astype(int) - (167, 121, 204)).max(axis=2) < 30
+    assert purple.sum() > 30
+
+
+def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
+    """A millimetre along: the needle never leaves it, the operator is told why, the sheath is drawn back, exit 1."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
+        watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
+        outcome, run = opened.conduct(protocol)
+        assert opened.opened.rig.state.needle_in_tissue is False
+    assert isinstance(outcome.error, TargetMissedError)
+    assert (outcome.reason, outcome.error.exit_code) == ("sheath_astray", 1)
+    told = [one.reason for one in watched.asked if isinstance(one, ConfirmStopped)]
+    assert "1.0" in told[0]
+    assert "the sheath slipped" in told[0]
+    assert not any(isinstance(one, ConfirmPlan) for one in watched.asked)
+    assert run.states["insertion_mm"].max() < 0.01
+    assert abs(run.states.iloc[-1]["linear_mm"]) < 0.05
+    assert list(run.trials["stop"]) == ["sheath_astray"]
+
+
+def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> None:
+    """A protocol that does not say what to expect starts at the plane's origin, as records of before do."""
+    _, run = conducted(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
+    assert not events(run, "origin")
+    assert [one["because"] for one in events(run, "plan")].count("start") == 1
+    assert events(run, "plan")[0]["start"]["position_mm"] == [0.0, 0.0, pytest.approx(1.5)]
 
 
 def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:

@@ -216,7 +216,10 @@ def test_several_rules_broken_at_once_are_all_told():
 def test_a_missing_section_is_told_with_what_it_holds():
     """What is not there is told at what should hold it."""
     (problem,) = problems_of(re.sub(r"sheath:\n(  .*\n)+", "", STEERABILITY))
-    assert problem.message == "sheath is missing, expected a section with depth_mm, speed_mm_s, diameter_mm"
+    assert (
+        problem.message
+        == "sheath is missing, expected a section with depth_mm, speed_mm_s, diameter_mm, origin"
+    )
 
 
 def test_a_missing_experiment_is_told_with_the_choices():

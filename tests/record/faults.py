@@ -8,6 +8,7 @@ import pandas as pd
 
 from labrig.errors import LabrigError
 from labrig.record import Run, check_run, open_run
+from labrig.record.pictures import Store
 from tests.record.runs import ENDED, begin, fill
 
 CAN_FRAMES = [(0.0, 0x601, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), "T"), (0.001, 0x581, bytes(8), "R")]
@@ -18,9 +19,17 @@ RAW_FILES = (
 )  # fmt: skip
 
 
-def full_run(runs_dir: Path, *, closed: bool) -> Path:
+def raw_files(store: Store) -> tuple[str, ...]:
+    """Return a file of every kind that a run of `full_run` has."""
+    return RAW_FILES if store == "png" else tuple(_IN_RAW.get(name, name) for name in RAW_FILES)
+
+
+_IN_RAW = {"frames/000001.png": "frames.raw"}
+
+
+def full_run(runs_dir: Path, *, closed: bool, store: Store = "png") -> Path:
     """Return a run with every kind of file in it; an open one is a copy, as a killed process would leave it."""
-    recorder = begin(runs_dir, "written")
+    recorder = begin(runs_dir, "written", store)
     recorder.can_frames(CAN_FRAMES)
     fill(recorder)
     recorder.can_frames([(20.0 + t_s, *rest) for t_s, *rest in CAN_FRAMES])

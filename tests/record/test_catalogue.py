@@ -4,6 +4,7 @@ import contextlib
 import json
 import shutil
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
 
@@ -99,12 +100,57 @@ def test_the_index_is_made_again_when_it_is_lost_or_spoilt(tmp_path: Path) -> No
     flipped = bytearray(good)
     for position in range(0, len(flipped), 7):
         flipped[position] ^= 0x10
-    for spoilt in (b"", b"no database", bytes(flipped), good[: len(good) // 2]):
+    # With a byte that is no text in its own words, SQLite fails in saying what is wrong.
+    no_text = good.replace(b"CREATE TABLE", b"CREAT\xc5 TABLE")
+    for spoilt in (b"", b"no database", bytes(flipped), good[: len(good) // 2], no_text):
         index.write_bytes(spoilt)
         assert list_runs(tmp_path) == expected
         assert list_runs(tmp_path) == expected
     index.unlink()
     assert list_runs(tmp_path) == expected
+
+
+def test_an_index_of_another_labrig_is_made_anew(tmp_path: Path) -> None:
+    """A newer or older format of it is thrown away, and not read."""
+    closed_run(tmp_path)
+    expected = list_runs(tmp_path)
+    for version in (0, 99):
+        with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
+            index.executescript(
+                f"DROP TABLE runs; CREATE TABLE runs (name TEXT); PRAGMA user_version = {version}"
+            )
+        assert list_runs(tmp_path) == expected
+
+
+def test_a_folder_that_cannot_be_written_is_listed(tmp_path: Path) -> None:
+    """With an index that only reads, and with a folder in its place, the list is the same."""
+    closed_run(tmp_path, "one")
+    list_runs(tmp_path)
+    (tmp_path / INDEX).chmod(0o444)
+    closed_run(tmp_path, "two")
+    assert sorted(one.run.name for one in list_runs(tmp_path)) == ["one", "two"]
+    (tmp_path / INDEX).unlink()
+    (tmp_path / INDEX).mkdir()
+    assert sorted(one.run.name for one in list_runs(tmp_path)) == ["one", "two"]
+
+
+def test_two_processes_list_at_once(tmp_path: Path) -> None:
+    """Eight listings at the same time say the same, and leave an index that is whole."""
+    for number in range(20):
+        closed_run(tmp_path, f"run-{number}")
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(list_runs, [tmp_path] * 8))
+    assert all(one == found[0] for one in found)
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
+        assert index.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert index.execute("SELECT count(*) FROM runs").fetchone() == (20,)
+
+
+def test_what_nobody_has_said_is_no_unknown_field(tmp_path: Path) -> None:
+    """Tags, verdict and notes may be asked for before there are any; no other `note` of a record answers for them."""
+    closed_run(tmp_path, devices={"state": {"note": "by the rig"}})
+    for condition in ("tag=pilot", "verdict=good", "note~rig", "verdict_reason~x"):
+        assert find_runs(tmp_path, condition) == []
 
 
 def test_a_changed_row_of_the_index_is_not_believed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from labrig.errors import LockedError, RecordError
 from labrig.record import FileLock, Recorder, Verdict, check_run, open_run, repair_run
 from labrig.record.json_lines import decode_line, encode_line
+from labrig.record.pictures import Store
 from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, told, values
 from tests.record.runs import ENDED, begin, closed_run, picture
 
@@ -248,10 +249,10 @@ def test_a_file_cut_at_any_byte_is_opened_or_refused(tmp_path: Path, name: str, 
             told(run)
 
 
-@pytest.mark.parametrize("closed", [True, False])
-def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool) -> None:
+@pytest.mark.parametrize(("closed", "store"), [(True, "png"), (False, "png"), (True, "raw"), (False, "raw")])
+def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool, store: Store) -> None:
     """Any bit of any file: refused with the place, told as damage, or of no consequence for what is read."""
-    run = full_run(tmp_path, closed=closed)
+    run = full_run(tmp_path, closed=closed, store=store)
     original = values(open_run(run))
     flip = random_flips(run, random.Random(6))
     for _ in range(30):

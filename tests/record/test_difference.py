@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import RecordError
-from labrig.record import Difference, compare_runs, encode_document, open_run
-from tests.record.runs import closed_run
+from labrig.record import Difference, Recorder, compare_runs, encode_document, open_run
+from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, closed_run
 
 
 def test_equal_runs_do_not_differ(tmp_path: Path) -> None:
@@ -36,6 +36,18 @@ def test_every_section_is_compared(tmp_path: Path) -> None:
         Difference("devices", "axes.linear.drive.software_version", 8464, None),
         Difference("results", "specimens.0.r_mm", 27.0, 28.0),
     )
+
+
+def test_code_that_was_changed_otherwise_is_told(tmp_path: Path) -> None:
+    """Of one commit, two changed checkouts differ by the hash of what was changed."""
+    manifest = {"experiment": "import", "started": STARTED}
+    for name in ("a", "b"):
+        code_diff = f"changed {name}".encode()
+        Recorder.create(tmp_path, name, manifest, PROTOCOL_YAML, None, {}, code_diff=code_diff).close(
+            "success", "", ENDED
+        )
+    (found,) = compare_runs(tmp_path / "a", tmp_path / "b")
+    assert (found.section, found.key) == ("versions", "code_diff_sha256")
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,9 @@
 """Locks with an owner."""
 
+import json
 import os
+import platform
+import resource
 import signal
 import subprocess
 import sys
@@ -56,6 +59,33 @@ def test_the_lock_of_a_killed_owner_is_stale(tmp_path: Path) -> None:
     with FileLock(path).acquire("labrig resume") as lock:
         assert lock.stale is not None
         assert lock.stale.pid == holder.pid
+
+
+def test_a_process_id_that_is_in_use_again_holds_nothing(tmp_path: Path) -> None:
+    """The kernel says whether a lock is held, not the process id in its text, which another process may have by now."""
+    path = tmp_path / "lock"
+    path.write_text(json.dumps({"doing": "labrig run", "pid": os.getppid(), "host": platform.node()}))
+    assert lock_owner(path) is None
+    with FileLock(path).acquire("labrig resume") as lock:
+        assert lock.stale is not None
+        assert lock.stale.pid == os.getppid()
+
+
+def test_a_lock_that_cannot_be_written_is_not_kept(tmp_path: Path) -> None:
+    """On a full disk it is refused, and nobody holds it afterwards, this process neither."""
+    path = tmp_path / "lock"
+    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    soft = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        with pytest.raises(DiskError, match="cannot write"):
+            FileLock(path).acquire("labrig run")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    with FileLock(path).acquire("labrig run"):
+        pass
 
 
 def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis import analyze_run
-from labrig.record import open_run
+from labrig.record import judge_run, note_on_run, open_run, tag_run
 from labrig.report import write_report
 from tests.analysis.synthetic import (
     NOW,
@@ -97,6 +97,23 @@ def test_what_people_wrote_is_text(hostile_page: Page) -> None:
     assert "script" not in {tag for tag, _ in elements.elements}
     assert elements.text.count(HOSTILE) >= 5
     assert "<script" not in hostile_page.html
+
+
+def test_what_people_say_afterwards_is_on_the_page(folder: Path) -> None:
+    """Verdict with its reason, tags and the newest revision of each note are shown, as text; damaged ones are named."""
+    run = record_sweep(folder)
+    tag_run(run.path, ["pilot"], remove=False, by="Chen", at=NOW)
+    note_on_run(run.path, "gel 3", revises=None, by="Chen", at=NOW)
+    note_on_run(run.path, HOSTILE, revises=1, by="Yang", at=NOW)
+    judge_run(run.path, "doubtful", "cloudy", by="Chen", at=NOW)
+    page = write_report(open_run(run.path), None, NOW).read_text(encoding="utf-8")
+    words = _words(page)
+    assert "Verdict doubtful: cloudy Tags pilot Note 1, Yang, " in words
+    assert HOSTILE in _read(page).text
+    assert "<script" not in page
+    assert "gel 3" not in words
+    (run.path / "notes.jsonl").write_text("not a line\n")
+    assert "notes.jsonl" in _words(write_report(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
 
 
 def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: Page) -> None:

@@ -49,27 +49,32 @@ _INDENT = "  "
 class Talk(io.TextIOBase):
     """Standard error as far as it still has a reader.
 
-    Progress and remarks must not end a run with a needle in tissue because a log, a pipe or a terminal has gone.
+    Progress and remarks must not end a run with a needle in tissue because a log, a pipe or a terminal has gone. It is
+    standard error as it stands now: a bar puts itself in its place, and what the bar writes must not come back to it.
     """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stream = sys.stderr
 
     def write(self, text: str) -> int:
         """Write what can be written."""
         with suppress(OSError):
-            sys.stderr.write(text)
+            self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
         """Flush what can be flushed."""
         with suppress(OSError):
-            sys.stderr.flush()
+            self._stream.flush()
 
     def isatty(self) -> bool:
         """Return whether a person looks at it."""
-        return sys.stderr.isatty()
+        return self._stream.isatty()
 
     def fileno(self) -> int:
         """Return the descriptor, by which a terminal's width is asked."""
-        return sys.stderr.fileno()
+        return self._stream.fileno()
 
 
 def say(text: str) -> None:

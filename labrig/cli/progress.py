@@ -26,20 +26,36 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
         yield _PlainLines(title, total)
 
 
+_ROOM_FOR_A_BAR = 70
+"""Columns of a terminal that hold bar, times and what is being done; narrower ones have no bar."""
+
+
 @contextmanager
 def _bar(title: str, total: float) -> Iterator[Reporter]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
+    console = Console(file=cast("IO[str]", Talk()))
     columns = (
-        TextColumn("{task.percentage:>3.0f} %"),
-        BarColumn(bar_width=None),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}", markup=False),
+        (
+            TextColumn(
+                "{task.percentage:>3.0f} % {task.description}",
+                markup=False,
+                table_column=Column(no_wrap=True, overflow="ellipsis"),
+            ),
+        )
+        if console.width < _ROOM_FOR_A_BAR
+        else (
+            TextColumn("{task.percentage:>3.0f} %"),
+            BarColumn(bar_width=None),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}", markup=False),
+        )
     )
-    with Progress(*columns, console=Console(file=cast("IO[str]", Talk()))) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task(plain(title), total=total)
 
         def report(done: float, doing: str) -> None:

@@ -38,6 +38,28 @@ def _read(screen: int) -> bytes:
         return b""
 
 
+@pytest.mark.parametrize("columns", [20, 40, 80])
+def test_progress_is_shown_and_ends(columns: int) -> None:
+    """The bar, and what is said while it stands, reach the terminal once and end; how far it is always has room."""
+    code = (
+        "from labrig.cli.output import say\n"
+        "from labrig.cli.progress import progress\n"
+        "with progress('steerability', 100.0) as reporter:\n"
+        "    reporter(50.0, 'gel 10 %, insertion 3 of 18, withdrawing')\n"
+        "    say('mount the needle')\n"
+    )
+    screen, program = os.openpty()
+    environment = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=program, stderr=program, env=environment) as running:
+        os.close(program)
+        shown = b"".join(iter(lambda: _read(screen), b"")).decode()
+        assert running.wait(timeout=30) == 0
+    os.close(screen)
+    assert shown.count("mount the needle") == 1
+    assert " 50 %" in shown
+
+
 def _words_too_long(lines: list[str], columns: int) -> list[str]:
     return [line for line in lines if len(line) > columns and len(line.split()) > 1]
 

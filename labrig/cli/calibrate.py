@@ -135,7 +135,7 @@ def plane(
             f"held out {document['holdout_rms_mm']:.4f} mm rms, flat within {document['flatness_mm']:.3f} mm"
         )
         if found.bend is not None:
-            typer.echo(found.bend.sentence())
+            print_line(found.bend.sentence())
         for sentence in document["assumptions"]:
             print_line(f"assumed: {sentence}")
     _say_whether_written(out, found.accepted, force)

@@ -16,6 +16,13 @@ from labrig.errors import CalibrationRefusedError, InputError, RecordError
 app = typer.Typer(
     help="Calibrate the camera: intrinsics, plane map, template of the tip.", no_args_is_help=True
 )
+
+
+def register(labrig: typer.Typer) -> None:
+    """Add the group to `labrig`."""
+    labrig.add_typer(app, name="calibrate")
+
+
 template.register(app)
 
 

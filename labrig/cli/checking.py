@@ -60,6 +60,7 @@ def _one(path: Path, repair: bool) -> dict[str, Any]:
         "run": str(path),
         "ok": not verdict.damage,
         "reason": _reason(verdict.damage),
+        "protocol": verdict.experiment,
         "exit_status": verdict.exit_status,
         "writer": None if verdict.writer is None else str(verdict.writer),
         "repaired": repaired,
@@ -93,5 +94,6 @@ def _state(row: dict[str, Any]) -> str:
     if row["writer"] is not None:
         return f"being written by {row['writer']}"
     if row["exit_status"] == "incomplete":
-        return "interrupted; --repair closes it, labrig resume goes on with it"
+        goes_on = ", labrig resume goes on with it" if row["protocol"] == "steerability" else ""
+        return f"interrupted; --repair closes it{goes_on}"
     return f"closed as {row['exit_status']}"

@@ -15,6 +15,11 @@ app = typer.Typer(
 )
 
 
+def register(labrig: typer.Typer) -> None:
+    """Add the group to `labrig`."""
+    labrig.add_typer(app, name="devices")
+
+
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
 def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""

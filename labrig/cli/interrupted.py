@@ -1,9 +1,11 @@
 """What to do next about runs that were never closed, in a line each."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
+
+from labrig.errors import RecordError
 
 MOST = 3
 """How many are told; the others stand in the list as `incomplete`."""
@@ -48,10 +50,21 @@ def _next_step(one: Listed) -> str:
     if one.protocol == "steerability":
         return f"{one.run.name} was interrupted; go on with it: labrig resume {place}"
     close = f"labrig runs check {place} --repair"
-    if one.protocol not in _PUT_A_NEEDLE_IN:
+    if one.protocol not in _PUT_A_NEEDLE_IN or _is_simulated(one.run):
         return f"{one.run.name} was interrupted; close it: {close}"
     withdraw = f"labrig devices withdraw --rig FILE --run {place}"
     return (
         f"{one.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
         f"  then close it: {close}"
     )
+
+
+def _is_simulated(run: Path) -> bool:
+    """Return whether a run was made on a simulated rig, whose gel is new whenever it is opened."""
+    from labrig.record import read_manifest
+
+    try:
+        devices = read_manifest(run).get("devices")
+    except RecordError:
+        return False
+    return isinstance(devices, Mapping) and devices.get("kind") == "simulated"

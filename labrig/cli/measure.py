@@ -23,6 +23,11 @@ from labrig.errors import InputError, PictureError
 app = typer.Typer(help="Measure loose pictures.", no_args_is_help=True)
 
 
+def register(labrig: typer.Typer) -> None:
+    """Add the group to `labrig`."""
+    labrig.add_typer(app, name="measure")
+
+
 @app.callback()
 def _measure() -> None:
     pass

@@ -16,6 +16,7 @@ from .journal import Journal
 from .json_lines import as_recorded, decode_line, encode_document, encode_line
 from .layout import WITHDRAWS, picture_file, run_lock
 from .lock import FileLock, LockOwner, lock_owner
+from .manifest import read_manifest
 from .pictures import RecordedPicture, picture_count
 from .places import is_url, output_folder, require_local
 from .provenance import collect_code_diff, collect_provenance
@@ -61,6 +62,7 @@ __all__ = [
     "picture_count",
     "picture_file",
     "read_annotations",
+    "read_manifest",
     "repair_run",
     "require_free_bytes",
     "require_local",

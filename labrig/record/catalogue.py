@@ -1,23 +1,31 @@
 """Lists the runs of a folder, and finds those that fit a condition."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
-from labrig.record.condition import Condition, Fields, Value, parse_condition, require_field, values_of
+from labrig.record.condition import (
+    Condition,
+    Fields,
+    Value,
+    parse_condition,
+    paths_for,
+    require_field,
+    values_by_name,
+)
+from labrig.record.field_index import remembered_fields
 from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
-from labrig.record.run_index import remembered, signature_of
+from labrig.record.run_index import NO_FILE, remembered, signature_of
 
-# What a summary is read from, and what the fields of a run are.
+# What a summary is read from. The manifest stands first: a folder without one is no run.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES)
-_FIELD_FILES = (MANIFEST, NOTES, EVENT_LINES, PROTOCOL)
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,16 @@ class RunSummary:
     notes: int = 0
 
 
+# What a list shows, under the names of its JSON: these can be asked of damaged runs too.
+_OF_SUMMARIES: Mapping[str, Callable[[RunSummary], Value]] = {
+    "run": lambda summary: summary.run.name,
+    "protocol": lambda summary: summary.protocol,
+    "exit_status": lambda summary: summary.exit_status,
+    "started": lambda summary: summary.started,
+    "trials_done": lambda summary: summary.trials_done,
+}
+
+
 @dataclass(frozen=True)
 class FoundRun:
     """A run that fits, with the values of the fields that it was searched and sorted by."""
@@ -78,11 +96,7 @@ def list_runs(runs_dir: Path) -> list[RunSummary]:
     InputError
         When it is a file, or cannot be read.
     """
-    root = os.fspath(runs_dir)
-    signatures = {name: signature_of(f"{root}/{name}", _SUMMARY_FILES) for name in _run_names(runs_dir)}
-    rows = remembered(runs_dir, "summary", signatures, lambda name: _summary_row(runs_dir / name))
-    summaries = [_summary(runs_dir / name, row) for name, row in rows.items()]
-    return sorted(summaries, key=lambda summary: summary.started or "", reverse=True)
+    return _listed(runs_dir, _signatures(runs_dir))
 
 
 def find_runs(
@@ -106,19 +120,32 @@ def find_runs(
     """
     condition = None if where is None else parse_condition(where)
     names = _names_asked_for(condition, sort)
-    summaries = list_runs(runs_dir)
-    fields = _fields_of(runs_dir, summaries) if names else [{} for _ in summaries]
-    known = {path for each in fields for path in each} | ANNOTATION_FIELDS
+    signatures = _signatures(runs_dir)
+    summaries = _listed(runs_dir, signatures)
+    fields, known = _fields_of(runs_dir, summaries, signatures, names)
     if summaries and condition is not None:
         condition.require_known(known)
     if summaries and sort is not None:
         require_field(sort, known, "--sort")
     found = [
-        FoundRun(summary, {name: values_of(name, each) for name in names})
-        for summary, each in zip(summaries, fields, strict=True)
-        if condition is None or condition.holds(each)
+        FoundRun(summary, values)
+        for summary, values in zip(summaries, fields, strict=True)
+        if condition is None or condition.holds(values)
     ]
     return _in_order(found, sort, reverse)
+
+
+def _signatures(runs_dir: Path) -> dict[str, str]:
+    """Return the runs of a folder, each with the signature of what its summary is read from."""
+    root = os.fspath(runs_dir)
+    signatures = {name: signature_of(f"{root}/{name}", _SUMMARY_FILES) for name in _folders(runs_dir)}
+    return {name: signature for name, signature in signatures.items() if not signature.startswith(NO_FILE)}
+
+
+def _listed(runs_dir: Path, signatures: Mapping[str, str]) -> list[RunSummary]:
+    rows = remembered(runs_dir, "summary", signatures, lambda name: _summary_row(runs_dir / name))
+    summaries = [_summary(runs_dir / name, row) for name, row in rows.items()]
+    return sorted(summaries, key=lambda summary: summary.started or "", reverse=True)
 
 
 def _summary(run: Path, row: Mapping[str, Any]) -> RunSummary:
@@ -154,55 +181,57 @@ def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
     return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")
 
 
-def _run_names(runs_dir: Path) -> list[str]:
+def _folders(runs_dir: Path) -> list[str]:
     try:
         with os.scandir(runs_dir) as entries:
-            folders = [entry.name for entry in entries if entry.is_dir(follow_symlinks=False)]
+            return sorted(entry.name for entry in entries if entry.is_dir(follow_symlinks=False))
     except FileNotFoundError:
         return []
     except OSError as error:
         raise InputError(f"cannot list {runs_dir}: {error.strerror}", "give a folder of runs") from error
+
+
+def _fields_of(
+    runs_dir: Path, summaries: Sequence[RunSummary], signatures: Mapping[str, str], names: Sequence[str]
+) -> tuple[list[dict[str, tuple[Value, ...]]], frozenset[str]]:
+    """Return the values of each run under each name, and the paths of all fields that there are."""
+    if not names or not summaries:
+        return [{} for _ in summaries], frozenset()
     root = os.fspath(runs_dir)
-    return sorted(name for name in folders if os.path.isfile(f"{root}/{name}/{MANIFEST}"))  # noqa: PTH113 - thousands of them
-
-
-def _fields_of(runs_dir: Path, summaries: Sequence[RunSummary]) -> list[Fields]:
-    signatures = {
-        summary.run.name: signature_of(os.fspath(summary.run), (*_FIELD_FILES, *_result_files(summary.run)))
-        for summary in summaries
+    fields, known = remembered_fields(
+        runs_dir,
+        {name: f"{one} {_field_signature(f'{root}/{name}')}" for name, one in signatures.items()},
+        lambda name: _all_fields(runs_dir / name),
+        lambda paths: paths_for(names, paths),
+    )
+    own = [(name, value) for name, value in _OF_SUMMARIES.items() if name in paths_for(names, _OF_SUMMARIES)]
+    folders = [summary.run.name for summary in summaries]
+    whole = {
+        folder: {**{name: [value(summary)] for name, value in own}, **fields[folder]}
+        for folder, summary in zip(folders, summaries, strict=True)
     }
-    rows = remembered(runs_dir, "fields", signatures, lambda name: _fields_row(runs_dir / name))
-    return [{**_summary_fields(summary), **rows[summary.run.name]["fields"]} for summary in summaries]
+    found = values_by_name(names, whole)
+    return [found[folder] for folder in folders], known | _OF_SUMMARIES.keys() | ANNOTATION_FIELDS
 
 
-def _result_files(run: Path) -> list[str]:
+def _field_signature(run: str) -> str:
+    """Return the signature of what fields are read from, beyond what summaries are."""
     try:
-        return [f"{ANALYSIS}/{name}/result.json" for name in sorted(os.listdir(run / ANALYSIS))]  # noqa: PTH208 - likewise
+        numbers = sorted(os.listdir(f"{run}/{ANALYSIS}"))  # noqa: PTH208 - thousands of them
     except OSError:
-        return []
+        numbers = []
+    return signature_of(run, (PROTOCOL, *(f"{ANALYSIS}/{number}/result.json" for number in numbers)))
 
 
-def _fields_row(run: Path) -> dict[str, object]:
+def _all_fields(run: Path) -> Fields:
     try:
         document = read_document(run)
         if is_newer(document):
-            return {"fields": {}}
+            return {}
         said = annotation_fields(read_annotations(run))
-        return {"fields": {**manifest_fields(document), **file_fields(run), **said}}
+        return {**manifest_fields(document), **file_fields(run), **said}
     except RecordError:
-        return {"fields": {}}
-
-
-def _summary_fields(summary: RunSummary) -> dict[str, list[Value]]:
-    """Return what a list shows, under the names of its JSON; these go for damaged runs too."""
-    own: dict[str, Value] = {
-        "run": summary.run.name,
-        "protocol": summary.protocol,
-        "exit_status": summary.exit_status,
-        "started": summary.started,
-        "trials_done": summary.trials_done,
-    }
-    return {name: [value] for name, value in own.items() if value is not None}
+        return {}
 
 
 def _summary_row(run: Path) -> dict[str, Any]:

@@ -48,6 +48,8 @@ class Verdict:
     ----------
     run : Path
         The folder of the run.
+    experiment : str
+        Which it is.
     exit_status : str
         As the manifest has it.
     writer : LockOwner or None
@@ -61,6 +63,7 @@ class Verdict:
     """
 
     run: Path
+    experiment: str
     exit_status: str
     writer: LockOwner | None
     damage: tuple[Problem, ...]
@@ -106,6 +109,7 @@ def check_run(run: Path) -> Verdict:
         torn = ()
     return Verdict(
         run,
+        str(manifest.get("experiment")),
         str(manifest.get("exit_status")),
         lock_owner(run / LOCK),
         tuple(dict.fromkeys(damage)),

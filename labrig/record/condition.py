@@ -128,6 +128,29 @@ def paths_of(name: str, known: Collection[str]) -> tuple[str, ...]:
     return tuple(path for path in ending if path.count(".") == least)
 
 
+def paths_for(names: Collection[str], known: Collection[str]) -> frozenset[str]:
+    """Return the paths that may stand for one of the names in some run: those that are it, or end in it."""
+    endings = tuple(f".{name}" for name in names)
+    return frozenset(path for path in known if path in names or path.endswith(endings))
+
+
+def values_by_name(
+    names: Sequence[str], fields_of_runs: Mapping[str, Fields]
+) -> dict[str, dict[str, tuple[Value, ...]]]:
+    """Return of each run the values under each of the names, each once; runs with the same paths are looked at once."""
+    stands_for: dict[tuple[str, ...], list[tuple[str, tuple[str, ...]]]] = {}
+    found = {}
+    for run, fields in fields_of_runs.items():
+        shape = tuple(fields)
+        if shape not in stands_for:
+            stands_for[shape] = [(name, paths_of(name, shape)) for name in names]
+        found[run] = {
+            name: tuple(dict.fromkeys([value for path in paths for value in fields[path]]))
+            for name, paths in stands_for[shape]
+        }
+    return found
+
+
 def values_of(name: str, fields: Fields) -> tuple[Value, ...]:
     """Return the values that a run has under a name, each once; none where it lacks the field."""
     return tuple(dict.fromkeys(value for path in paths_of(name, fields) for value in fields[path]))

@@ -155,6 +155,11 @@ def encode_document(fields: Mapping[str, object]) -> bytes:
     return _utf8(text) + b"\n"
 
 
+def encode_value(value: object) -> bytes:
+    """Encode any value as compact JSON, infinite and undefined numbers as null. Raises as `encode_line`."""
+    return _compact(_plain(value, "value"))
+
+
 def checksum(fields: Mapping[str, object]) -> str:
     """Return the CRC-32 of a document's content as 8 hexadecimal digits, whatever its layout."""
     return f"{zlib.crc32(_compact(_plain(fields, 'document'))):08x}"

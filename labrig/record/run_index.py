@@ -15,7 +15,10 @@ from typing import Any
 from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
-_FORMAT = 2
+NO_FILE = "-"
+"""Stands in a signature for a file that is not there."""
+
+_FORMAT = 3
 _BUSY_TIMEOUT_S = 2.0
 
 Row = dict[str, Any]
@@ -36,18 +39,18 @@ def remembered(
         Takes a name and returns what is to be kept, as JSON can say it.
     """
     path = runs_dir / INDEX_FILE
-    cached = _cached_rows(path, kind)
+    cached = cached_rows(path, kind)
     rows: dict[str, Row] = {}
     fresh: list[tuple[bytes, str, str, bytes]] = []
     for name, signature in signatures.items():
-        row = _intact(cached.pop(os.fsencode(name), None), signature)
+        row = intact_row(cached.pop(os.fsencode(name), None), signature)
         if row is None:
             line = encode_line(read(name))
             fresh.append((os.fsencode(name), kind, signature, line))
             row = decode_line(line[:-1])
         rows[name] = row
     if fresh or cached:
-        _keep(path, kind, fresh, gone=cached)
+        change_index(path, lambda index: _keep(index, kind, fresh, gone=cached))
     return rows
 
 
@@ -58,13 +61,14 @@ def signature_of(run: str, files: Iterable[str]) -> str:
         try:
             found = os.lstat(f"{run}/{file}")
         except OSError:
-            parts.append("-")
+            parts.append(NO_FILE)
             continue
         parts.append(f"{found.st_mtime_ns}.{found.st_size}.{found.st_ino}")
     return " ".join(parts)
 
 
-def _intact(row: tuple[str, bytes] | None, signature: str) -> Row | None:
+def intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | None:
+    """Return what a row says; None where there is none, or its signature or checksum does not fit."""
     if row is None or row[0] != signature:
         return None
     try:
@@ -73,11 +77,12 @@ def _intact(row: tuple[str, bytes] | None, signature: str) -> Row | None:
         return None
 
 
-def _cached_rows(path: Path, kind: str) -> dict[bytes, tuple[str, bytes]]:
+def cached_rows(path: Path, kind: str) -> dict[bytes, tuple[str, bytes]]:
+    """Return signature and line of all rows of a kind, by the name of the run; none where they cannot be read."""
     if not path.is_file() or path.is_symlink():
         return {}
     try:
-        with closing(_opened(path)) as index:
+        with closing(opened_index(path)) as index:
             query = "SELECT name, signature, line FROM runs WHERE kind = ?"
             return {name: (signature, line) for name, signature, line in index.execute(query, (kind,))}
     except (sqlite3.Error, ValueError):
@@ -85,16 +90,23 @@ def _cached_rows(path: Path, kind: str) -> dict[bytes, tuple[str, bytes]]:
 
 
 def _keep(
-    path: Path, kind: str, fresh: Iterable[tuple[bytes, str, str, bytes]], gone: Iterable[bytes]
+    index: sqlite3.Connection,
+    kind: str,
+    fresh: Iterable[tuple[bytes, str, str, bytes]],
+    gone: Iterable[bytes],
 ) -> None:
+    index.executemany("DELETE FROM runs WHERE name = ? AND kind = ?", [(name, kind) for name in gone])
+    index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?)", fresh)
+
+
+def change_index(path: Path, change: Callable[[sqlite3.Connection], None]) -> None:
+    """Change the index at once or not at all; one that is no database is made anew."""
     if path.is_symlink():
         return
-    rows, names = list(fresh), [(name, kind) for name in gone]
     for _ in range(2):
         try:
-            with closing(_opened(path)) as index, index:
-                index.executemany("DELETE FROM runs WHERE name = ? AND kind = ?", names)
-                index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?)", rows)
+            with closing(opened_index(path)) as index, index:
+                change(index)
         except sqlite3.OperationalError:
             # Another labrig writes it, or this account may not: the next listing tries again.
             return
@@ -106,15 +118,18 @@ def _keep(
         return
 
 
-def _opened(path: Path) -> sqlite3.Connection:
+def opened_index(path: Path) -> sqlite3.Connection:
+    """Open the index, made anew where it is of another format. Raises `sqlite3.Error`."""
     index = sqlite3.connect(path, timeout=_BUSY_TIMEOUT_S)
     try:
         index.execute("PRAGMA synchronous = OFF")  # a power cut may spoil it; it is a cache
         if index.execute("PRAGMA user_version").fetchone()[0] != _FORMAT:
             index.executescript(
-                "DROP TABLE IF EXISTS runs;"
+                "DROP TABLE IF EXISTS runs; DROP TABLE IF EXISTS cells;"
                 "CREATE TABLE runs (name BLOB, kind TEXT, signature TEXT, line BLOB, PRIMARY KEY (name, kind))"
-                f" WITHOUT ROWID; PRAGMA user_version = {_FORMAT:d};"
+                " WITHOUT ROWID;"
+                "CREATE TABLE cells (path BLOB, name BLOB, cell BLOB, PRIMARY KEY (path, name)) WITHOUT ROWID;"
+                f" PRAGMA user_version = {_FORMAT:d};"
             )
     except sqlite3.Error:
         index.close()

@@ -16,6 +16,7 @@ from labrig.vision.calibration_file import (
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.grid_check import GridCheck, GridDrift, check_grid, compare_grids
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 from labrig.vision.mask import Mask, load_mask
 from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
@@ -31,6 +32,8 @@ from labrig.vision.tip_template import TipTemplate, cut_template
 from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
+    "LARGEST_PROJECTION_SIGMA_PX",
+    "WORKING_MARGIN",
     "BoardSearch",
     "Charuco",
     "CurvatureMeasurement",

@@ -30,9 +30,9 @@ _LEAST_COVERAGE = 0.35
 _LARGEST_SIGMA_SHARE = 0.002
 _LARGEST_HOLDOUT_PX = 1.0
 # The working area is the picture but for this margin; there a pixel may be as uncertain as this.
-_WORKING_MARGIN = 0.15
+WORKING_MARGIN = 0.15
 _WORKING_SHAPE = (9, 7)
-_LARGEST_PROJECTION_SIGMA_PX = 1.0
+LARGEST_PROJECTION_SIGMA_PX = 1.0
 # Poses are one pose if their tilts and their places (in distances from the camera) differ by less.
 _SAME_TILT_RAD = np.deg2rad(4.0)
 _SAME_PLACE = 0.04
@@ -216,18 +216,18 @@ def _number_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
 
 def _projection_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
     """Say where in the working area the lens is too uncertain."""
-    places = picture_grid(found.image_size, _WORKING_SHAPE, _WORKING_MARGIN)
+    places = picture_grid(found.image_size, _WORKING_SHAPE, WORKING_MARGIN)
     try:
         sigma = projection_sigma_px(found, places, seen)
     except MeasurementRefusedError as refusal:
         return [f"{refusal.message}: {refusal.hint}"]
     worst = int(np.argmax(sigma))
-    if sigma[worst] <= _LARGEST_PROJECTION_SIGMA_PX:
+    if sigma[worst] <= LARGEST_PROJECTION_SIGMA_PX:
         return []
     u, v = places[worst]
     reason = (
         f"the lens is uncertain by {above(sigma[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
-        f"{_LARGEST_PROJECTION_SIGMA_PX:.2f} px: photograph the board there, so close that it fills that part"
+        f"{LARGEST_PROJECTION_SIGMA_PX:.2f} px: photograph the board there, so close that it fills that part"
     )
     return [reason]
 

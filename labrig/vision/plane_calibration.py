@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
+from labrig.vision.bent_paper import bent_homographies
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.limits import above, below
@@ -217,7 +218,20 @@ def _variations(
     for one in [] if lens is None else lens_variations(lens):
         moved = np.asarray(cv2.findHomography(one.undistort_px(pixels), paper[fit.kept])[0], dtype=np.float64)
         by_lens.append(Variation(frame.framed(moved), one.parameters()))
-    return (*by_paper, *by_lens)
+    ideal = fit.paper_px(undistorted(lens, pixels))
+    foot = _foot_mm(fit.homography, lens, ideal)
+    by_bend = [Variation(frame.framed(one), None) for one in bent_homographies(ideal, paper[fit.kept], foot)]
+    return (*by_paper, *by_lens, *by_bend)
+
+
+def _foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArray) -> _FloatArray:
+    """Return the point of the paper (2,) [mm] under the camera; without a lens the one in the crossings' middle."""
+    if lens is None:
+        return np.asarray(projected(homography, ideal.mean(axis=0)[None])[0])
+    to_camera = np.linalg.inv(lens.camera_matrix()) @ np.linalg.inv(homography)
+    first, second, shift = (to_camera / np.linalg.norm(to_camera[:, 0])).T
+    turn = np.column_stack((first, second, np.cross(first, second)))
+    return np.asarray((-turn.T @ shift)[:2])
 
 
 class _Frame:

@@ -62,8 +62,11 @@ class PlaneFit:
 
     def paper_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
         """Return where pixels lie on the paper (N, 2) [mm]: ideal ones, or the picture's with a radial term."""
-        px = ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
-        return projected(self.homography, px)
+        return projected(self.homography, self.paper_px(ideal_or_px))
+
+    def paper_px(self, ideal_or_px: _FloatArray) -> _FloatArray:
+        """Return the pixels (N, 2) that the homography is of: ideal ones, or those that the radial term leaves."""
+        return ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
 
     def moves_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
         """Return by how much each parameter moves the places of pixels on the paper (N, 2, P) [mm]."""

@@ -3,9 +3,10 @@
 import shutil
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_runs, first_divergence, load_result
+from labrig.analysis import AnalysisResult, analyze_run, analyze_runs, first_divergence, load_result
 from labrig.errors import FileFormatError, RecordError
 from labrig.record import open_run
+from labrig.vision import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
 
 FIRST = Path(__file__).parents[2] / "data" / "first-record"
@@ -46,3 +47,20 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     )
     assert [type(outcome) for outcome in outcomes] == [FileFormatError, FileFormatError]
     assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)
+
+
+def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> None:
+    """Measured by the same processes, each run keeps the mask and has the numbers that it has alone."""
+    polygon = tmp_path / "mask.json"
+    polygon.write_text('{"*": [[[0, 0], [40, 0], [40, 40]]]}')
+    mask = load_mask(polygon)
+    runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
+    alone = [
+        analyze_run(open_run(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask) for run in runs
+    ]
+    together = analyze_runs(runs, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
+    for run, one, other in zip(runs, alone, together, strict=True):
+        assert isinstance(other, AnalysisResult)
+        assert first_divergence(one.document, other.document) is None
+        assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
+        assert other.document["settings"]["mask_sha256"] == mask.sha256

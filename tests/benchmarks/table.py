@@ -28,17 +28,26 @@ class Measured:
 
 
 def measure(command: Sequence[str]) -> Measured:
-    """Run a command and sample the proportional memory of it and its children twenty times a second."""
+    """Run a command and sample the proportional memory of it and its children twenty times a second.
+
+    One that fails (an exit code above 1, which says that the answer is no) ends the benchmark with what it said.
+    """
     # Into a file: a pipe that nobody reads while the memory is sampled fills up, and the command waits for ever.
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as out:
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8") as out,
+        tempfile.TemporaryFile("w+", encoding="utf-8") as said,
+    ):
         started = time.perf_counter()
-        process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(command, stdout=out, stderr=said)
         root = psutil.Process(process.pid)
         peak = 0
         while _still_runs(process):
             peak = max(peak, _memory(root))
         wall_s = time.perf_counter() - started
         out.seek(0)
+        said.seek(0)
+        if process.returncode not in {0, 1}:
+            raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}:\n{said.read()}")
         return Measured(wall_s, peak / 1e6, process.returncode, out.read())
 
 

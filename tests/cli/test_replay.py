@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labrig.record import encode_document
 from labrig.record.json_lines import checksum, decode_line, encode_line
-from tests.cli.conftest import Labrig, Sweep
+from tests.cli.conftest import ROOT, Labrig, Sweep
 
 
 def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
@@ -47,6 +47,14 @@ def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig,
     told = labrig("replay", run)
     assert told.exit_code == 1
     assert "event in the record: move: asked_position = 41.0" in told.out
+
+
+def test_a_record_of_other_code_says_so(labrig: Labrig) -> None:
+    """The first record was made before the drives were read as now: where it differs, and which code made it."""
+    done = labrig("replay", ROOT / "data" / "first-record")
+    assert done.exit_code == 1
+    assert "command in the record: no such read so far" in done.out
+    assert "other code made this record: labrig 0.1.0, 44a250595045; this is labrig" in done.out
 
 
 def test_a_damaged_run_is_not_replayed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:

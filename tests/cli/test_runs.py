@@ -45,9 +45,13 @@ def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
 
 
 def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_path: Path) -> None:
-    """A sweep is gone on with, a needle taken out, any other run closed; one that goes on names its process."""
-    for name, experiment in (("a sweep", "steerability"), ("needle", "insertion"), ("other", "import")):
-        begin(tmp_path / "writing", name, experiment=experiment)
+    """A sweep is gone on with, a real needle taken out, any other run closed; one that goes on names its process."""
+    for name, experiment, kind in (
+        ("a sweep", "steerability", "real"),
+        ("needle", "insertion", "real"),
+        ("other", "insertion", "simulated"),
+    ):
+        begin(tmp_path / "writing", name, experiment=experiment, devices={"kind": kind})
         shutil.copytree(tmp_path / "writing" / name, tmp_path / "runs" / name)
     done = labrig("runs", "--runs-dir", tmp_path / "runs")
     assert f"a sweep was interrupted; go on with it: labrig resume '{tmp_path}/runs/a sweep'" in done.err

@@ -225,3 +225,52 @@ def test_an_unknown_field_is_named_with_those_that_there_are(tmp_path: Path) -> 
         find_runs(tmp_path, "colour=red")
     with pytest.raises(InputError, match="--sort: no run has a field 'colour'"):
         find_runs(tmp_path, sort="colour")
+
+
+def test_a_search_does_not_believe_a_spoilt_index(tmp_path: Path) -> None:
+    """A field that was changed, lost or given to another run in the index is read again from the run's files."""
+    for seed in (1, 2, 3):
+        closed_run(tmp_path, f"run {seed}", seed=seed)
+    expected = find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed")
+    assert [one.fields["seed"] for one in expected] == [(2,), (3,)]
+    for spoil in (
+        "UPDATE cells SET cell = substr(cell, 1, 4) || '[9]' WHERE path = CAST('seed' AS BLOB)",
+        "DELETE FROM cells WHERE path = CAST('seed' AS BLOB)",
+        "UPDATE OR REPLACE cells SET path = CAST('seed' AS BLOB) WHERE path = CAST('protocol.seed' AS BLOB)",
+        "UPDATE OR REPLACE cells SET name = CAST('run 1' AS BLOB) WHERE name = CAST('run 3' AS BLOB)",
+        "UPDATE runs SET line = CAST('shape' AS BLOB) WHERE kind IN ('fields', 'shape')",
+        "DELETE FROM runs WHERE kind = 'shape'",
+    ):
+        with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
+            assert index.execute(spoil).rowcount > 0, spoil
+        assert find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed") == expected, spoil
+        assert find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed") == expected, spoil
+
+
+def test_the_index_forgets_the_fields_of_runs_that_are_gone(tmp_path: Path) -> None:
+    """A run that was removed, and the fields that a run has no more, leave nothing behind."""
+    for name in ("one", "two"):
+        closed_run(tmp_path, name)
+    result = open_run(tmp_path / "one").new_result_dir()
+    (result / "result.json").write_bytes(encode_document({"mean_radius_mm": 27.0}))
+    assert len(find_runs(tmp_path, "seed=7")) == 2
+    shutil.rmtree(tmp_path / "two")
+    shutil.rmtree(result)
+    assert len(find_runs(tmp_path, "seed=7")) == 1
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
+        left = {(bytes(name), bytes(path)) for name, path in index.execute("SELECT name, path FROM cells")}
+    assert {name for name, _ in left} == {b"one"}
+    assert (b"one", b"seed") in left
+    assert (b"one", b"result.mean_radius_mm") not in left
+
+
+def test_a_search_reads_only_the_fields_that_it_asks_for(tmp_path: Path) -> None:
+    """What a condition does not name is not looked at in the index: spoilt there, it brings no run to be read again."""
+    closed_run(tmp_path)
+    assert len(find_runs(tmp_path, "seed=7")) == 1
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
+        index.execute("UPDATE cells SET cell = 'spoilt' WHERE path = CAST('operator' AS BLOB)")
+        before = list(index.iterdump())
+    assert len(find_runs(tmp_path, "seed=7")) == 1
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
+        assert list(index.iterdump()) == before

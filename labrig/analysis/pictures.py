@@ -124,14 +124,14 @@ def handed_out(work: PictureWork, pool: Executor) -> list[Part]:
 
 
 def seen(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> Seen:
-    """Gather the answers to a work."""
-    answers: list[Any] = []
+    """Gather the answers to a work, those to the pictures first, as progress is told by them."""
     others = len(work.others)
-    for answer in chain.from_iterable(part() for part in parts):
-        answers.append(answer)
-        if progress is not None and len(answers) > others:
-            progress(len(answers) - others, len(work.pictures))
-    return Seen(tuple(answers[others:]), tuple(answers[:others]))
+    measured: list[Measured] = []
+    for one in chain.from_iterable(part() for part in parts[others:]):
+        measured.append(one)
+        if progress is not None:
+            progress(len(measured), len(work.pictures))
+    return Seen(tuple(measured), tuple(answer for part in parts[:others] for answer in part()))
 
 
 def _parts(work: PictureWork) -> list[Part]:

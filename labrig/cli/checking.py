@@ -50,14 +50,17 @@ def check(
 
 def _one(path: Path, repair: bool) -> dict[str, Any]:
     from labrig.devices import SystemClock
-    from labrig.record import check_run, repair_run
+    from labrig.record import as_url, check_run, local_folder, repair_run, require_local_run
 
-    verdict = check_run(path)
-    repaired = repair and not verdict.damage and repair_run(path, SystemClock().utc())
+    if repair:
+        require_local_run(path)
+    folder = local_folder(path)
+    verdict = check_run(folder)
+    repaired = repair and not verdict.damage and repair_run(folder, SystemClock().utc())
     if repaired:
-        verdict = check_run(path)
+        verdict = check_run(folder)
     return {
-        "run": str(path),
+        "run": as_url(path),
         "ok": not verdict.damage,
         "reason": _reason(verdict.damage),
         "protocol": verdict.experiment,

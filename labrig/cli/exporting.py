@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.output import AsJson, print_json, print_line, say
+from labrig.cli.damage import tell_damage
+from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, RecordError
 
 
@@ -49,9 +50,7 @@ def export(
     else:
         for file in files if not record else [""]:
             print_line(f"{out.rstrip('/')}/{file}")
-    for problem in opened.damage:
-        say(f"error: the record is damaged: {problem.where}: {problem.message}")
-    return RecordError.exit_code if opened.damage else 0
+    return 0 if tell_damage(opened.damage) is None else RecordError.exit_code
 
 
 def _write_tables(run: Path, formats: list[str], folder: Path) -> None:

@@ -47,14 +47,39 @@ def _all_found(runs: list[Path]) -> list[Path]:
     return [_found(run) for run in runs]
 
 
+def _found_here(run: Path) -> Path:
+    """Refuse a URL: this command writes into the run."""
+    if ":" in str(run):
+        from labrig.record import require_local_run
+
+        require_local_run(run)
+    return _found(run)
+
+
+def _all_found_here(runs: list[Path]) -> list[Path]:
+    return [_found_here(run) for run in runs]
+
+
 RunArgument = Annotated[
     Path,
-    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_found),
+    typer.Argument(
+        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_found
+    ),
 ]
 RunsArgument = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_all_found
+        metavar="RUN...", help="Folders of runs, their names in data/runs, or URLs.", callback=_all_found
+    ),
+]
+LocalRunArgument = Annotated[
+    Path,
+    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_found_here),
+]
+LocalRunsArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_all_found_here
     ),
 ]
 SetOption = Annotated[

@@ -28,6 +28,8 @@ def plain(text: str) -> str:
 
     Titles, notes, tags and the names of folders come from others, and would otherwise speak to the terminal.
     """
+    if text.isprintable():
+        return text
     return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
@@ -150,28 +152,36 @@ def print_table(
     """
     cells = [[_cell(value) for value in row] for row in rows]
     below = under or [""] * len(rows)
-    if not fits(heads, rows):
+    widths = _widths(heads, cells)
+    if _wide(widths) > _terminal_columns():
         for row, line in zip(cells, below, strict=True):
             _print_block(heads, row, line)
         return
-    widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-    numeric = [
-        bool(rows) and all(isinstance(row[i], int | float | None) for row in rows) for i in range(len(heads))
+    pads = [
+        str.rjust if rows and all(isinstance(row[i], int | float | None) for row in rows) else str.ljust
+        for i in range(len(heads))
     ]
+    lines: list[str] = []
     for cells_of_row, line in zip((heads, *cells), ("", *below), strict=True):
-        padded = [
-            c.rjust(w) if right else c.ljust(w)
-            for c, w, right in zip(cells_of_row, widths, numeric, strict=True)
-        ]
-        print_line("  ".join(padded).rstrip())
-        _print_under(line)
+        padded = [pad(cell, width) for pad, cell, width in zip(pads, cells_of_row, widths, strict=True)]
+        lines += ["  ".join(padded).rstrip(), *_under(line)]
+    print_line("\n".join(lines))  # at once: thousands of runs are listed
 
 
 def fits(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
     """Return whether a table is no wider than the terminal; what is no terminal takes every table."""
+    if not sys.stdout.isatty():
+        return True
     cells = [[_cell(value) for value in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
-    return sum(widths) + 2 * (len(widths) - 1) <= _terminal_columns()
+    return _wide(_widths(heads, cells)) <= _terminal_columns()
+
+
+def _widths(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
+    return [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
+
+
+def _wide(widths: Sequence[int]) -> int:
+    return sum(widths) + 2 * (len(widths) - 1)
 
 
 def _print_block(heads: Sequence[str], row: Sequence[str], under: str) -> None:
@@ -188,12 +198,15 @@ def _print_block(heads: Sequence[str], row: Sequence[str], under: str) -> None:
         line = joined
     if line:
         print_line(_INDENT + line)
-    _print_under(under)
+    for line in _under(under):
+        print_line(line)
 
 
-def _print_under(line: str) -> None:
-    for part in textwrap.wrap(line, max(_terminal_columns() - len(_INDENT), 20)):
-        print_line(_INDENT + part)
+def _under(line: str) -> list[str]:
+    """Return a remark on a row as lines to put below it."""
+    if not line:
+        return []
+    return [_INDENT + part for part in textwrap.wrap(line, max(_terminal_columns() - len(_INDENT), 20))]
 
 
 def _terminal_columns() -> int:

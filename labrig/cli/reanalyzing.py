@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.each_run import each_run, undamaged
-from labrig.cli.options import MaskOption, RunsArgument
+from labrig.cli.options import LocalRunsArgument, MaskOption
 from labrig.cli.output import AsJson, print_line, print_table, say
 from labrig.errors import LabrigError, RecordError
 
@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 
 
 def reanalyze(
-    run_paths: RunsArgument,
+    run_paths: LocalRunsArgument,
     settings: Annotated[
         list[str] | None,
         typer.Option(

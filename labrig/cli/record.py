@@ -12,14 +12,14 @@ from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
     IntrinsicsOption,
+    LocalRunArgument,
+    LocalRunsArgument,
     MaskOption,
     NeedleDiameterOption,
     OptionalInsertion,
     OriginOption,
     PlaneOption,
     PxPerMmOption,
-    RunArgument,
-    RunsArgument,
     RunsDirOption,
     SheathDiameterOption,
 )
@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
     app.command("import", help="Turn folders of loose pictures into runs.")(import_)
 
 
-def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
+def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
     """Write RUN/report.html of each run; a run without a result gets a page that says so."""
     from labrig.analysis import load_result
     from labrig.devices import SystemClock
@@ -52,7 +52,7 @@ def report(run_paths: RunsArgument, as_json: AsJson = False) -> int:
 
 
 def view(
-    run_path: RunArgument,
+    run_path: LocalRunArgument,
     open_viewer: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the viewer, or only make the file.")
     ] = True,

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import RigOption, RunArgument
+from labrig.cli.options import LocalRunArgument, RigOption
 from labrig.cli.output import AsJson
 
 
@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def resume(
-    run_path: RunArgument,
+    run_path: LocalRunArgument,
     protocol: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Protocol file, where it has moved since.", show_default=False),

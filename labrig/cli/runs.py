@@ -12,7 +12,13 @@ import typer
 from labrig.cli import checking
 from labrig.cli.damage import Damaged, tell_damage
 from labrig.cli.interrupted import next_steps
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunArgument, RunsArgument, RunsDirOption
+from labrig.cli.options import (
+    DEFAULT_RUNS_DIR,
+    LocalRunArgument,
+    LocalRunsArgument,
+    RunArgument,
+    RunsDirOption,
+)
 from labrig.cli.output import AsJson, fits, print_json, print_line, print_table, say
 from labrig.errors import RecordError
 
@@ -139,7 +145,7 @@ def _values(values: Sequence[object]) -> object:
 
 @app.command("tag", help="Put a tag on runs, or take it off with --remove.")
 def tag(
-    runs: RunsArgument,
+    runs: LocalRunsArgument,
     tags: Annotated[list[str], typer.Option("--tag", "-t", metavar="TAG", help="The tag; repeatable.")],
     remove: Annotated[bool, typer.Option("--remove", help="Take it off.")] = False,
     by: ByOption = None,
@@ -175,12 +181,12 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; older revisions are kept."""
-    from labrig.record import note_on_run, open_run, read_annotations
+    from labrig.record import note_on_run, open_run, require_local_run
 
     if text is None:
-        open_run(run)
-        annotations = read_annotations(run)
+        annotations = open_run(run).annotations
     else:
+        require_local_run(run)
         annotations = note_on_run(run, text, revises=revise, by=_person(by), at=_now())
         _say_page_is_older(run)
     if as_json:
@@ -194,7 +200,7 @@ def note(
 
 @app.command("verdict", help="Say whether a run is to be trusted; the last word counts.")
 def verdict(
-    run: RunArgument,
+    run: LocalRunArgument,
     judgement: Annotated[
         Literal["good", "doubtful", "bad"], typer.Argument(metavar="good|doubtful|bad", help="The verdict.")
     ],

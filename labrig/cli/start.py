@@ -1,15 +1,18 @@
 """The entry point: takes signals and mends missing streams before anything slow is imported."""
 
 import os
+import signal
 import sys
-
-from labrig.cli.signals import Interruption, ignore_from_now_on, raise_from_now_on
 
 INTERRUPTED = 130
 
 
 def main() -> None:
     """Run `labrig` with the arguments of the process and leave with the documented exit code."""
+    # Until labrig takes it, Ctrl+C ends the process without a traceback: nothing has begun.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from labrig.cli.signals import Interruption, ignore_from_now_on, raise_from_now_on
+
     _replace_closed_streams()
     try:
         raise_from_now_on()

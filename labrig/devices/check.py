@@ -33,7 +33,7 @@ from labrig.vision import Intrinsics, PlaneMap, calibration_created, load_intrin
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8
-_CALIBRATE = "labrig run protocols/calibration.yaml, then labrig calibrate adopt RUN"
+_CALIBRATE = "labrig run protocols/calibration.yaml --rig FILE, then labrig calibrate adopt RUN --rig FILE"
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or polygons; or leave mask: out"
 _OLD_DAYS = 30
 _RATE_PICTURES = 6
@@ -177,7 +177,7 @@ def _limits_result(name: str, axis: AxisDescription, drive: Epos2) -> CheckResul
         f"limits {name}",
         CheckStatus.WARN,
         f"{value}; the drive holds {found[0]} to {found[1]} quadcounts",
-        f"reference the axis again: labrig devices home --axis {name}",
+        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
     )
 
 
@@ -205,7 +205,7 @@ def _reference_result(name: str, drive: Epos2) -> CheckResult:
         f"reference {name}",
         CheckStatus.WARN,
         f"not referenced, {state}",
-        f"a run asks for zero before it moves; or: labrig devices home --axis {name}",
+        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
     )
 
 

@@ -9,7 +9,7 @@ import getpass
 import os
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -57,20 +57,21 @@ class MotionLog:
     def noting(self, axis: Axis, what: str) -> Iterator[None]:
         """Note that an axis is about to do `what`, and, however the block ends, where it stands then.
 
+        An error of the block is the one that is told, also where the log cannot be written any more.
+
         Raises
         ------
         DiskError
             Before the block where the log cannot be written: nothing has moved.
         """
         self._append("start", axis, what=what, doing=self._doing, by=_person())
-        outcome = "done"
         try:
             yield
         except LabrigError as error:
-            outcome = error.message
+            with suppress(DiskError):
+                self._append("end", axis, what=what, outcome=error.message)
             raise
-        finally:
-            self._append("end", axis, what=what, outcome=outcome)
+        self._append("end", axis, what=what, outcome="done")
 
     def _append(self, kind: str, axis: Axis, **fields: object) -> None:
         if self._path is None:

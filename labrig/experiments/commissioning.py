@@ -242,7 +242,7 @@ def _jog(rig: Rig, name: str, distance: float, speed: float | None) -> float:
         raise InputError(
             f"axis {name}: {distance:g} {axis.unit} is too far for an axis without a reference, "
             f"at most {FARTHEST[axis.unit]:.4g}",
-            f"ask for less, or first: labrig devices home --axis {name}",
+            f"ask for less, or first: labrig devices home --axis {name} --rig FILE",
         )
     what = f"move by {distance:g} {axis.unit} at {chosen:g} {axis.unit}/s"
     _confirm(rig, ConfirmMotion(name, what))

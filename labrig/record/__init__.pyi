@@ -18,9 +18,9 @@ from .layout import WITHDRAWS, picture_file, run_lock
 from .lock import FileLock, LockOwner, lock_owner
 from .manifest import read_manifest
 from .pictures import RecordedPicture, picture_count
-from .places import is_url, output_folder, require_local
+from .places import as_url, is_url, output_folder, require_local, require_local_run
 from .provenance import collect_code_diff, collect_provenance
-from .reader import Frames, Run, open_run
+from .reader import Frames, Run, local_folder, open_run
 from .repair import repair_run
 from .tables import with_numbers_apart
 from .writer import Recorder
@@ -43,6 +43,7 @@ __all__ = [
     "RunSummary",
     "Verdict",
     "as_recorded",
+    "as_url",
     "check_run",
     "collect_code_diff",
     "collect_provenance",
@@ -55,6 +56,7 @@ __all__ = [
     "is_url",
     "judge_run",
     "list_runs",
+    "local_folder",
     "lock_owner",
     "note_on_run",
     "open_run",
@@ -66,6 +68,7 @@ __all__ = [
     "repair_run",
     "require_free_bytes",
     "require_local",
+    "require_local_run",
     "run_lock",
     "tag_run",
     "with_numbers_apart",

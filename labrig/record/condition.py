@@ -30,7 +30,24 @@ Fields: TypeAlias = Mapping[str, Sequence[Value]]
 """Values by dotted path, such as `protocol.specimens.gelatin_percent`; each path has one or more."""
 
 _MAX_DEPTH = 50
-_MAX_NAMED = 40
+# What people look for; a hint names these, of the two hundred fields that a run has.
+_USUAL = (
+    "run",
+    "protocol",
+    "exit_status",
+    "started",
+    "operator",
+    "title",
+    "seed",
+    "tag",
+    "verdict",
+    "note",
+    "gelatin_percent",
+    "needle_id",
+    "diameter_mm",
+    "mean_radius_mm",
+)
+_LEAST_LIKENESS = 0.75
 _TOKEN = re.compile(
     r"""\s*(?:(?P<symbol><=|>=|!=|=|<|>|~|\(|\))|(?P<quoted>"[^"]*"|'[^']*')|(?P<word>[^\s=!<>~()"']+))"""
 )
@@ -97,11 +114,14 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
         return
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
     short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
-    near = [path for path in short if path.startswith(name)] or get_close_matches(name, short, 1)
+    near = [path for path in short if path.startswith(name)]
+    near = near or get_close_matches(name, short, 1, _LEAST_LIKENESS)
     meant = f"did you mean {near[0]}? " if near else ""
-    more = ", ..." if len(short) > _MAX_NAMED else ""
+    shown_first = [field for field in _USUAL if field in short] or short[: len(_USUAL)]
+    others = len(short) - len(shown_first)
+    more = f", and {others} more keys of manifest, protocol and result" if others else ""
     raise InputError(
-        f"{where}: no run has a field {name!r}", f"{meant}fields: {', '.join(short[:_MAX_NAMED])}{more}"
+        f"{where}: no run has a field {name!r}", f"{meant}fields: {', '.join(shown_first)}{more}"
     )
 
 

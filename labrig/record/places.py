@@ -1,7 +1,8 @@
 """Where runs and exports may stand beside the local disk: URLs that fsspec knows, such as an object store's.
 
-A live run writes on the local disk alone. A run behind a URL is copied to a temporary folder and opened there,
-checked by its hashes like any other; an export is made in a temporary folder, and put in its place when it is whole.
+A live run writes on the local disk alone, and so does what is made from a run and kept in it: results, pages, notes. A
+run behind a URL is copied to a temporary folder and opened there, checked by its hashes like any other; an export is
+made in a temporary folder, and put in its place when it is whole.
 """
 
 import re
@@ -9,7 +10,9 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
+from types import TracebackType
 
 import fsspec
 
@@ -17,14 +20,36 @@ from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
 from labrig.record.durable import disk_errors
 
-# A Path keeps one of the two slashes; one letter and a colon are a drive of Windows.
+# A Path keeps one of the slashes; one letter and a colon are a drive of Windows.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
-_NOT_THERE = "check the address, and the access rights of this account"
+_ONE_SLASH = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/(?!/)")
+_NOT_THERE = "check the address, that its server is up, and the access rights of this account"
+_ZIP = "a run in a zip file is named zip::file:///folder/run.zip"
 
 
 def is_url(place: str | Path) -> bool:
     """Return whether a place is a URL, also one that a Path has been made of."""
     return _URL.match(str(place)) is not None
+
+
+def as_url(place: str | Path) -> str:
+    """Return a URL with the slashes that a Path made of it has taken away."""
+    return _ONE_SLASH.sub(lambda found: f"{found[1]}://" + ("/" if found[1] == "file" else ""), str(place))
+
+
+def require_local_run(run: Path) -> None:
+    """Refuse a URL where something is written into a run.
+
+    Raises
+    ------
+    InputError
+    """
+    if is_url(run):
+        url = as_url(run)
+        raise InputError(
+            f"{url} is a URL, and this command writes into the run",
+            f"copy it first: labrig export {url} --record --out data/runs/{PurePosixPath(url).name or 'NAME'}",
+        )
 
 
 def require_local(folder: Path, option: str) -> None:
@@ -49,18 +74,18 @@ def fetch_run(url: str, into: Path) -> Path:
     RecordError
         When there is no run, or a name in it leads out of it.
     InputError
-        When the kind of URL is not known.
+        When the kind of URL is not known, or the package for it is not installed.
+    MachineError
+        When the store cannot be read.
     """
-    files, root = _filesystem(url)
-    try:
+    with _StoreErrors("read", url):
+        files, root = _filesystem(url)
         names = sorted(files.find(root))
         run = into / (PurePosixPath(root).name or "run")
         for name in names:
             local = run / _relative(name, root, url)
             local.parent.mkdir(parents=True, exist_ok=True)
             files.get_file(name, str(local))
-    except OSError as error:
-        raise RecordError(f"cannot read {url}: {error.strerror or error}", _NOT_THERE) from error
     if not names:
         raise RecordError(f"{url} is no run: nothing is there", _NOT_THERE)
     return run
@@ -103,11 +128,9 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
 
 def _require_free(out: str, force: bool) -> None:
     if is_url(out):
-        files, root = _filesystem(out)
-        try:
+        with _StoreErrors("look at", out):
+            files, root = _filesystem(out)
             exists = files.exists(root)
-        except OSError as error:
-            raise DiskError(f"cannot look at {out}: {error.strerror or error}", _NOT_THERE) from error
     else:
         exists = Path(out).exists()
         if exists and not Path(out).is_dir():
@@ -117,15 +140,13 @@ def _require_free(out: str, force: bool) -> None:
 
 
 def _put(folder: Path, url: str) -> None:
-    files, root = _filesystem(url)
-    try:
+    with _StoreErrors("write", url):
+        files, root = _filesystem(url)
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 name = f"{root}/{path.relative_to(folder).as_posix()}"
                 files.makedirs(name.rpartition("/")[0], exist_ok=True)
                 files.put_file(str(path), name)
-    except OSError as error:
-        raise DiskError(f"cannot write {url}: {error.strerror or error}", _NOT_THERE) from error
 
 
 def _move(folder: Path, target: Path) -> None:
@@ -141,9 +162,48 @@ def _move(folder: Path, target: Path) -> None:
 def _filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
     try:
         files, root = fsspec.core.url_to_fs(url)
-    except (ValueError, ImportError, OSError) as error:
-        raise InputError(f"{url} cannot be used: {error}", "see the protocols that fsspec knows") from error
+    except ImportError as error:
+        raise InputError(
+            f"{url} cannot be used: {error}", "install what it names beside labrig, with pip"
+        ) from error
+    except ValueError as error:
+        raise InputError(f"{url} cannot be used: {error}", _near_protocol(url)) from error
     return files, str(root).rstrip("/")
+
+
+def _near_protocol(url: str) -> str:
+    near = get_close_matches(url.partition(":")[0], fsspec.available_protocols(), 1)
+    return (
+        f"did you mean {near[0]}:? " if near else "s3:, gs:, sftp:, http: and zip: are some that fsspec knows"
+    )
+
+
+class _StoreErrors:
+    """Turns what goes wrong in a store into a named error.
+
+    The library of each store raises errors of its own, which labrig cannot know: whatever is neither Python's, but for
+    the operating system's, nor labrig's is taken for one.
+    """
+
+    def __init__(self, doing: str, url: str) -> None:
+        self._what = f"cannot {doing} {url}"
+        self._hint = _ZIP if url.startswith("zip:") else _NOT_THERE
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None or error is None:
+            return
+        room = kind.__module__.partition(".")[0]
+        if isinstance(error, OSError) or room not in {"builtins", "labrig"}:
+            said = (error.strerror if isinstance(error, OSError) else None) or str(error) or kind.__name__
+            # A store that cannot be reached is the machine's fault; what is not in it is the record's.
+            if isinstance(error, FileNotFoundError):
+                raise RecordError(f"{self._what}: {said}", self._hint) from error
+            raise DiskError(f"{self._what}: {said}", self._hint) from error
 
 
 def _relative(name: str, root: str, url: str) -> Path:

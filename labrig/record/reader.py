@@ -42,7 +42,7 @@ from labrig.record.layout import (
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, raw_pictures_bytes, recorded_picture
-from labrig.record.places import fetch_run, is_url
+from labrig.record.places import as_url, fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
 from labrig.record.tables import with_axis_units
@@ -68,8 +68,8 @@ def open_run(path: Path | str) -> "Run":
     Parameters
     ----------
     path : Path or str
-        Its folder, or as text a URL that fsspec knows; that run is copied into a temporary folder, which is kept
-        until the process ends.
+        Its folder, or a URL that fsspec knows; that run is copied into a temporary folder, which is kept until the
+        process ends.
 
     Returns
     -------
@@ -81,9 +81,7 @@ def open_run(path: Path | str) -> "Run":
     RecordError
         When it is no run, is of a newer schema, or has a damaged line; names file and line.
     """
-    if is_url(path):
-        return open_run(_fetched(str(path)))
-    folder = Path(path)
+    folder = local_folder(path)
     manifest = read_manifest(folder)
     lines = _line_files(folder)
     can_log = read_can_log(folder)
@@ -102,10 +100,19 @@ def open_run(path: Path | str) -> "Run":
     return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, written)))
 
 
-def _fetched(url: str) -> Path:
-    folder = tempfile.TemporaryDirectory(prefix="labrig-")
-    atexit.register(folder.cleanup)
-    return fetch_run(url, Path(folder.name))
+def local_folder(path: Path | str) -> Path:
+    """Return the folder of a run: its own, or that of a copy where it is behind a URL.
+
+    Raises
+    ------
+    InputError, DiskError, RecordError
+        When nothing can be had from the URL.
+    """
+    if not is_url(path):
+        return Path(path)
+    copy = tempfile.TemporaryDirectory(prefix="labrig-")
+    atexit.register(copy.cleanup)
+    return fetch_run(as_url(path), Path(copy.name))
 
 
 class Run:

@@ -1,5 +1,6 @@
 """`labrig export`."""
 
+import shutil
 from pathlib import Path
 
 import fsspec
@@ -31,6 +32,40 @@ def test_a_record_goes_to_an_object_store_and_comes_back(labrig: Labrig, tmp_pat
     assert labrig("export", store, "--record", "--out", tmp_path / "back").exit_code == 0
     assert labrig("runs", "check", tmp_path / "back").exit_code == 0
     fsspec.filesystem("memory").rm("/shelf", recursive=True)
+
+
+def test_commands_that_read_take_a_url(labrig: Labrig, tmp_path: Path) -> None:
+    """Check, note, diff and replay look at a copy of what is behind it; nothing is written there."""
+    shutil.copytree(FIRST, tmp_path / "shelf")
+    before = sorted(path.name for path in (tmp_path / "shelf").iterdir())
+    url = f"file://{tmp_path}/shelf"
+    checked = labrig("runs", "check", url, "--json").json()[0]
+    assert (checked["run"], checked["ok"]) == (url, True)
+    assert labrig("runs", "note", url).exit_code == 0
+    assert labrig("runs", "diff", FIRST, url, "--json").json()["identical"] is True
+    assert labrig("replay", url, "--json").json()["identical"] in {True, False}
+    assert sorted(path.name for path in (tmp_path / "shelf").iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["report"], ["view", "--no-open"], ["reanalyze"], ["resume"], ["runs", "check", "--repair"],
+        ["runs", "tag", "-t", "x"],
+    ],
+)  # fmt: skip
+def test_commands_that_write_into_the_run_refuse_a_url(words: list[str], labrig: Labrig) -> None:
+    """A result, a page or a tag is kept in the run; it is said how to have the run here first."""
+    done = labrig(*words, f"file://{FIRST}", "--json")
+    assert done.exit_code == 2
+    assert f"labrig export file://{FIRST} --record --out data/runs/first-record" in done.out + done.err
+
+
+def test_notes_and_verdict_are_not_written_behind_a_url(labrig: Labrig) -> None:
+    """Both are refused with the same hint."""
+    for words in (["note", f"file://{FIRST}", "text"], ["verdict", f"file://{FIRST}", "good"]):
+        done = labrig("runs", *words)
+        assert (done.exit_code, "labrig export file://" in done.err) == (2, True)
 
 
 def test_a_live_run_writes_on_the_local_disk(labrig: Labrig) -> None:

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
-from labrig.record import FileLock, check_run, open_run
+from labrig.protocol import dump_yaml, load_protocol
+from labrig.record import FileLock, Recorder, check_run, open_run
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, Sweep
 from tests.cli.cut_runs import cut_short
 from tests.record.faults import killed_run
+from tests.record.runs import ENDED
 
 
 def radii(document: dict[str, Any]) -> dict[int, float]:
@@ -146,3 +148,22 @@ def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> No
     done = labrig("resume", killed_run(tmp_path))
     assert done.exit_code == 2
     assert "nothing of it can be kept" in done.err
+
+
+def test_an_insertion_that_cannot_be_continued_names_the_way_out(labrig: Labrig, tmp_path: Path) -> None:
+    """Of a real rig the refusal says how its needle is taken out; a simulated one has none left in its gel."""
+    protocol = dump_yaml(load_protocol(ROOT / "protocols" / "insertion.yaml"))
+    for kind in ("real", "simulated"):
+        manifest = {
+            "experiment": "insertion",
+            "started": "2026-03-02T09:30:00+00:00",
+            "devices": {"kind": kind},
+        }
+        recorder = Recorder.create(tmp_path, f"{kind} rig", manifest, protocol, None, {})
+        recorder.event("trial_start", 0.0, trial=0)
+        recorder.state(1.0, insertion_mm=5.0, rotation_rad=0.0, linear_mm=1.0)
+        done = labrig("resume", recorder.path)
+        assert (done.exit_code, "nothing of it can be kept" in done.err) == (2, True)
+        way_out = f"labrig devices withdraw --rig FILE --run '{recorder.path}'"
+        assert (way_out in done.err) is (kind == "real")
+        recorder.close("aborted", "", ENDED)

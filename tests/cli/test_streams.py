@@ -60,6 +60,13 @@ def test_a_log_that_dies_does_not_end_a_run(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["exit_status"] == "success"
 
 
+def test_ctrl_c_is_taken_before_anything_is_imported() -> None:
+    """Whoever presses it at once sees no traceback: what starts labrig loads none of its modules first."""
+    code = "import sys, labrig.cli.start; print([m for m in sys.modules if m.startswith('labrig.cli.')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['labrig.cli.start']"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.Signals) -> None:
     """A signal is no Exception, so that an import guarded against all of them cannot swallow it."""

@@ -99,6 +99,13 @@ def test_a_faulted_drive_fails_the_check() -> None:
         assert decode_state(opened.plant.drives["linear"]._statusword()) is DriveState.FAULT
 
 
+def test_commands_that_are_named_name_the_rig_file() -> None:
+    """Else the student who copies them drives the simulated rig."""
+    for result in check_rig(load_rig(BENCH)):
+        for command in ("labrig run", "calibrate adopt", "devices home --axis"):
+            assert command not in result.solution or "--rig FILE" in result.solution
+
+
 def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
     """The state of the rig is part of the check, and what to do is said."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)

@@ -327,6 +327,23 @@ def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
         assert opened.plant.drives["linear"].shaft_quadcounts == 0
 
 
+def test_a_full_disk_hides_no_fault_of_the_drive(tmp_path: Path) -> None:
+    """Where the motion fails and its end cannot be noted, the fault is what is told."""
+    log = tmp_path / "state.json.motions.jsonl"
+    with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
+
+        def strike() -> None:
+            if opened.plant.clock.now_s() > 5 and log.is_file():
+                log.unlink()
+                log.mkdir()
+                opened.signal.name = "SIGINT"
+
+        opened.plant.clock.on_advance(strike)
+        with pytest.raises(InterruptedRunError, match="SIGINT"):
+            jog(opened.rig, "linear", 20.0)
+    assert log.is_dir()
+
+
 def test_the_check_tells_what_was_moved_last(tmp_path: Path) -> None:
     """A line of `labrig devices check`, once something was."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)

@@ -73,10 +73,13 @@ def test_what_cannot_be_read_is_refused_with_its_place(text: str, said: str) -> 
 
 
 def test_a_field_that_no_run_has_is_refused_with_those_that_there_are() -> None:
-    """A misspelt field is named with its place and the one that was probably meant."""
+    """A misspelt field is named with its place and the one that was probably meant; nonsense means none."""
     with pytest.raises(InputError, match="character 12: no run has a field 'gelatine_percent'") as refusal:
         parse_condition("seed=7 and gelatine_percent=13").require_known(FIELDS)
-    assert refusal.value.hint.startswith("did you mean gelatin_percent? fields: exit_status, operator")
+    assert refusal.value.hint.startswith("did you mean gelatin_percent? fields: exit_status, started")
+    with pytest.raises(InputError) as refusal:
+        parse_condition("nonsense=1").require_known({*FIELDS, "notes"})
+    assert refusal.value.hint.startswith("fields: exit_status")
 
 
 @given(st.text(alphabet="abc=<>!~()'\" 17andor;-", max_size=40))

@@ -8,8 +8,8 @@ import fsspec
 import numpy as np
 import pytest
 
-from labrig.errors import InputError, OutputExistsError, RecordError
-from labrig.record import is_url, open_run, output_folder, require_local
+from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
+from labrig.record import as_url, is_url, open_run, output_folder, require_local
 from tests.record.runs import closed_run, picture
 
 STORE = "memory://lab/runs/one"
@@ -69,6 +69,65 @@ def test_what_is_not_there_is_named(store: fsspec.AbstractFileSystem) -> None:
         open_run("memory://lab/none")
     with pytest.raises(InputError, match="Protocol not known"):
         open_run("nowhere://lab/none")
+
+
+class BrokenStoreError(Exception):
+    """What the library of a store raises, of a kind that labrig does not know."""
+
+
+class BrokenStore(fsspec.AbstractFileSystem):
+    """A store whose server is down."""
+
+    protocol = "brokenstore"
+
+    def find(self, *_: object, **__: object) -> list[str]:
+        """Find nothing."""
+        raise BrokenStoreError("endpoint did not answer")
+
+    def exists(self, *_: object, **__: object) -> bool:
+        """Tell nothing."""
+        raise BrokenStoreError("endpoint did not answer")
+
+
+def test_a_store_that_does_not_answer_is_named(tmp_path: Path) -> None:
+    """An error of the store's own library is told with the address, in reading and in writing."""
+    fsspec.register_implementation("brokenstore", BrokenStore, clobber=True)
+    with pytest.raises(DiskError, match="cannot read brokenstore://lab/one: endpoint did not answer"):
+        open_run("brokenstore://lab/one")
+    with (
+        pytest.raises(DiskError, match="cannot look at brokenstore://lab/one"),
+        output_folder("brokenstore://lab/one", force=False),
+    ):
+        pass
+
+
+def test_a_kind_of_address_whose_package_is_missing_names_it() -> None:
+    """What has to be installed is said, and that it goes beside labrig."""
+    fsspec.register_implementation(
+        "lackingstore", "no_such_package.Store", clobber=True, errtxt="Install no_such_package"
+    )
+    with pytest.raises(InputError, match="Install no_such_package") as refusal:
+        open_run("lackingstore://lab/one")
+    assert "pip" in refusal.value.hint
+
+
+def test_a_run_in_a_zip_file_is_read(tmp_path: Path) -> None:
+    """A zip file is a place like any other; one that is none is named, with how a zip file is addressed."""
+    closed_run(tmp_path, "one")
+    shutil.make_archive(str(tmp_path / "one"), "zip", tmp_path / "one")
+    assert open_run(f"zip::file://{tmp_path}/one.zip").problems == ()
+    (tmp_path / "none.zip").write_text("no zip file")
+    with pytest.raises(DiskError, match="not a zip file") as refusal:
+        open_run(f"zip::file://{tmp_path}/none.zip")
+    assert "zip::file:///" in refusal.value.hint
+
+
+@pytest.mark.parametrize(
+    "url", ["s3://lab/one", "file:///lab/one", "zip::file:///lab/one.zip", "simplecache::s3://x"]
+)
+def test_a_path_made_of_a_url_is_a_url_again(url: str) -> None:
+    """A Path takes slashes away; they come back."""
+    assert as_url(Path(url)) == url
 
 
 def test_nothing_there_is_replaced_unasked(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:

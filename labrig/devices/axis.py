@@ -483,6 +483,10 @@ class Axis:
             "quadcounts_per_unit": self._scale.quadcounts_per_unit,
             "rpm_per_speed": self._scale.rpm_per_speed,
             "position_window_quadcounts": self._window_quadcounts,
+            # Each was read back when the drive was configured; those that the drive had otherwise were written.
+            "drive_settings": {
+                entry.place: value for entry, value in (self._settings() | self._gentle()).items()
+            },
             "settings_written": list(self.written),
             **self.counts(),
         }

@@ -16,7 +16,17 @@ Leaves = dict[str, list[Value]]
 
 # Hashes and lists of every picture tell runs apart, and say nothing that anybody would ask for.
 _LEFT_OUT = frozenset(
-    {"schema_version", "crc32", "hashes", "command_line", "settings_written", "packages", "inputs", "created"}
+    {
+        "schema_version",
+        "crc32",
+        "hashes",
+        "command_line",
+        "drive_settings",
+        "settings_written",
+        "packages",
+        "inputs",
+        "created",
+    }
 )
 _LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", "measurements", "cells", "corners"})
 

@@ -1,5 +1,6 @@
 """What code ran, with which packages, on which computer."""
 
+import getpass
 import os
 import platform
 import re
@@ -27,8 +28,8 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
     -------
     dict
         `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None where it runs from no
-        checkout), `command_line`, `python`, `platform`, `host`, `packages` {name: version} of all that labrig
-        depends on itself.
+        checkout), `command_line`, `python`, `platform`, `host`, `account` (whose name the command ran under, None where
+        it has none), `packages` {name: version} of all that labrig depends on itself.
     """
     program = [Path(word).name for word in command_line[:1]]
     return {
@@ -38,8 +39,16 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         "python": platform.python_version(),
         "platform": platform.platform(),
         "host": platform.node(),
+        "account": _account(),
         "packages": _package_versions(),
     }
+
+
+def _account() -> str | None:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return None
 
 
 def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:

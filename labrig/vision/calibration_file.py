@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 
 from labrig.errors import DiskError, FileFormatError, InputError, Problem
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.plane import Insertion, PlaneMap, Radial, Variation
+from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel, PaperPlace
 
 _INTRINSICS = "labrig-intrinsics"
@@ -74,6 +74,17 @@ class _VariationPart(_Part):
     lens: _TenNumbers | None
 
 
+class _BendPart(_Part):
+    order: PositiveInt
+    holdout_rms_mm: float
+    largest_shift_mm: float
+    largest_shift_px: tuple[float, float]
+    height_mm: float | None
+    sigma_mm: float | None
+    highest_px: tuple[float, float] | None
+    lowest_px: tuple[float, float] | None
+
+
 class _PlaneDocument(_Part):
     accepted: bool
     reasons: tuple[str, ...]
@@ -91,6 +102,8 @@ class _PlaneDocument(_Part):
     radial: tuple[float, float, float] | None = None
     gel: _GelPart | None = None
     flatness_mm: float | None = None
+    crossing_noise_mm: float | None = None
+    bend: _BendPart | None = None
     variations: tuple[_VariationPart, ...] = ()
 
 
@@ -153,12 +166,13 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     homography = np.array(found.homography)
     if not np.linalg.det(homography):
         raise FileFormatError((Problem(f"{path} homography", "has no inverse", _again(_PLANE)),))
-    parts = {"intrinsics_sha256", "radial", "gel", "variations"}
+    parts = {"intrinsics_sha256", "radial", "gel", "bend", "variations"}
     return PlaneMap(
         **{**found.model_dump(exclude=parts), "homography": homography},
         intrinsics=intrinsics,
         radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
         gel=None if found.gel is None else Gel(**found.gel.model_dump()),
+        bend=None if found.bend is None else Bend(**found.bend.model_dump()),
         variations=tuple(Variation(np.array(one.homography), one.lens) for one in found.variations),
     )
 

@@ -6,7 +6,9 @@ the interval does not count rows: the window is cut into longer blocks, the mean
 observation, and Student's t allows for how few blocks there are (batch means; Flegal and Jones 2010, Annals of
 Statistics 38:1034). What is uncertain in lens and plane map (`PlaneMap.variations`) moves all blocks together and is
 added to the variance; the degrees of freedom are Welch's and Satterthwaite's. Over rendered pictures that interval held
-the truth in 93 to 97 of 100.
+the truth in 93 to 97 of 100; elsewhere, of 40 to 120 pictures each, in 94 to 99 % of those of radii of 15, 20 and 60
+mm, of windows of 18 mm, of a camera tilted by 8 degrees and of dirty gel, in all through paper bent by 0.4 mm, and in
+89 % of those of a radius of 40 mm in noise of 8 grey levels: it is somewhat too short there.
 """
 
 from dataclasses import dataclass, replace

@@ -5,10 +5,12 @@ which the picture changes most, then the darkness added up along each. The neare
 so heavier lines every 5 or 10 mm do not mislead it. From a crossing in that patch the grid is followed
 outwards, ring by ring, each crossing predicted by the steps between its neighbours and then refined on its own.
 
-Where the darkness alone shows no grid, because pen traces and printed dots lie over it, the ink is looked for: colour
-and darkness together, with what is far darker than any line taken out. Where only the heavier lines can be followed,
-those between them are counted in the mean over all cells, so that crossings are numbered in the finest lines all the
-same. Crossings that their neighbours contradict are left out.
+Where the darkness alone shows no large grid, because pen traces and printed dots lie over it or it is faint, the ink is
+looked for as well: colour and darkness together, with what is far darker than any line taken out; each line is followed
+further from its crossing; and that of these grids is taken in which most crossings lie evenly between their neighbours.
+
+Where only the heavier lines can be followed, those between them are counted in the mean over all cells, so that all
+crossings are numbered in the finest lines all the same. Those that their neighbours contradict are left out.
 """
 
 from dataclasses import dataclass, replace
@@ -24,8 +26,9 @@ from labrig.vision.picture import Picture
 _FloatArray = NDArray[np.float64]
 
 # Half the side of the patch in which the lines are looked for first, as shares of the picture's shorter side:
-# in a smaller one a slanted view is more even.
-_PATCH_SHARES = (1.0 / 6.0, 1.0 / 12.0)
+# in a smaller one a slanted view is more even, in a larger one the lines of a coarse grid are enough.
+_PATCH_SHARES = (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0)
+_INK_PATCH_SHARES = (1.0 / 6.0, 1.0 / 3.0)
 _PATCH_PX = (40, 160)
 # Where patches are tried, as shares of the picture, the middle first.
 _PATCH_PLACES = sorted(
@@ -57,11 +60,13 @@ _LEAST_EXPLAINED = 0.7
 _INK_QUANTILE, _TRACE = 0.93, 1.8
 _TRACE_MARGIN_PX = 3
 _INK_BLUR_PX = 2.0
-# Printed dots and what is left of traces disturb a crossing: its lines are then followed further, in steps.
-_INK_ALONG = np.concatenate([sign * (np.linspace(0.25, 0.75, 6) + k) for sign in (-1, 1) for k in range(3)])
+# Printed dots, what is left of traces, and noise disturb a crossing: its lines are then followed further, in steps.
+_FAR_ALONG = np.concatenate([sign * (np.linspace(0.25, 0.75, 6) + k) for sign in (-1, 1) for k in range(3)])
 _INK_SLOW_PX = 21
 # A crossing so many times further from where its neighbours put it than is usual is left out.
 _STRAY = 4.0
+# A crossing so near to where its neighbours put it, in pitches, lies evenly.
+_EVEN = 0.1
 _PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 # Beyond this, across a line, there is bare paper.
 _FLANK = 0.32
@@ -131,9 +136,9 @@ def find_crossings(image: Picture) -> Crossings:
     """
     darkness = _flattened(_darkest(image))
     found = _largest(darkness)
-    if found is None or len(found.pixels) < _ENOUGH:
-        inked = _inked(image)
-        found = max((one for one in (found, inked) if one is not None), key=_count, default=None)
+    if found is None or _count(found) < _ENOUGH:
+        others = (_followed_on(darkness, found), _inked(image))
+        found = max((one for one in (found, *others) if one is not None), key=_count_even, default=None)
     if found is None or _count(found) < _LEAST_LINES**2:
         raise MeasurementRefusedError(
             "no grid of ruled lines in the picture",
@@ -145,6 +150,10 @@ def find_crossings(image: Picture) -> Crossings:
 
 def _count(found: Crossings) -> int:
     return len(found.pixels)
+
+
+def _count_even(found: Crossings) -> int:
+    return int(np.sum(_off_middle(found) <= _EVEN * found.pitch_px))
 
 
 def _darkest(image: Picture) -> Picture:
@@ -170,13 +179,17 @@ def _largest(flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARE
 def _inked(image: Picture) -> Crossings | None:
     """Return the grid as its ink shows it, with pen traces taken out."""
     ink = _blurred(_ink(image), _INK_BLUR_PX)
-    found = _largest(ink, _PATCH_SHARES[:1])
+    return _followed_on(ink, _largest(ink, _INK_PATCH_SHARES))
+
+
+def _followed_on(flat: NDArray[np.float32], found: Crossings | None) -> Crossings | None:
+    """Return the crossings by their lines over several steps to both sides; None where there are too few."""
     if found is None or _count(found) < _LEAST_LINES**2:
         return None
     _, steps, cells = _laid_out(found)
     known = np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))
     ring = _Ring(cells[known], found.pixels[known], steps[tuple(cells[known].T)])
-    fine, _ = _refined(ink, ring, _INK_ALONG)
+    fine, _ = _refined(flat, ring, _FAR_ALONG)
     return Crossings(fine, found.indices[known], found.pitch_px)
 
 
@@ -220,8 +233,10 @@ def _laid_out(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.in
     return places, _local_steps(places), cells
 
 
-def _without_strays(found: Crossings) -> Crossings:
-    """Return the crossings without those that are far from the middle between their neighbours."""
+def _off_middle(found: Crossings) -> _FloatArray:
+    """Return how far crossings (N,) [px] are from the middle between their neighbours; NaN where there are none."""
+    if not _count(found):
+        return np.empty(0)
     places, _, cells = _laid_out(found)
     pairs = [
         0.5 * (np.roll(places, pair, axis=(0, 1)) + np.roll(places, np.negative(pair), axis=(0, 1)))
@@ -231,8 +246,14 @@ def _without_strays(found: Crossings) -> Crossings:
     seen = np.isfinite(middles[..., 0]).any(axis=0)
     middle = np.full(found.pixels.shape, np.nan)
     middle[seen] = np.nanmedian(middles[:, seen], axis=0)
-    off = np.linalg.norm(found.pixels - middle, axis=1)
-    kept = seen & (off <= _STRAY * np.nanmedian(off)) if seen.any() else seen
+    return np.asarray(np.linalg.norm(found.pixels - middle, axis=1))
+
+
+def _without_strays(found: Crossings) -> Crossings:
+    """Return the crossings without those that are far from the middle between their neighbours."""
+    off = _off_middle(found)
+    seen = np.isfinite(off)
+    kept = seen & (off <= _STRAY * np.median(off[seen])) if seen.any() else seen
     return replace(found, pixels=found.pixels[kept], indices=found.indices[kept])
 
 

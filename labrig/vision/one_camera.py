@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.errors import CalibrationRefusedError
 from labrig.vision.bundle import Fit, View, focal_change
 
 _FloatArray = NDArray[np.float64]
@@ -52,6 +53,8 @@ class TwoSettings:
 def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], Fit]) -> TwoSettings | None:
     """Return which views are of another camera setting than most, or None where nothing speaks for that.
 
+    Where no camera explains the larger group alone, nothing does.
+
     Parameters
     ----------
     fit : Fit
@@ -64,7 +67,10 @@ def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], 
     for _ in range(_ROUNDS):
         if kept is None or len(kept) < _LEAST_OF_A_SETTING or len(kept) == len(views):
             return None
-        alone = refit([views[int(index)] for index in kept])
+        try:
+            alone = refit([views[int(index)] for index in kept])
+        except CalibrationRefusedError:
+            return None
         changes = _changes(alone.among(views), views)
         sigmas = np.hypot(changes[:, 1], alone.focal_sigma)
         other = (np.abs(changes[:, 0]) > np.maximum(_LEAST_APART, _LEAST_SIGMAS * sigmas)) & (

@@ -79,6 +79,53 @@ class Variation:
     lens: tuple[float, ...] | None
 
 
+@dataclass(frozen=True)
+class Bend:
+    """Why crossings are off a plane: the sheet is bent. It explains residuals, and is no part of the map.
+
+    Attributes
+    ----------
+    order : int
+        Of the polynomial that the height is of the place on the sheet, chosen by the crossings left out.
+    holdout_rms_mm : float
+        Error of crossings that the fit did not see, with the bend.
+    largest_shift_mm : float
+        The most of a crossing's residual that it explains.
+    largest_shift_px : (float, float)
+        Where that is in the picture.
+    height_mm, sigma_mm : float or None
+        The highest crossing above the lowest one, over the best plane, and the standard deviation of that; None where
+        no intrinsics say where the camera is: its place, one radial term and the height stand for one another then.
+    highest_px, lowest_px : (float, float) or None
+        Where these crossings are in the picture.
+    """
+
+    order: int
+    holdout_rms_mm: float
+    largest_shift_mm: float
+    largest_shift_px: tuple[float, float]
+    height_mm: float | None = None
+    sigma_mm: float | None = None
+    highest_px: tuple[float, float] | None = None
+    lowest_px: tuple[float, float] | None = None
+
+    def sentence(self) -> str:
+        """Return it in words; without a lens's calibration it could also be the lens."""
+        u, v = self.largest_shift_px
+        moved = f"That moves its lines by up to {self.largest_shift_mm:.2f} mm, around ({u:.0f}, {v:.0f}) px."
+        left_out = f"With it, crossings left out are predicted within {self.holdout_rms_mm:.3f} mm rms."
+        if self.highest_px is None or self.lowest_px is None:
+            return (
+                "The sheet is bent, or the lens has more than one radial term; by how much it is bent, only the lens's "
+                f"calibration would tell. {moved} {left_out}"
+            )
+        (a, b), (c, d) = self.highest_px, self.lowest_px
+        return (
+            f"The sheet is bent: at ({a:.0f}, {b:.0f}) px it is {self.height_mm:.2f} ± {self.sigma_mm:.2f} mm higher "
+            f"over its best plane than at ({c:.0f}, {d:.0f}) px. {moved} {left_out}"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class PlaneMap:
     """The map between a picture and the steering plane, with the evidence for it.
@@ -115,6 +162,10 @@ class PlaneMap:
         Bends the rays; None for a plane in air, or paper that lay in the same gel.
     flatness_mm : float or None
         How far the paper is from flat: the largest mean residual over a part of the picture.
+    crossing_noise_mm : float or None
+        How far a crossing is off on its own, rms, by the differences of neighbours: no fit gets below it.
+    bend : Bend or None
+        Why the crossings are off a plane, where a bent sheet explains it.
     variations : tuple of Variation
         What is uncertain in the map; the variance of any length is the sum of its squared changes over these.
     """
@@ -135,6 +186,8 @@ class PlaneMap:
     radial: Radial | None = None
     gel: Gel | None = None
     flatness_mm: float | None = None
+    crossing_noise_mm: float | None = None
+    bend: Bend | None = None
     variations: tuple[Variation, ...] = ()
 
     @classmethod
@@ -229,6 +282,8 @@ class PlaneMap:
             "gel": None if self.gel is None else vars(self.gel),
             "assumptions": [] if self.gel is None else list(self.gel.assumptions()),
             "flatness_mm": self.flatness_mm,
+            "crossing_noise_mm": self.crossing_noise_mm,
+            "bend": self.bend and {**vars(self.bend), "sentence": self.bend.sentence()},
             "variations": [
                 {"homography": one.homography.tolist(), "lens": one.lens and list(one.lens)}
                 for one in self.variations

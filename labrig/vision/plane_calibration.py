@@ -20,6 +20,7 @@ from labrig.vision.limits import above, below
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.plane import (
     PICTURE_AXES,
+    Bend,
     Insertion,
     PlaneMap,
     Variation,
@@ -30,6 +31,7 @@ from labrig.vision.plane import (
 from labrig.vision.plane_fit import PlaneFit, fit_plane
 from labrig.vision.projection import lens_variations
 from labrig.vision.refraction import Gel
+from labrig.vision.sheet_bend import find_bend
 
 _FloatArray = NDArray[np.float64]
 
@@ -105,6 +107,7 @@ def calibrate_plane(
     gross_mm = _GROSS * found.step * pitch_mm
     fit = fit_plane(ideal, paper, gross_mm, with_radial=intrinsics is None)
     frame = _Frame(undistorted(fit.radial, ideal_origin), direction, fit.homography)
+    odd = _odd_blocks(found)
     bare = PlaneMap(
         homography=frame.framed(fit.homography),
         intrinsics=intrinsics,
@@ -112,11 +115,13 @@ def calibrate_plane(
         insertion=direction,
         image_size=size,
         mm_per_px=0.0,
-        holdout_rms_mm=_holdout_rms(ideal, paper, found, fit, gross_mm),
+        holdout_rms_mm=_holdout_rms(ideal, paper, odd, fit, gross_mm),
+        crossing_noise_mm=_crossing_noise(found, fit),
         radial=fit.radial,
         variations=_variations(found, fit, frame, intrinsics, paper),
     )
-    placed = _with_gel(replace(bare, mm_per_px=_mm_per_px(bare)), gel)
+    bare = replace(bare, mm_per_px=_mm_per_px(bare), bend=_bend(bare, found, ideal, odd, fit))
+    placed = _with_gel(bare, gel)
     return _judged(placed, found, fit, frame.turn_rad)
 
 
@@ -162,11 +167,35 @@ def _seen(
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
 
 
+def _odd_blocks(found: Crossings) -> NDArray[np.bool_]:
+    """Return which crossings (N,) are in every other block, as on a chessboard."""
+    return np.asarray((found.indices // (_BLOCK * found.step)).sum(axis=1) % 2 == 1)
+
+
+def _crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
+    """Return how far crossings are off on their own, rms [mm]: neighbours differ by the square root of two of it."""
+    cells = (found.indices - found.indices.min(axis=0)) // found.step
+    off = np.full((*(cells.max(axis=0) + 1), 2), np.nan)
+    off[tuple(cells[fit.kept].T)] = fit.residuals_mm[fit.kept]
+    steps = np.concatenate([np.sum(np.diff(off, axis=axis) ** 2, axis=2).ravel() for axis in (0, 1)])
+    steps = steps[np.isfinite(steps)]
+    return float(np.sqrt(0.5 * np.mean(steps))) if len(steps) else None
+
+
+def _bend(
+    bare: PlaneMap, found: Crossings, ideal: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit
+) -> Bend | None:
+    """Return the sheet's bend, its height in mm where the camera's lens is known."""
+    if bare.crossing_noise_mm is None:
+        return None
+    camera = None if bare.intrinsics is None else replace(bare, homography=fit.homography).camera_mm()
+    return find_bend(fit, ideal, found.pixels, odd, noise_mm=bare.crossing_noise_mm, camera_mm=camera)
+
+
 def _holdout_rms(
-    ideal: _FloatArray, paper: _FloatArray, found: Crossings, fit: PlaneFit, gross_mm: float
+    ideal: _FloatArray, paper: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit, gross_mm: float
 ) -> float | None:
     """Return the error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
-    odd = (found.indices // (_BLOCK * found.step)).sum(axis=1) % 2 == 1
     if min((odd & fit.kept).sum(), (~odd & fit.kept).sum()) < _LEAST_IN_A_HALF:
         return None
     errors = []

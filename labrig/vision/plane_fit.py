@@ -27,6 +27,8 @@ _FULL = 2.0
 _MAD_TO_SIGMA = 1.4826
 _LEAST_SCALE_MM = 1e-9
 _LEAST_CROSSINGS = 6
+# For derivatives by central differences; parameters and places are about one.
+_DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,16 @@ class PlaneFit:
     def paper_px(self, ideal_or_px: _FloatArray) -> _FloatArray:
         """Return the pixels (N, 2) that the homography is of: ideal ones, or those that the radial term leaves."""
         return ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
+
+    def moves_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
+        """Return by how much each parameter moves the places of pixels on the paper (N, 2, P) [mm]."""
+        normal = self._frame.normal(ideal_or_px)
+        steps = _DIFFERENCE * np.eye(len(self.parameters))
+        moves = [
+            _predicted(self.parameters + step, normal) - _predicted(self.parameters - step, normal)
+            for step in steps
+        ]
+        return np.stack(moves, axis=2) / (2.0 * _DIFFERENCE)
 
     def moved_homographies(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
         """Return the homography moved by one standard deviation along each axis of its covariance.

@@ -253,10 +253,14 @@ def test_a_bench_with_unknown_entries_does_not_open() -> None:
 
 
 def test_the_record_gets_every_device_in_json() -> None:
-    """What is described survives JSON, and holds drives, camera and bus."""
+    """What is described survives JSON, and holds drives with the settings they have been given, camera and bus."""
     with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
         described = json.loads(json.dumps(rig.describe()))
     assert described["axes"]["linear"]["drive"]["model"] == "EPOS2 24/5"
+    for axis in described["axes"].values():
+        assert {"0x6065:00", "0x607F:00", "0x6083:00", "0x6085:00", "0x1016:01"} <= set(
+            axis["drive_settings"]
+        )
     assert described["camera"]["readback"]["exposure_us"] == 8000
 
 

@@ -28,6 +28,35 @@ class Bench:
         homogeneous = np.column_stack((ideal, np.ones(len(ideal)))) @ np.linalg.inv(self.mm_to_ideal).T
         return homogeneous[:, :2] / homogeneous[:, 2:]
 
+    def camera_mm(self):
+        """Return where the camera stands: right, down, and height over the sheet [mm]."""
+        turned = np.linalg.inv(self.intrinsics.camera_matrix()) @ self.mm_to_ideal
+        towards = -np.cross(turned[:, 0], turned[:, 1])
+        return -np.column_stack((turned[:, :2], towards)).T @ turned[:, 2]
+
+    def folded_mm(self, px, fold_deg):
+        """Return the points (N, 2), along the paper, of a sheet whose right half rises towards the camera."""
+        x, y, z = self.camera_mm()
+        sheet, slope = self.mm(px), np.tan(np.deg2rad(fold_deg))
+        right, down = (sheet - (x, y)).T
+        along = (z - x * slope) / (z + right * slope)
+        risen = np.column_stack(((x + along * right) / np.cos(np.deg2rad(fold_deg)), y + along * down))
+        return np.where(sheet[:, :1] > 0.0, risen, sheet)
+
+    def rolled_mm(self, px, radius_mm):
+        """Return the points (N, 2), along the paper, of a sheet rolled up at left and right to a cylinder.
+
+        The cylinder touches the plane in the middle and rises towards the camera; each ray is followed to where it
+        meets it first.
+        """
+        x, y, z = self.camera_mm()
+        right, down = (self.mm(px) - (x, y)).T
+        # (x + t right)^2 + (R - z + t z)^2 = R^2, from the camera at height z to the plane at t = 1.
+        a, b = right**2 + z**2, x * right + (radius_mm - z) * z
+        c = x**2 + (radius_mm - z) ** 2 - radius_mm**2
+        along = (-b + np.sqrt(b**2 - a * c)) / a
+        return np.column_stack((radius_mm * np.arcsin((x + along * right) / radius_mm), y + along * down))
+
 
 def make_bench(
     size=(800, 600), px_per_mm=15.6, tilt_deg=2.0, turn_deg=1.0, distortion=(-0.12, 0.03, 5e-4, -3e-4, 0.0)
@@ -56,16 +85,31 @@ def make_bench(
 
 
 def draw_paper(
-    bench, *, noise=4.0, blur_px=1.0, seed=0, lines=LINES, uneven=0.4, bulge_mm=0.0, supersampling=2
+    bench,
+    *,
+    noise=4.0,
+    blur_px=1.0,
+    seed=0,
+    lines=LINES,
+    uneven=0.4,
+    bulge_mm=0.0,
+    roll_mm=None,
+    fold_deg=None,
+    supersampling=2,
 ):
     """Return a grey picture of ruled paper: dark lines, heavier every five and ten, blur, uneven light, noise.
 
-    `bulge_mm` moves the paper's points sideways, as where it is not flat.
+    `bulge_mm` moves the paper's points sideways, as where it is not flat; `roll_mm` rolls it to a cylinder of that
+    radius, `fold_deg` folds up its right half.
     """
     width, height = bench.intrinsics.image_size
     rows, columns = np.mgrid[0 : height * supersampling, 0 : width * supersampling]
     px = (np.column_stack((columns.ravel(), rows.ravel())) - (supersampling - 1) / 2) / supersampling
     mm = bench.mm(px)
+    if roll_mm is not None:
+        mm = bench.rolled_mm(px, roll_mm)
+    elif fold_deg is not None:
+        mm = bench.folded_mm(px, fold_deg)
     mm = mm + bulge_mm * np.sin(mm[:, ::-1] / 6.0)
     dark = np.zeros(len(mm))
     for every, half_width, density in lines:

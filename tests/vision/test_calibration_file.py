@@ -17,7 +17,7 @@ from labrig.vision import (
     save_intrinsics,
     save_plane,
 )
-from labrig.vision.plane import Radial, Variation
+from labrig.vision.plane import Bend, Radial, Variation
 
 LENS = Intrinsics(
     image_size=(1280, 720),
@@ -50,6 +50,8 @@ PLANE = PlaneMap(
     crossings=3800,
     gel=Gel(1.35, 10.0, "surface"),
     flatness_mm=0.02,
+    crossing_noise_mm=0.008,
+    bend=Bend(3, 0.009, 0.03, (10.0, 20.0), 0.4, 0.02, (1.0, 2.0), (300.0, 200.0)),
     variations=(Variation(np.eye(3), None), Variation(2.0 * np.eye(3), (1.0,) * 10)),
 )
 PROVENANCE = {"command": "labrig calibrate intrinsics a.png", "pictures": {"a.png": "00ff"}}

@@ -1,4 +1,4 @@
-"""Pictures of a real needle in real gel, against tips marked by eye.
+"""Pictures of a real needle in real gel, against tips and ruled lines marked by eye.
 
 `marks/real_insertion_tips.csv` holds forty tips, marked in crops enlarged eight times before the algorithm saw
 the pictures: eight frames of each of the five insertions, the shallow first ones among them. The level of darkness
@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature, read_picture
+from labrig.vision.graph_paper import find_crossings
+from labrig.vision.plane_fit import fit_plane
 
 PICTURES = Path(__file__).parents[2].parent / "shared" / "data" / "real_insertions"
 MARKS = Path(__file__).parent / "marks" / "real_insertion_tips.csv"
+LINE_MARKS = MARKS.with_name("real_insertion_lines.csv")
 PX_PER_MM = 5.607
 TOLERANCE_MM = 1.5
 PLANE = PlaneMap.from_scale(PX_PER_MM, (0.0, 0.0), "down")
@@ -69,3 +72,24 @@ def test_needle_grows_by_the_step_between_frames():
     steps = np.diff(lengths_mm)
     assert np.median(steps) == pytest.approx(8.0, abs=0.4)
     assert np.abs(steps - 8.0).max() < 3.0
+
+
+def test_ruled_lines_behind_the_gel_have_the_scale_that_the_eye_sees():
+    """Faint lines, a container's edge, old tracks: in a frame of each folder px/mm is within 0.5 % of the marked lines.
+
+    `marks/real_insertion_lines.csv` holds the ten-millimetre lines down two frames of each folder, read off strips
+    enlarged four times.
+    """
+    marks: dict[Path, list[tuple[float, float, float]]] = {}
+    with LINE_MARKS.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            place = (float(row["line"]), float(row["u_px"]), float(row["v_px"]))
+            marks.setdefault(PICTURES / row["folder"] / row["file"], []).append(place)
+    assert len(marks) == 10
+    for path, places in list(marks.items())[1::2]:
+        found = find_crossings(read_picture(path))
+        fit = fit_plane(found.pixels, 5.0 * found.indices.astype(float), 1.25, with_radial=False)
+        lines = np.array(places)
+        ours = np.linalg.norm(np.diff(fit.paper_mm(lines[[0, -1], 1:]), axis=0))
+        assert ours == pytest.approx(10.0 * lines[-1, 0], rel=0.005), path
+        assert fit.kept.mean() > 0.8, path

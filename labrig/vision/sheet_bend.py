@@ -1,0 +1,308 @@
+"""Why crossings are off a plane: the sheet is bent, and this is its height over the plane.
+
+A point of the sheet at height h over the plane is seen, from a camera at height D over its foot C, where the plane's
+point q is seen: it lies at q + (C - q) h / D (plane and parallax, Kumar, Anandan & Hanna 1994). So a bent sheet moves
+every crossing towards or away from one point, and by that it differs from a lens. The height is a polynomial of the
+place without its level and slope, which are the plane's own; its order is the lowest whose error, for crossings left
+out in blocks, comes near the least of all orders. Where nothing is known of the camera, its foot is fitted too; then
+the bend still predicts crossings, but foot, radial term and height stand for one another, and no height is stated.
+
+The bend explains why a sheet is refused. It never enters the map: a needle does not lie on the paper's bend.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.polynomial.legendre import legval
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from labrig.vision.plane import Bend
+from labrig.vision.plane_fit import PlaneFit
+
+_FloatArray = NDArray[np.float64]
+
+_ORDERS = (2, 3, 4, 5)
+# An order is taken where its left-out crossings are within this share of the best order's.
+_AS_GOOD = 1.05
+# Where less than this share of the variance is more than the crossings' own noise, there is nothing to explain.
+_LEAST_SMOOTH_SHARE = 0.1
+# So many residuals' usual sizes off, a crossing does not count.
+_STRAY = 4.0
+_MAD_TO_SIGMA = 1.4826
+# What is plausible beforehand, one standard deviation: heights as shares of the camera's distance, the camera's foot
+# from the sheet's middle in halves of its diagonal, and the fit's own parameters, which are about one.
+_PLAUSIBLE_HEIGHT = 0.1
+_PLAUSIBLE_FOOT = 1.5
+_PLAUSIBLE_MOVE = 1.0
+# The sheet's shortening by its slope, from the height that was found: so often, and its polynomial's highest order.
+_SHORTENINGS = 3
+_MOST_SHORTENING_ORDER = 7
+_DIFFERENCE = 1e-5
+_FEET = tuple(product((-1.2, -0.4, 0.4, 1.2), repeat=2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """Crossings as the bend is fitted to them, lengths in halves of the sheet's diagonal from its middle.
+
+    `places` (N, 2) are where the plane fit puts them, `off` (N, 2) how far that is from where they are on the sheet,
+    `moves` (N, 2, P) by how much each parameter of the plane fit moves them; `foot` (2,) is the camera's, if known.
+    """
+
+    places: _FloatArray
+    off: _FloatArray
+    moves: _FloatArray
+    noise: float
+    foot: _FloatArray | None
+
+    def columns(self, order: int) -> _FloatArray:
+        """Return the heights' terms (N, K) at the crossings, without level and slope."""
+        return _legendre(self.places, 2, order)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A solution: the plane's own moves (P,), the camera's foot (2,), and the coefficients of the height (K,)."""
+
+    moves: _FloatArray
+    foot: _FloatArray
+    coefficients: _FloatArray
+    order: int
+
+    def heights(self, sheet: _Sheet) -> _FloatArray:
+        """Return the heights (N,) as shares of the camera's distance; level and slope are any."""
+        if not self.order:
+            return np.zeros(len(sheet.places))
+        return np.asarray(sheet.columns(self.order) @ self.coefficients)
+
+    def left(self, sheet: _Sheet) -> _FloatArray:
+        """Return what it does not explain of the crossings' places (N, 2)."""
+        shift = (self.foot - sheet.places) * self.heights(sheet)[:, None]
+        return np.asarray(sheet.off + sheet.moves @ self.moves + shift)
+
+
+def find_bend(
+    fit: PlaneFit,
+    px: _FloatArray,
+    pictured_px: _FloatArray,
+    odd: NDArray[np.bool_],
+    *,
+    noise_mm: float,
+    camera_mm: _FloatArray | None,
+) -> Bend | None:
+    """Return the sheet's bend; None where the crossings left out are explained as well without one.
+
+    Parameters
+    ----------
+    px : ndarray (N, 2)
+        As they were fitted: ideal pixels, or the picture's own.
+    pictured_px : ndarray (N, 2)
+        The same crossings in the picture.
+    odd : ndarray of bool (N,)
+        Which half of the crossings, in blocks, each belongs to.
+    noise_mm : float
+        Of a crossing on its own.
+    camera_mm : ndarray (3,) or None
+        The camera's foot on the paper, and its height.
+    """
+    kept = fit.kept
+    off = fit.residuals_mm[kept]
+    if np.mean(np.sum(off**2, axis=1)) * (1.0 - _LEAST_SMOOTH_SHARE) <= noise_mm**2:
+        return None
+    places, moves = fit.paper_mm(px[kept]), fit.moves_mm(px[kept])
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    half = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0)))
+    foot = None if camera_mm is None else (camera_mm[:2] - middle) / half
+    sheet = _Sheet((places - middle) / half, off / half, moves / half, noise_mm / half, foot)
+    halves = (odd[kept], ~odd[kept])
+    if min(part.sum() for part in halves) < _terms(_ORDERS[-1]) + moves.shape[2]:
+        return None
+    errors = {order: _left_out(sheet, halves, order) for order in (0, *_ORDERS)}
+    order = next(one for one, error in errors.items() if error <= _AS_GOOD * min(errors.values()))
+    if order == 0:
+        return None
+    surface = _solved(sheet, order)
+    shift = half * np.linalg.norm(surface.left(sheet) - sheet.off, axis=1)
+    most = int(np.argmax(shift))
+    pictured = pictured_px[kept]
+    bend = Bend(order, half * errors[order], float(shift[most]), _pixel(pictured, most))
+    return bend if camera_mm is None else _with_height(bend, sheet, pictured, float(camera_mm[2]), half)
+
+
+def _terms(order: int) -> int:
+    return (order + 1) * (order + 2) // 2 - 3
+
+
+def _part(sheet: _Sheet, part: NDArray[np.bool_]) -> _Sheet:
+    return _Sheet(sheet.places[part], sheet.off[part], sheet.moves[part], sheet.noise, sheet.foot)
+
+
+def _left_out(sheet: _Sheet, halves: tuple[NDArray[np.bool_], ...], order: int) -> float:
+    """Return the rms error of each half of the crossings through the surface of the other."""
+    left = [_solved(_part(sheet, ~half), order).left(_part(sheet, half)) for half in halves]
+    return float(np.sqrt(np.mean(np.sum(np.vstack(left) ** 2, axis=1))))
+
+
+def _pixel(px: _FloatArray, number: int) -> tuple[float, float]:
+    return float(px[number, 0]), float(px[number, 1])
+
+
+def _with_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float) -> Bend:
+    """Return the bend with its height, for which the sheet's shortening by its own slope is allowed."""
+    first = surface = _solved(sheet, bend.order)
+    for _ in range(_SHORTENINGS):
+        shorter = replace(sheet, off=sheet.off + _shortening(sheet, surface, distance_mm / half_mm))
+        surface = _solved(shorter, bend.order)
+    before, heights = (_over_plane(sheet, one.heights(sheet)) for one in (first, surface))
+    high, low = int(np.argmax(heights)), int(np.argmin(heights))
+    # What the shortening changes is known to first order only: all of it counts as uncertain.
+    change = float((heights[high] - heights[low]) - (before[high] - before[low]))
+    sigma = _sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm)
+    return replace(
+        bend,
+        height_mm=distance_mm * float(heights[high] - heights[low]),
+        sigma_mm=distance_mm * float(np.hypot(sigma, change)),
+        highest_px=_pixel(px, high),
+        lowest_px=_pixel(px, low),
+    )
+
+
+def _shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArray:
+    """Return by how much (N, 2) places on the sheet are further out than below it: paper bends, and does not stretch.
+
+    The displacement of least squares whose strain is half the square of the slope (Foeppl, von Karman); `distance` is
+    the camera's, in halves of the diagonal.
+    """
+    slopes = distance * np.stack(_slopes(sheet, surface), axis=1)
+    order = min(2 * surface.order - 1, _MOST_SHORTENING_ORDER)
+    terms = _legendre(sheet.places, 1, order)
+    right, down = _gradient(sheet.places, 1, order)
+    none = np.zeros_like(terms)
+    strain = np.block([[right, none], [none, down], [down, right]])
+    wanted = np.concatenate((0.5 * slopes[:, 0] ** 2, 0.5 * slopes[:, 1] ** 2, slopes[:, 0] * slopes[:, 1]))
+    found = np.linalg.lstsq(strain, wanted, rcond=None)[0]
+    return np.asarray(terms @ found.reshape(2, -1).T)
+
+
+def _slopes(sheet: _Sheet, surface: _Surface) -> list[_FloatArray]:
+    """Return the heights' slopes along either axis, those of the best plane taken off."""
+    level = np.linalg.lstsq(_plane_terms(sheet), surface.heights(sheet), rcond=None)[0]
+    gradient = _gradient(sheet.places, 2, surface.order)
+    return [one @ surface.coefficients - level[axis] for axis, one in enumerate(gradient)]
+
+
+def _legendre(places: _FloatArray, lowest: int, order: int) -> _FloatArray:
+    """Return products of Legendre polynomials (N, K) whose orders add up to `lowest` ... `order`."""
+    x, y = places.T
+    rows = np.eye(order + 1)
+    pairs = [(i, total - i) for total in range(lowest, order + 1) for i in range(total + 1)]
+    return np.column_stack([legval(x, rows[i]) * legval(y, rows[j]) for i, j in pairs])
+
+
+def _gradient(places: _FloatArray, lowest: int, order: int) -> list[_FloatArray]:
+    """Return their derivatives (N, K) along either axis, by central differences."""
+    steps = _DIFFERENCE * np.eye(2)
+    return [
+        (_legendre(places + step, lowest, order) - _legendre(places - step, lowest, order))
+        / (2.0 * _DIFFERENCE)
+        for step in steps
+    ]
+
+
+def _sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], left_out: float) -> float:
+    """Return the standard deviation of the height of one crossing over another.
+
+    What is left of a crossing is taken to be as large as for those left out, along either axis, and its own.
+    """
+    terms = sheet.columns(surface.order)
+    pull = (surface.foot - sheet.places)[:, :, None] * terms[:, None, :]
+    design = np.concatenate((sheet.moves, pull), axis=2).reshape(2 * len(terms), -1)
+    moves = sheet.moves.shape[2]
+    held = np.repeat([_PLAUSIBLE_MOVE, _PLAUSIBLE_HEIGHT], (moves, terms.shape[1])) ** -2.0
+    information = 2.0 * design.T @ design / left_out**2 + np.diag(held)
+    high, low = _over_plane(sheet, terms)[list(ends)]
+    contrast = np.concatenate((np.zeros(moves), high - low))
+    return float(np.sqrt(contrast @ np.linalg.solve(information, contrast)))
+
+
+def _plane_terms(sheet: _Sheet) -> _FloatArray:
+    return np.column_stack((sheet.places, np.ones(len(sheet.places))))
+
+
+def _over_plane(sheet: _Sheet, heights: _FloatArray) -> _FloatArray:
+    design = _plane_terms(sheet)
+    return np.asarray(heights - design @ np.linalg.lstsq(design, heights, rcond=None)[0])
+
+
+def _solved(sheet: _Sheet, order: int) -> _Surface:
+    """Return the surface of least squares, fitted again without strays."""
+    first = _least_squares(sheet, order)
+    off = np.linalg.norm(first.left(sheet), axis=1)
+    near = off <= _STRAY * _MAD_TO_SIGMA * float(np.median(off))
+    return _least_squares(_part(sheet, near), order)
+
+
+def _least_squares(sheet: _Sheet, order: int) -> _Surface:
+    """Return the surface: for a camera's foot that is given it is linear, so only the foot is searched for."""
+    count = sheet.moves.shape[2]
+    if order == 0:
+        return _Surface(_Normal.of(sheet, 0).solution(np.zeros(2))[0], np.zeros(2), np.empty(0), 0)
+    normal = _Normal.of(sheet, order)
+    foot = sheet.foot
+    if foot is None:
+
+        def cost(at: _FloatArray) -> float:
+            return normal.solution(at)[1] + float(at @ at) * (sheet.noise / _PLAUSIBLE_FOOT) ** 2
+
+        start = min((np.array(at) for at in _FEET), key=cost)
+        foot = np.asarray(minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3}).x)
+    solution = normal.solution(foot)[0]
+    return _Surface(solution[:count], foot, solution[count:], order)
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations for any foot (a, b): a term t of the height moves a place by (a, b) t - place t.
+
+    `gram` is that of the columns: the plane's moves, the terms along either axis, place times term, and what is off.
+    """
+
+    gram: _FloatArray
+    moves: int
+    terms: int
+    noise: float
+
+    @classmethod
+    def of(cls, sheet: _Sheet, order: int) -> "_Normal":
+        terms = sheet.columns(order) if order else np.empty((len(sheet.places), 0))
+        zero = np.zeros_like(terms)
+        rows = [
+            np.column_stack(
+                (
+                    sheet.moves[:, axis],
+                    zero if axis else terms,
+                    terms if axis else zero,
+                    sheet.places[:, axis, None] * terms,
+                    sheet.off[:, axis],
+                )
+            )
+            for axis in (0, 1)
+        ]
+        columns = np.vstack(rows)
+        return cls(columns.T @ columns, sheet.moves.shape[2], terms.shape[1], sheet.noise)
+
+    def solution(self, foot: _FloatArray) -> tuple[_FloatArray, float]:
+        """Return the least squares' parameters and their cost, what is plausible included."""
+        eye = np.eye(self.terms)
+        chosen = np.zeros((len(self.gram), self.moves + self.terms))
+        chosen[: self.moves, : self.moves] = np.eye(self.moves)
+        chosen[self.moves : -1, self.moves :] = np.vstack((foot[0] * eye, foot[1] * eye, -eye))
+        held = np.repeat(
+            [self.noise / _PLAUSIBLE_MOVE, self.noise / _PLAUSIBLE_HEIGHT], (self.moves, self.terms)
+        )
+        matrix = chosen.T @ self.gram @ chosen + np.diag(held**2)
+        wanted = -chosen.T @ self.gram[:, -1]
+        found: _FloatArray = np.asarray(np.linalg.solve(matrix, wanted), dtype=np.float64)
+        return found, float(self.gram[-1, -1] - wanted @ found)

@@ -74,6 +74,7 @@ from labrig.analysis.result import (
     TruthComparison,
     load_centre_lines,
     load_result,
+    result_numbers,
 )
 from labrig.analysis.run import analyze_run
 from labrig.analysis.what_if import Steered, WhatIf, compare_steering, steered
@@ -122,6 +123,7 @@ __all__ = [
     "load_mapping",
     "load_result",
     "needle_in",
+    "result_numbers",
     "sheath_origin",
     "starting_at",
     "steered",

@@ -59,17 +59,18 @@ def reanalyze(
 
 
 def _parent(path: Path, number: int | None) -> Any:
-    """Return the result that a new one is compared with; None where there is none, or it is damaged."""
-    from labrig.analysis import load_result
+    """Return the result that a new one is compared with, None where there is none; name newer ones that are damaged."""
+    from labrig.analysis import load_result, result_numbers
     from labrig.record import open_run
 
-    if number is None:
-        return None
-    try:
-        return load_result(open_run(path), number)
-    except RecordError as error:
-        say(f"note: {error.message}")
-        return None
+    run = open_run(path)
+    for newer in result_numbers(run):
+        if number is None or newer > number:
+            try:
+                load_result(run, newer)
+            except RecordError as error:
+                say(f"note: {error.message}")
+    return None if number is None else load_result(run, number)
 
 
 def _compared(old: Any, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:

@@ -230,7 +230,7 @@ class SimulatedDrive:
         now_s = self._clock.now_s()
         if self.node.state is NmtState.OFF and now_s >= self._ready_s:
             self.node.boot()
-        if self._state is DriveState.OPERATION_ENABLED:
+        if self._state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE}:
             self._watch(now_s)
         self._shaft.tick(now_s)
         if self._homing:

@@ -246,12 +246,7 @@ class PlaneMap:
             raise InputError(
                 "a gel's refraction needs the camera's intrinsics", "calibrate them first: --intrinsics FILE"
             )
-        pose = np.linalg.solve(self.intrinsics.camera_matrix(), np.linalg.inv(self.homography))
-        pose /= np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
-        turn = np.column_stack((pose[:, 0], pose[:, 1], np.cross(pose[:, 0], pose[:, 1])))
-        u, _, v = np.linalg.svd(turn)
-        foot = -(u @ v).T @ pose[:, 2]
-        return np.array([foot[0], foot[1], abs(foot[2])])
+        return camera_over_mm(self.homography, self.intrinsics)
 
     def varied(self) -> "list[PlaneMap]":
         """Return the map moved along each independent axis of its uncertainty, one standard deviation each."""
@@ -301,6 +296,22 @@ def _as_points(points: ArrayLike, what: str) -> _FloatArray:
 def undistorted(lens: Intrinsics | Radial | None, px: _FloatArray) -> _FloatArray:
     """Return ideal pixels (N, 2) of pixels (N, 2) in a picture; the same ones where no lens is known."""
     return px if lens is None else lens.undistort_px(px)
+
+
+def camera_over_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
+    """Return where the camera stands (3,): its foot on the plane that a homography leads to, and its height [mm].
+
+    Parameters
+    ----------
+    homography : ndarray (3, 3)
+        From ideal pixels to the plane [mm].
+    """
+    pose = np.linalg.solve(lens.camera_matrix(), np.linalg.inv(homography))
+    pose /= np.sqrt(np.linalg.norm(pose[:, 0]) * np.linalg.norm(pose[:, 1]))
+    turn = np.column_stack((pose[:, 0], pose[:, 1], np.cross(pose[:, 0], pose[:, 1])))
+    u, _, v = np.linalg.svd(turn)
+    foot = -(u @ v).T @ pose[:, 2]
+    return np.array([foot[0], foot[1], abs(foot[2])])
 
 
 def projected(homography: NDArray[np.floating], points: _FloatArray) -> _FloatArray:

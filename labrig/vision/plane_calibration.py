@@ -24,6 +24,7 @@ from labrig.vision.plane import (
     Insertion,
     PlaneMap,
     Variation,
+    camera_over_mm,
     checked_frame,
     projected,
     undistorted,
@@ -188,7 +189,8 @@ def _bend(
     """Return the sheet's bend, its height in mm where the camera's lens is known."""
     if bare.crossing_noise_mm is None:
         return None
-    camera = None if bare.intrinsics is None else replace(bare, homography=fit.homography).camera_mm()
+    lens = bare.intrinsics
+    camera = None if lens is None else camera_over_mm(fit.homography, lens)
     return find_bend(fit, ideal, found.pixels, odd, noise_mm=bare.crossing_noise_mm, camera_mm=camera)
 
 
@@ -228,10 +230,7 @@ def _foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArra
     """Return the point of the paper (2,) [mm] under the camera; without a lens the one in the crossings' middle."""
     if lens is None:
         return np.asarray(projected(homography, ideal.mean(axis=0)[None])[0])
-    to_camera = np.linalg.inv(lens.camera_matrix()) @ np.linalg.inv(homography)
-    first, second, shift = (to_camera / np.linalg.norm(to_camera[:, 0])).T
-    turn = np.column_stack((first, second, np.cross(first, second)))
-    return np.asarray((-turn.T @ shift)[:2])
+    return camera_over_mm(homography, lens)[:2]
 
 
 class _Frame:

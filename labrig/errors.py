@@ -12,6 +12,7 @@
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
     │   ├── PictureError           a file that should be a picture and is not, or of another size
     │   ├── OutputExistsError      something would be overwritten
+    │   ├── PluginError            an experiment, drive or camera of a package that cannot be used
     │   └── LimitError             a move beyond an axis' limits, refused before it starts
     ├── MachineError          (3)  a device or the computer failed, or motion had to stop
     │   ├── WireError              bus or drive; carries a `Fault`: name, code, register, text; the hint is the remedy
@@ -142,6 +143,10 @@ class FileFormatError(InputError):
 
 class PictureError(InputError):
     """A file that should be a picture and is not, or a picture of another size."""
+
+
+class PluginError(InputError):
+    """An experiment, a drive or a camera of an installed package that cannot be imported or does not fit labrig."""
 
 
 class OutputExistsError(InputError):

@@ -1,0 +1,123 @@
+"""What packages add to labrig: experiments, drives and cameras, found by the entry points that they declare.
+
+labrig declares its own in the same way. Names are read from the metadata of installed packages; nothing is imported
+before it is asked for, so that a package that cannot be imported is in nobody's way.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import EntryPoint, entry_points
+
+from labrig.errors import InputError, MachineError, PluginError
+
+EXPERIMENTS = "labrig.experiments"
+DRIVES = "labrig.drives"
+CAMERAS = "labrig.cameras"
+
+INTERFACE = 1
+"""Version of the interfaces that a plugin is written for; it states it as its `interface`."""
+
+_NOUNS = {EXPERIMENTS: "experiment", DRIVES: "drive", CAMERAS: "camera"}
+_OWN = "labrig"
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """An entry point that a package declares.
+
+    Attributes
+    ----------
+    group : str
+        `EXPERIMENTS`, `DRIVES` or `CAMERAS`.
+    name : str
+        Name by which protocols and rig files refer to it.
+    package, version : str
+        The distribution that declares it.
+    entry_point : EntryPoint
+        Where it is defined.
+    """
+
+    group: str
+    name: str
+    package: str
+    version: str
+    entry_point: EntryPoint
+
+    def load(self) -> object:
+        """Import the plugin and return the object that its entry point names.
+
+        Raises
+        ------
+        PluginError
+            When the import fails, or the plugin was written for another version of the interface.
+        """
+        try:
+            found: object = self.entry_point.load()
+        except Exception as error:
+            raise PluginError(
+                f"{self} cannot be imported: {type(error).__name__}: {error}",
+                f"install another version of {self.package}, or uninstall it",
+            ) from error
+        interface = getattr(found, "interface", None)
+        if interface != INTERFACE:
+            raise PluginError(
+                f"{self} is written for interface {interface}, this labrig has interface {INTERFACE}",
+                f"install a version of {self.package} that fits this labrig",
+            )
+        return found
+
+    def __str__(self) -> str:
+        """Name the plugin and the package that declares it."""
+        return f"{_NOUNS[self.group]} {self.name} of package {self.package} {self.version}"
+
+
+def installed(group: str) -> Mapping[str, tuple[Plugin, ...]]:
+    """Return the plugins of a group by name, sorted; a name that several packages claim has several.
+
+    Raises
+    ------
+    MachineError
+        When labrig's own are missing: its installation is older than its code.
+    """
+    found: dict[str, tuple[Plugin, ...]] = {}
+    for plugin in _declared(group):
+        found[plugin.name] = (*found.get(plugin.name, ()), plugin)
+    if not any(plugin.package == _OWN for plugins in found.values() for plugin in plugins):
+        raise MachineError(
+            f"labrig's own {_NOUNS[group]}s are not registered: the installation is older than the code",
+            "install labrig again: pip install -e . in its folder",
+        )
+    return found
+
+
+def _declared(group: str) -> Iterator[Plugin]:
+    for entry_point in sorted(entry_points(group=group), key=lambda each: (each.name, each.value)):
+        package = entry_point.dist
+        name, version = ("unknown", "") if package is None else (package.name, package.version)
+        yield Plugin(group, entry_point.name, name, version, entry_point)
+
+
+def find_plugin(group: str, name: str) -> Plugin:
+    """Return the plugin of a group with this name; it has not been imported yet.
+
+    Raises
+    ------
+    InputError
+        When no installed package declares it, or several do: none is chosen then.
+    MachineError
+        When labrig's own are missing.
+    """
+    plugins = installed(group)
+    claimed = plugins.get(name, ())
+    if len(claimed) == 1:
+        return claimed[0]
+    noun = _NOUNS[group]
+    if claimed:
+        packages = " and ".join(f"{plugin.package} {plugin.version}" for plugin in claimed)
+        raise InputError(
+            f"{noun} {name} is claimed by {packages}; none of them is used", "uninstall all but one of them"
+        )
+    near = get_close_matches(name, plugins, 1)
+    meant = f"did you mean {near[0]}? " if near else ""
+    raise InputError(f"unknown {noun} {name!r}", f"{meant}installed are {', '.join(plugins)}")

@@ -18,7 +18,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def _install(site: Path, package: str, entry_points: str, module: str = "", code: str = "") -> None:
     """Install a package as pip leaves it: metadata, and a module where it has one."""
-    info = site / f"{package}-1.5.dist-info"
+    info = site / (package.replace("-", "_") + "-1.5.dist-info")
     info.mkdir()
     (info / "METADATA").write_text(
         f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n", encoding="utf-8"

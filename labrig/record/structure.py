@@ -75,7 +75,11 @@ def trial_problems(events: Lines) -> Iterator[Problem]:
 
 
 def reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
-    """Yield events that name a picture that is not there, or of another trial; pictures and truths of no trial."""
+    """Yield events that name a missing picture or another trial's; pictures and truths of a trial that never began.
+
+    Any event may name a picture of no trial: a search for the roll zero numbers its holes as trials. Only a trial's
+    final picture has to be its own.
+    """
     trial_of = {str(line.get("frame")): _trial(line) for _, line in frames}
     begun = {_trial(event) for _, event in events if event.get("kind") == "trial_start"}
     for number, event in events:
@@ -93,9 +97,11 @@ def _frame_reference(
 ) -> Iterator[Problem]:
     if str(frame) not in trial_of:
         yield Problem(where, f"{key} is {frame!r}, which is not in {FRAME_LINES}", _HINT)
-    elif "trial" in event and trial_of[str(frame)] != _trial(event):
-        message = f"{key} {frame} is of trial {trial_of[str(frame)]}, the event of trial {_trial(event)}"
-        yield Problem(where, message, _HINT)
+        return
+    trial = trial_of[str(frame)]
+    of_any_trial = trial is None and key == "frame"
+    if "trial" in event and not of_any_trial and trial != _trial(event):
+        yield Problem(where, f"{key} {frame} is of trial {trial}, the event of trial {_trial(event)}", _HINT)
 
 
 def _trial(line: dict[str, object]) -> int | str | None:

@@ -60,6 +60,9 @@ def test_every_changed_file_of_a_closed_run_is_found(tmp_path: Path) -> None:
         ("events.jsonl", 4, {"trial": [0]}, "trial 1 ends without having begun"),
         ("events.jsonl", 3, {"final_frame": 77}, "final_frame is 77, which is not in frames.jsonl"),
         ("events.jsonl", 3, {"final_frame": 3}, "final_frame 3 is of trial 1, the event of trial 0"),
+        ("events.jsonl", 3, {"frame": 3}, "frame 3 is of trial 1, the event of trial 0"),
+        ("events.jsonl", 3, {"frame": 1, "trial": None}, "frame 1 is of trial 0, the event of trial None"),
+        ("frames.jsonl", 2, {"trial": None}, "final_frame 1 is of trial None, the event of trial 0"),
     ],
 )  # fmt: skip
 def test_lines_that_do_not_fit_together_are_named(
@@ -71,6 +74,14 @@ def test_lines_that_do_not_fit_together_are_named(
     assert any(said in problem.message for problem in check_run(run).damage)
     with pytest.raises(RecordError, match="is damaged: "):
         Recorder.reopen(run, "test")
+
+
+def test_an_event_of_a_trial_may_name_a_picture_of_none(tmp_path: Path) -> None:
+    """The sheath of each hole of a roll zero is such an event: it counts holes, and its picture is of no trial."""
+    run = full_run(tmp_path, closed=False)
+    edit_line(run / "frames.jsonl", 1, trial=None)
+    edit_line(run / "events.jsonl", 2, frame=0)
+    assert check_run(run).damage == ()
 
 
 def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ A message names the thing, its value and the limit; the hint says what to do. `c
 """
 
 from copy import copy
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Self
 
 
@@ -228,10 +228,9 @@ class WireError(MachineError):
         return self.hint
 
 
-def fault_fields(error: Exception | None) -> dict[str, object]:
-    """Return the fault that an error carries, as a record and JSON name it; nothing of one without."""
-    fault = error.fault if isinstance(error, WireError) else None
-    return {} if fault is None else {"fault": asdict(fault)}
+def fault_of(error: Exception | None) -> Fault | None:
+    """Return the fault of bus or drive that an error carries; None of one without."""
+    return error.fault if isinstance(error, WireError) else None
 
 
 class BusError(WireError):

@@ -7,11 +7,12 @@ import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import typer
 
-from labrig.errors import FileFormatError, LabrigError, fault_fields
+from labrig.errors import FileFormatError, LabrigError, fault_of
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
@@ -88,8 +89,13 @@ def say(text: str) -> None:
 
 def failure_document(error: LabrigError) -> dict[str, object]:
     """Return the JSON form of a failure: type, message and hint; of bus and drives also what fault it is."""
-    document = {"type": type(error).__name__, "message": error.message, "hint": error.hint or None}
-    return {**document, **fault_fields(error)}
+    document: dict[str, object] = {
+        "type": type(error).__name__,
+        "message": error.message,
+        "hint": error.hint or None,
+    }
+    fault = fault_of(error)
+    return document if fault is None else {**document, "fault": asdict(fault)}
 
 
 def print_failure(error: LabrigError, as_json: bool) -> None:

@@ -28,6 +28,7 @@ from labrig.protocol import Model, SteerabilityProtocol
 from labrig.record import (
     Recorder,
     Run,
+    RunStop,
     check_run,
     collect_code_diff,
     collect_provenance,
@@ -171,7 +172,7 @@ def _closed_without_rig(path: Path, command_line: tuple[str, ...]) -> Recorded:
     """Close a run that was interrupted when every insertion had been made."""
     clock = SystemClock()
     recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
-    recorder.event("run_stop", 0.0, exit_status="success", reason="")
+    recorder.record_event(RunStop(exit_status="success", reason=""), 0.0)
     recorder.close("success", "", clock.utc())
     return Recorded(path, Outcome("success", "", None), "", None)
 

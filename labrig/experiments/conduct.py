@@ -11,7 +11,7 @@ from labrig.errors import (
     MachineError,
     SafetyStopError,
     TargetMissedError,
-    fault_fields,
+    fault_of,
 )
 from labrig.experiments.camera_calibration import run_camera_calibration
 from labrig.experiments.insertion import run_insertion
@@ -30,7 +30,7 @@ from labrig.protocol import (
     RollZeroProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Journal
+from labrig.record import Journal, RunResume, RunStart, RunStop
 
 
 @dataclass(frozen=True)
@@ -47,25 +47,29 @@ def conduct(protocol: AnyProtocol, session: Session) -> Outcome:
 
     An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
     """
-    return _conduct(session, "run_start", protocol.experiment, lambda: _procedure(protocol, session))
+    return _conduct(session, RunStart(experiment=protocol.experiment), lambda: _procedure(protocol, session))
 
 
 def conduct_rest(protocol: SteerabilityProtocol, session: Session, past: Past) -> Outcome:
     """Go on with a sweep that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
     return _conduct(
-        session, "run_resume", protocol.experiment, lambda: resume_steerability(protocol, session, past)
+        session,
+        RunResume(experiment=protocol.experiment),
+        lambda: resume_steerability(protocol, session, past),
     )
 
 
 def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
     """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
-    return _conduct(session, "run_start", "withdrawal", lambda: recover(session, run_name, path, standing))
+    return _conduct(
+        session, RunStart(experiment="withdrawal"), lambda: recover(session, run_name, path, standing)
+    )
 
 
-def _conduct(session: Session, beginning: str, experiment: str, procedure: Callable[[], object]) -> Outcome:
+def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(session, beginning, experiment, procedure)
+        outcome = _run_to_an_end(session, beginning, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -100,8 +104,8 @@ def _close(
     recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
-        ended = {"exit_status": outcome.exit_status, "reason": outcome.reason, **fault_fields(outcome.error)}
-        recorder.event("run_stop", t_s, **ended)
+        stop = RunStop(exit_status=outcome.exit_status, reason=outcome.reason, fault=fault_of(outcome.error))
+        recorder.record_event(stop, t_s)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
@@ -111,17 +115,15 @@ def _close(
 def conduct_without_rig(protocol: DesignProtocol, recorder: Journal, clock: Clock) -> Outcome:
     """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
     try:
-        recorder.event("run_start", 0.0, experiment=protocol.experiment)
+        recorder.record_event(RunStart(experiment=protocol.experiment), 0.0)
     except DiskError as error:
         return _close(recorder, clock, 0.0, Outcome("failed", error.message, error))
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(
-    session: Session, beginning: str, experiment: str, procedure: Callable[[], object]
-) -> Outcome:
+def _run_to_an_end(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
     try:
-        session.note(beginning, experiment=experiment)
+        session.record(beginning)
         procedure()
     except (InterruptedRunError, SafetyStopError) as error:
         return Outcome("aborted", error.message, error)

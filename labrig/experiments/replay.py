@@ -27,7 +27,7 @@ from labrig.experiments.plan import estimate
 from labrig.experiments.resumption import past_of
 from labrig.experiments.session import Progress, Session
 from labrig.protocol import DesignProtocol, ImportProtocol, SteerabilityProtocol
-from labrig.record import Run, as_recorded
+from labrig.record import Event, Run, as_recorded
 
 _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
 
@@ -190,6 +190,10 @@ class ReplayedJournal:
         if kind == "trial_start" and isinstance(trial := fields.get("trial"), int):
             self._comparison.trial = trial
         self._compare("events", {"kind": kind, "t_s": self._t0_s + t_s, **fields})
+
+    def record_event(self, event: Event, t_s: float) -> None:
+        """Compare an event."""
+        self.event(event.kind, t_s, **event.line_fields())
 
     def truth(self, **fields: object) -> None:
         """Compare what the simulated world told."""

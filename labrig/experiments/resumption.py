@@ -15,7 +15,7 @@ from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import make_insertions, mount_and_reference
 from labrig.experiments.withdrawal import recorded_path, withdraw
 from labrig.protocol import ImportProtocol, SteerabilityProtocol
-from labrig.record import Run
+from labrig.record import Run, TrialStop
 
 INTERRUPTED = "interrupted"
 """How a trial ended that a later session found without an end."""
@@ -119,7 +119,7 @@ def resume_steerability(protocol: SteerabilityProtocol, session: Session, past: 
     """
     left = trials_left(protocol, past)
     for trial in past.unmarked:
-        session.note("trial_stop", trial=trial, exit_status=INTERRUPTED)
+        session.record(TrialStop(trial=trial, exit_status=INTERRUPTED))
     _take_needle_out(session, past.needle_path)
     mount_and_reference(protocol, session)
     session.rig.recall(past.insertions)

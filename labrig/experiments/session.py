@@ -8,7 +8,7 @@ from typing import Protocol
 from labrig.devices import Answer, AxisReadback, OperatorRequest, Rig, request_details
 from labrig.errors import SafetyStopError
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Journal, picture_file
+from labrig.record import Event, Journal, Move, MoveDone, OperatorQuestion, picture_file
 from labrig.vision import Picture
 
 
@@ -45,6 +45,11 @@ class Session:
         self.recorder.can_frames(self.rig.take_can_frames())
         self.recorder.event(kind, self.rig.clock.now_s(), **fields)
 
+    def record(self, event: Event) -> None:
+        """Append an event, stamped with the rig time."""
+        self.recorder.can_frames(self.rig.take_can_frames())
+        self.recorder.record_event(event, self.rig.clock.now_s())
+
     def ask(self, request: OperatorRequest) -> Answer:
         """Let the operator do something and confirm it, and return the answer; the axes hold still meanwhile.
 
@@ -66,14 +71,15 @@ class Session:
 
     def _asked(self, request: OperatorRequest) -> Answer:
         answer = self.rig.ask(request)
-        given = {"reading": answer.reading, "pixel": answer.pixel}
-        self.note(
-            "operator",
-            request=type(request).__name__,
-            details=request_details(request, self.recorder.path),
-            confirmed=answer.confirmed,
-            answer=answer.note,
-            **{key: value for key, value in given.items() if value is not None},
+        self.record(
+            OperatorQuestion(
+                request=type(request).__name__,
+                details=request_details(request, self.recorder.path),
+                confirmed=answer.confirmed,
+                answer=answer.note,
+                reading=answer.reading,
+                pixel=answer.pixel,
+            )
         )
         return answer
 
@@ -125,7 +131,7 @@ class Session:
             if while_moving is not None:
                 while_moving(states)
             arrived = states[axis_name].target_reached
-        self.note("move_done", axis=axis_name, position=states[axis_name].position)
+        self.record(MoveDone(axis=axis_name, position=states[axis_name].position))
 
     def start(self, axis_name: str, position: float, speed: float) -> None:
         """Start a move and return at once; an axis that moves already goes on to the new position without a stop.
@@ -135,7 +141,7 @@ class Session:
         LimitError, SafetyStopError, DriveError, BusError
         """
         setpoint = self.rig.axis(axis_name).start_move(position, speed)
-        self.note("move", axis=axis_name, **asdict(setpoint))
+        self.record(Move(axis=axis_name, **asdict(setpoint)))
 
     def watch(self) -> Mapping[str, AxisReadback]:
         """Let one period of the recorded states pass, record the states of all axes, and return them.

@@ -15,7 +15,7 @@ import pandas as pd
 from labrig.devices import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Run, open_run
+from labrig.record import Run, WithdrawalStart, WithdrawalStop, open_run
 
 _SAME_DEPTH_MM = 0.02
 """Readings that differ by less are of one depth: servos at rest dither."""
@@ -158,14 +158,14 @@ def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds 
     """
     rig = session.rig
     moves = reverse_moves((*path, stance_of(rig.read_states())))
-    session.note("withdrawal_start", moves=len(moves))
+    session.record(WithdrawalStart(moves=len(moves)))
     for move in moves:
         axis = rig.axis(move.axis)
         session.move(move.axis, move.position, axis.nearest_speed(min(speeds.of(move.axis), axis.max_speed)))
     if not all(axis.referenced for axis in rig.axes):
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
     rig.mark_needle_out()
-    session.note("withdrawal_stop")
+    session.record(WithdrawalStop())
 
 
 def recover(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> None:

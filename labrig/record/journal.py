@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.record.events import Event
+
 
 class Journal(Protocol):
     """Takes frames, states, events, truths and CAN frames as they happen; see `Recorder`."""
@@ -32,6 +34,10 @@ class Journal(Protocol):
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
         """Take what happened at rig time `t_s` [s]."""
+        ...
+
+    def record_event(self, event: Event, t_s: float) -> None:
+        """Take an event that happened at rig time `t_s` [s]."""
         ...
 
     def truth(self, **fields: object) -> None:

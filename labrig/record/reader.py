@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,16 @@ from labrig.protocol import AnyProtocol, load_protocol
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.durable import disk_errors
+from labrig.record.events import (
+    Event,
+    FrameLine,
+    RecordedTrial,
+    TrialStart,
+    TrialStop,
+    join_trials,
+    parse_events,
+    parse_frame_lines,
+)
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
     CALIBRATION,
@@ -46,6 +56,10 @@ from labrig.record.places import as_url, fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
 from labrig.record.tables import with_axis_units
+
+_Event = TypeVar("_Event", bound=Event)
+_Start = TypeVar("_Start", bound=TrialStart)
+_Stop = TypeVar("_Stop", bound=TrialStop)
 
 _COPY_HINT = "take the file from a copy of the run"
 _CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
@@ -176,6 +190,25 @@ class Run:
         if first is not None:
             raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
         return [line for line in lines if float(str(line["t_s"])) < self._until_s]
+
+    def read_events(self, *models: type[_Event]) -> tuple[_Event, ...]:
+        """Return the events of the models' kinds, in the order of the record.
+
+        Raises
+        ------
+        RecordError
+            When a line is damaged or not what its model says; names file, line and field.
+        """
+        return tuple(parse_events(self.path, self.lines("events"), models))
+
+    def read_trials(self, start: type[_Start], stop: type[_Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
+        """Return the trials; of one that was begun again, the last beginning counts. Raises as `read_events`."""
+        return join_trials(parse_events(self.path, self.lines("events"), (start, stop)))
+
+    @cached_property
+    def frame_lines(self) -> tuple[FrameLine, ...]:
+        """What the run says of each picture, by its number. Raises `RecordError` as `read_events`."""
+        return tuple(parse_frame_lines(self.path, self.lines("frames")))
 
     @property
     def withdraws(self) -> str | None:

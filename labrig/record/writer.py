@@ -32,6 +32,7 @@ from labrig.record.durable import (
     free_bytes,
     write_atomically,
 )
+from labrig.record.events import Event
 from labrig.record.layout import (
     CAN_LOG,
     CAN_SUMS,
@@ -294,6 +295,10 @@ class Recorder:
         self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
         if kind == "trial_stop" and fields.get("exit_status") == "success":
             self._trials_done += 1
+
+    def record_event(self, event: Event, t_s: float) -> None:
+        """Append an event that happened at rig time `t_s` [s]. Raises as `event` does."""
+        self.event(event.kind, t_s, **event.line_fields())
 
     def truth(self, **fields: object) -> None:
         """Append what a simulated world drew; the file is made with its first line.

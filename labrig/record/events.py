@@ -1,0 +1,244 @@
+"""The events and lines of pictures that runs are made of, as frozen models that writer and readers share.
+
+What every run writes stands here. An experiment derives its own events from `Event`, or from `TrialStart` and
+`TrialStop` for its trials, and its roles of pictures from `PictureRole`:
+
+.. code-block:: python
+
+    class GelStart(TrialStart):
+        specimen: str
+        repeats: int | None = None  # has a default: stands in the line only where it differs from it
+
+
+    class Flip(Event):
+        kind: ClassVar[str] = "flip"
+        trial: int
+        to_rad: float
+
+
+    session.record(Flip(trial=0, to_rad=math.pi))  # writes the line
+    run.read_events(Flip)  # reads those lines again
+
+A line is `kind`, `t_s`, then the fields in the order of the model. A field without a default is always written, None as
+null; so are infinite and undefined numbers, which a reader gets back as None. Where a reader's model lacks a field of
+the line, it is passed over, so that lines of later versions can be read. The lines of every kind, also of one that no
+model knows, are documents in `Run.lines("events")`.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import ClassVar, Generic, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from labrig.errors import Fault, RecordError
+from labrig.record.layout import EVENT_LINES, FRAME_LINES
+
+INCOMPLETE = "incomplete"
+"""`exit_status` of a trial that has no stop."""
+_HINT = "no labrig wrote it so; take the file from a copy of the run"
+
+
+class Line(BaseModel):
+    """A line of a record with its rig time `t_s` [s]; NaN in an event that has not been recorded yet."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    t_s: float = math.nan
+
+    @classmethod
+    def read(cls, line: Mapping[str, object]) -> Self:
+        """Return the model of a line. Raises pydantic's `ValidationError`."""
+        return cls.model_validate({name: line[name] for name in cls.model_fields if name in line})
+
+
+class Event(Line):
+    """Something that happened: its `kind`, and the fields that its model adds."""
+
+    kind: ClassVar[str]
+
+    def line_fields(self) -> dict[str, object]:
+        """Return what stands in the line behind `kind` and `t_s`."""
+        return self.model_dump(exclude={"t_s"}, exclude_defaults=True)
+
+
+class RunStart(Event):
+    """The run begins, with the name of its experiment."""
+
+    kind: ClassVar[str] = "run_start"
+
+    experiment: str
+
+
+class RunResume(RunStart):
+    """The run goes on after an interruption."""
+
+    kind: ClassVar[str] = "run_resume"
+
+
+class RunStop(Event):
+    """The run has ended: how, why, and the fault of bus or drive that ended it."""
+
+    kind: ClassVar[str] = "run_stop"
+
+    exit_status: str
+    reason: str
+    fault: Fault | None = None
+
+
+class TrialStart(Event):
+    """A trial begins."""
+
+    kind: ClassVar[str] = "trial_start"
+
+    trial: int
+
+
+class TrialStop(Event):
+    """A trial has ended: `success`, `failed`, or `interrupted` where a resumed run found it without an end."""
+
+    kind: ClassVar[str] = "trial_stop"
+
+    trial: int
+    exit_status: str
+
+
+class OperatorQuestion(Event):
+    """What the operator was asked, by class and fields, and answered: yes or no, a note, a reading or a pixel."""
+
+    kind: ClassVar[str] = "operator"
+
+    request: str
+    details: Mapping[str, object]
+    confirmed: bool
+    answer: str
+    reading: float | None = None
+    pixel: tuple[float, float] | None = None
+
+
+class Move(Event):
+    """A move that an axis began: as it was asked [mm or rad, per s], as it was sent, and what that is."""
+
+    kind: ClassVar[str] = "move"
+
+    axis: str
+    asked_position: float
+    asked_speed: float
+    sent_quadcounts: int
+    sent_rpm: int
+    position: float
+    speed: float
+
+
+class MoveDone(Event):
+    """An axis has arrived, and where it stands [mm or rad]."""
+
+    kind: ClassVar[str] = "move_done"
+
+    axis: str
+    position: float
+
+
+class WithdrawalStart(Event):
+    """The needle is taken out along its path, in so many moves."""
+
+    kind: ClassVar[str] = "withdrawal_start"
+
+    moves: int
+
+
+class WithdrawalStop(Event):
+    """The needle is out."""
+
+    kind: ClassVar[str] = "withdrawal_stop"
+
+
+class PictureRole(StrEnum):
+    """What a picture was taken for; an experiment derives its own roles."""
+
+
+class FrameLine(Line):
+    """What a run says of a picture: number, file, trial, role, and where the axes stood at the exposure.
+
+    A picture that was drawn on is `drawn`; an imported one has its `source`. What a line does not say is None.
+    """
+
+    frame: int
+    file: str
+    trial: int | None = None
+    role: str | None = None
+    insertion_mm: float | None = None
+    rotation_rad: float | None = None
+    linear_mm: float | None = None
+    drawn: bool = False
+    source: str | None = None
+
+
+_Line = TypeVar("_Line", bound=Line)
+_Event = TypeVar("_Event", bound=Event)
+_Start = TypeVar("_Start", bound=TrialStart)
+_Stop = TypeVar("_Stop", bound=TrialStop)
+
+
+@dataclass(frozen=True)
+class RecordedTrial(Generic[_Start, _Stop]):
+    """A trial as it was recorded: how it began, and how it ended; None where it has no end."""
+
+    start: _Start
+    stop: _Stop | None
+
+    @property
+    def exit_status(self) -> str:
+        """Return how it ended; `incomplete` where it has not."""
+        return INCOMPLETE if self.stop is None else self.stop.exit_status
+
+
+def parse_events(
+    run: Path, lines: Sequence[Mapping[str, object]], models: Iterable[type[_Event]]
+) -> Iterator[_Event]:
+    """Yield the events of the models' kinds, in the order of the record; `run` is named where one cannot be read.
+
+    Raises
+    ------
+    RecordError
+        When a line of such a kind is not what its model says; names file, line and field.
+    """
+    by_kind = {model.kind: model for model in models}
+    for number, line in enumerate(lines, start=1):
+        kind = line.get("kind")
+        if isinstance(kind, str) and kind in by_kind:
+            yield _parsed(by_kind[kind], line, f"{run / EVENT_LINES}:{number}: {kind}")
+
+
+def parse_frame_lines(run: Path, lines: Sequence[Mapping[str, object]]) -> Iterator[FrameLine]:
+    """Yield what a run says of each picture. Raises `RecordError` as `parse_events` does."""
+    for number, line in enumerate(lines, start=1):
+        yield _parsed(FrameLine, line, f"{run / FRAME_LINES}:{number}")
+
+
+def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
+    """Return the trials of a run; of one that was begun again, the last beginning counts."""
+    trials: dict[int, RecordedTrial[_Start, _Stop]] = {}
+    for event in events:
+        if isinstance(event, TrialStart):
+            trials[event.trial] = RecordedTrial(event, None)
+        elif event.trial in trials:
+            trials[event.trial] = RecordedTrial(trials[event.trial].start, event)
+    return tuple(trials.values())
+
+
+def _parsed(model: type[_Line], line: Mapping[str, object], where: str) -> _Line:
+    try:
+        return model.read(line)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        wrong = (
+            f"it does not say its {field!r}"
+            if first["type"] == "missing"
+            else f"{field}: {first['msg'].lower()}"
+        )
+        raise RecordError(f"{where}: {wrong}", _HINT) from error

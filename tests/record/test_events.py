@@ -1,0 +1,120 @@
+"""Events are models that writer and readers share."""
+
+import math
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from labrig.errors import Fault, RecordError
+from labrig.record import Event, Recorder, RunStop, TrialStart, TrialStop, open_run
+from tests.record.runs import begin, closed_run
+
+
+class GelStart(TrialStart):
+    """A trial in a gel."""
+
+    specimen: str
+    hole: int
+    repeats: int | None = None
+
+
+class GelStop(TrialStop):
+    """The end of it."""
+
+    final_frame: int | None = None
+    sd_mm: float | None
+
+
+class Flip(Event):
+    """A turn."""
+
+    kind: ClassVar[str] = "flip"
+
+    trial: int
+    to_rad: float | None
+
+
+def record(recorder: Recorder, *events: Event) -> Path:
+    """Record events a second apart."""
+    for t_s, event in enumerate(events):
+        recorder.record_event(event, float(t_s))
+    return recorder.path
+
+
+def test_a_line_has_the_fields_of_its_model_in_their_order(tmp_path: Path) -> None:
+    """The line is kind, time, then the fields as the model has them."""
+    run = record(begin(tmp_path), GelStart(trial=0, specimen="gel 10", hole=2), Flip(trial=0, to_rad=1.0))
+    lines = (run / "events.jsonl").read_text().splitlines()
+    assert lines[0].startswith(
+        '{"kind":"trial_start","t_s":0.0,"trial":0,"specimen":"gel 10","hole":2,"crc32"'
+    )
+    assert lines[1].startswith('{"kind":"flip","t_s":1.0,"trial":0,"to_rad":1.0,"crc32"')
+
+
+def test_a_field_stands_in_the_line_where_it_differs_from_its_default(tmp_path: Path) -> None:
+    """A field without a default is always written, None as null; a default is left out."""
+    stop = GelStop(trial=0, exit_status="failed", sd_mm=None)
+    fault = Fault("bus-lost", 0x8100, 0x10, "no communication")
+    run = record(begin(tmp_path), stop, RunStop(exit_status="failed", reason="lost", fault=fault))
+    trial_stop, run_stop = open_run(run).lines("events")
+    assert trial_stop == {
+        "kind": "trial_stop",
+        "t_s": 0.0,
+        "trial": 0,
+        "exit_status": "failed",
+        "sd_mm": None,
+    }
+    assert run_stop["fault"]["name"] == "bus-lost"
+
+
+def test_events_are_read_as_they_were_recorded(tmp_path: Path) -> None:
+    """The reader gets the model that the writer gave, with its time, in the order of the record."""
+    flip = Flip(trial=0, to_rad=math.pi)
+    run = open_run(record(begin(tmp_path), GelStart(trial=0, specimen="gel 10", hole=2), flip))
+    assert run.read_events(Flip) == (flip.model_copy(update={"t_s": 1.0}),)
+    assert [type(event) for event in run.read_events(Flip, GelStart)] == [GelStart, Flip]
+
+
+def test_an_infinite_number_is_read_as_none(tmp_path: Path) -> None:
+    """JSON has no infinite numbers."""
+    run = open_run(record(begin(tmp_path), Flip(trial=0, to_rad=math.inf)))
+    assert run.read_events(Flip)[0].to_rad is None
+
+
+def test_fields_of_later_versions_are_passed_over(tmp_path: Path) -> None:
+    """A model reads what it knows of a line."""
+    run = open_run(record(begin(tmp_path), GelStart(trial=0, specimen="gel 10", hole=2)))
+    assert run.read_events(TrialStart) == (TrialStart(trial=0, t_s=0.0),)
+
+
+def test_a_line_that_is_not_what_its_model_says_is_named(tmp_path: Path) -> None:
+    """The error names file, line, kind and field."""
+    run = open_run(record(begin(tmp_path), TrialStart(trial=0), Flip(trial=0, to_rad=None)))
+    with pytest.raises(RecordError, match=r"events\.jsonl:1: trial_start: it does not say its 'specimen'"):
+        run.read_events(GelStart)
+
+
+def test_trials_join_their_start_and_stop(tmp_path: Path) -> None:
+    """Of a trial that was begun again, the last beginning counts."""
+    trials = open_run(
+        record(
+            begin(tmp_path),
+            GelStart(trial=0, specimen="gel 10", hole=0),
+            GelStop(trial=0, exit_status="interrupted", sd_mm=None),
+            GelStart(trial=0, specimen="gel 10", hole=1),
+            GelStop(trial=0, exit_status="success", sd_mm=0.5),
+            GelStart(trial=1, specimen="gel 10", hole=2),
+        )
+    ).read_trials(GelStart, GelStop)
+    assert [(trial.start.hole, trial.exit_status) for trial in trials] == [(1, "success"), (2, "incomplete")]
+    assert trials[0].stop is not None
+    assert trials[0].stop.sd_mm == 0.5
+    assert trials[1].stop is None
+
+
+def test_what_a_line_of_a_picture_does_not_say_is_none(tmp_path: Path) -> None:
+    """Pictures of withdrawals have no trial, imported ones no axes."""
+    first, *_ = open_run(closed_run(tmp_path)).frame_lines
+    assert (first.frame, first.trial, first.role, first.insertion_mm) == (0, 0, "advance", 1.0)
+    assert first.linear_mm is None

@@ -2,10 +2,11 @@
 
 Decided here:
 
-- YAML 1.2 by ruamel.yaml, read through its events: `no` is a word; a key that stands twice, tags, merge keys
+- YAML 1.2 by ruamel.yaml, read from its nodes: `no` is a word; a key that stands twice, tags, merge keys
   and NaN are refused; aliases expand within bounds. A protocol is data, and nothing in it can name code.
-- All problems of a file are told at once, each with file, line, column, value, what was expected and a hint.
-  The words are taken from the JSON Schema that editors read, so the two cannot differ.
+- All problems of a file are told at once, each with file, line, column, value, what was expected and a hint; only
+  what makes a text no YAML is told alone. The words are taken from the JSON Schema that editors read, so the
+  two cannot differ.
 - Values are validated in pydantic's strict JSON mode: 40 is a length, "40" and yes are not. Units stand in
   the names and are never converted silently; a hint says what the value would be.
 - Rules between values are `Model.conflicts`, told at the key that has to change.

@@ -46,7 +46,7 @@ from .protocols import (
 )
 from .scenario import Scenario
 from .schema import JsonSchema, model_schema, schema_text
-from .tree import Plain
+from .words import Plain
 from .yaml_file import (
     dump_yaml,
     load_yaml_model,

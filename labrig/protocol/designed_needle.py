@@ -6,14 +6,16 @@ that what is validated, run and recorded holds the numbers themselves: a record 
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.protocol.design_file import NeedleDesign, load_design
-from labrig.protocol.tree import Fault, Node, Tree, branch, file_format_error, moved, node_from_plain
+from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
+from labrig.protocol.words import Plain, show
 
 KEY = "design_file"
+_DESIGN = ("needle", KEY)
 _REACH = "name a file below this folder or beside it, relative to this file: ../designs/needle.json"
 
 
@@ -25,7 +27,7 @@ class Filling:
     """
 
     keys: tuple[str, ...]
-    values: Callable[[NeedleDesign, str, str], dict[str, object]]
+    values: Callable[[NeedleDesign, str, str], dict[str, Plain]]
 
 
 def with_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
@@ -42,45 +44,46 @@ def with_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
     FileFormatError
         When the name leaves its reach, a number stands beside it, or the file is no design; each at its line.
     """
-    needle = tree.root.children.get("needle")
-    named = None if needle is None else needle.children.get(KEY)
-    if needle is None or named is None or (named.kind == "scalar" and named.scalar is None):
+    named = tree.value(_DESIGN)
+    if named is None:
         return tree
-    if faults := tuple(_beside(needle, filling.keys)):
+    if faults := tuple(_beside(tree, filling.keys)):
         raise file_format_error([*tree.faults, *faults])
+    position = tree.at(_DESIGN).value
     try:
         values = _values(named, folder, filling)
     except InputError as error:
-        raise file_format_error([*tree.faults, *_faults(named, error)]) from error
-    children = {key: child for key, child in needle.children.items() if key != KEY}
-    children |= {key: moved(node_from_plain(each, named.place), named.place) for key, each in values.items()}
-    resolved = branch("mapping", needle.place, children, needle.key_place)
-    root = branch("mapping", tree.root.place, {**tree.root.children, "needle": resolved}, tree.root.key_place)
-    return Tree(root, tree.faults)
+        raise file_format_error([*tree.faults, *_faults(position, error)]) from error
+    needle = {key: each for key, each in tree.section(_DESIGN[:1]).items() if key != KEY}
+    tree = replace(tree, values={**tree.section(()), _DESIGN[0]: needle})
+    for key, each in values.items():
+        tree = tree.put((_DESIGN[0], key), each, position)
+    return tree
 
 
-def _beside(needle: Node, keys: tuple[str, ...]) -> Iterator[Fault]:
-    for key in keys:
-        if (beside := needle.children.get(key)) is not None and beside.shown() != "null":
-            message = f"{key} is {beside.shown()}, and {KEY} says it too; one of the two may stand"
-            yield Fault(beside.key, ("needle", key), message, f"delete {key}, or {KEY}")
+def _beside(tree: Tree, keys: tuple[str, ...]) -> Iterator[InputFault]:
+    for path in ((_DESIGN[0], key) for key in keys):
+        if tree.holds(path):
+            key, shown = path[1], show(tree.value(path))
+            message = f"{key} is {shown}, and {KEY} says it too; one of the two may stand"
+            yield InputFault(tree.at(path).key, path, message, f"delete {key}, or {KEY}")
 
 
-def _faults(named: Node, error: InputError) -> Iterator[Fault]:
+def _faults(position: Position, error: InputError) -> Iterator[InputFault]:
     problems = (
         error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
     )
     for problem in problems:
         message = f"{problem.where}: {problem.message}" if problem.where else problem.message
-        yield Fault(named.place, ("needle", KEY), message, problem.hint)
+        yield InputFault(position, _DESIGN, message, problem.hint)
 
 
-def _values(named: Node, folder: Path | None, filling: Filling) -> dict[str, object]:
+def _values(named: Plain, folder: Path | None, filling: Filling) -> dict[str, Plain]:
     path = _in_reach(named, folder)
-    return filling.values(load_design(path), str(named.scalar), _sha256(path))
+    return filling.values(load_design(path), str(named), _sha256(path))
 
 
-def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, object]:
+def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plain]:
     return {
         "diameter_mm": design.diameter_mm,
         "design_radius_mm": design.radius_mm,
@@ -88,7 +91,7 @@ def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, obje
     }
 
 
-def _of_scenario(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, object]:
+def _of_scenario(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, Plain]:
     return {
         "diameter_mm": design.diameter_mm,
         "radius_mm": design.radius_mm,
@@ -101,7 +104,7 @@ IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _of_protoco
 IN_SCENARIO = Filling(("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm"), _of_scenario)
 
 
-def _details(design: NeedleDesign) -> dict[str, object]:
+def _details(design: NeedleDesign) -> dict[str, Plain]:
     return {
         "radius_low_mm": design.radius_low_mm,
         "radius_high_mm": design.radius_high_mm,
@@ -113,25 +116,25 @@ def _details(design: NeedleDesign) -> dict[str, object]:
     }
 
 
-def _in_reach(named: Node, folder: Path | None) -> Path:
+def _in_reach(named: Plain, folder: Path | None) -> Path:
     """Return the file that is named; links are followed before the reach is judged."""
-    if not isinstance(named.scalar, str) or not named.scalar or not named.scalar.isprintable():
-        raise InputError(f"{KEY} is {named.shown()}, expected the name of a design file", _REACH)
+    if not isinstance(named, str) or not named or not named.isprintable():
+        raise InputError(f"{KEY} is {show(named)}, expected the name of a design file", _REACH)
     if folder is None:
         raise InputError(
-            f"{KEY} is {named.scalar}, and what names it stands in no file that it could be relative to"
+            f"{KEY} is {named}, and what names it stands in no file that it could be relative to"
         )
-    name = Path(named.scalar)
+    name = Path(named)
     if name.is_absolute():
-        raise InputError(f"{KEY} is {named.scalar}, expected a relative name", _REACH)
+        raise InputError(f"{KEY} is {named}, expected a relative name", _REACH)
     path, reach = folder / name, folder.resolve().parent
     if not path.resolve().is_relative_to(reach):
         raise InputError(
-            f"{KEY} is {named.scalar}, which leaves the folder above the one that it is named in", _REACH
+            f"{KEY} is {named}, which leaves the folder above the one that it is named in", _REACH
         )
     if not path.is_file():
         raise InputError(
-            f"{KEY} is {named.scalar}, and {path} is no file", "write one with `labrig design --out FILE`"
+            f"{KEY} is {named}, and {path} is no file", "write one with `labrig design --out FILE`"
         )
     return path
 

@@ -4,20 +4,23 @@ The words come from the model's JSON Schema, so that an editor and an error mess
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import ValidationError
 
 from labrig.protocol.model import ConflictError
 from labrig.protocol.schema import SchemaView
-from labrig.protocol.tree import Fault, KeyPath, Node, Place, Scalar
+from labrig.protocol.tree import InputFault, KeyPath, Tree
 from labrig.protocol.words import (
+    Plain,
+    Scalar,
     choice_hint,
     closest,
     number_text_hint,
     other_unit_hint,
     rescaled_hint,
+    show,
     show_key,
 )
 
@@ -30,19 +33,28 @@ class _Spot:
 
     Parameters
     ----------
+    tree : Tree
+        The whole file.
     path : tuple of keys and indices
         From the top.
-    node, view : Node, SchemaView or None
-        The value there and its schema, as far as there are such.
-    holder, holder_view : Node, SchemaView or None
-        The innermost section or list of the file on the way there, and its schema.
+    view, holder_view : SchemaView or None
+        The schema there, and that of the section or list around it, as far as there are such.
     """
 
+    tree: Tree
     path: KeyPath
-    node: Node | None
     view: SchemaView | None
-    holder: Node
     holder_view: SchemaView | None
+
+    @property
+    def value(self) -> Plain:
+        """The value there, None where there is none."""
+        return self.tree.value(self.path)
+
+    @property
+    def holder(self) -> KeyPath:
+        """The path of the section or list around it."""
+        return self.path[:-1]
 
     @property
     def name(self) -> str:
@@ -60,21 +72,19 @@ class _Spot:
         """What the field is, with its unit."""
         return self.view.description if self.view else ""
 
-    def fault(self, message: str, hint: str = "", place: Place | None = None) -> Fault:
-        """Return a fault of this spot; without `place` it stands at the value, or at what should hold it."""
-        nearest = self.node.place if self.node else self.holder.key
-        return Fault(place or nearest, self.path, message, hint)
+    def fault(self, message: str, hint: str = "") -> InputFault:
+        """Return a fault of the value there, or of the key of what should hold it."""
+        found = self.tree.at(self.path)
+        return InputFault(found.value if self.tree.holds(self.path) else found.key, self.path, message, hint)
 
 
-def explained(error: ValidationError, root: Node, view: SchemaView) -> tuple[Fault, ...]:
-    """Return each error of pydantic as a fault of the file that `root` was read from.
+def explained(error: ValidationError, tree: Tree, view: SchemaView) -> tuple[InputFault, ...]:
+    """Return each error of pydantic as a fault of the file that `tree` was read from.
 
     A missing key for which an unknown key beside it was probably meant is one fault, told at the unknown key.
     """
-    located = [(detail, _located(detail["loc"], root, view)) for detail in error.errors(include_url=False)]
-    meant = {
-        (*spot.path[:-1], _meant(spot)) for detail, spot in located if detail["type"] == "extra_forbidden"
-    }
+    located = [(detail, _located(detail["loc"], tree, view)) for detail in error.errors(include_url=False)]
+    meant = {(*spot.holder, _meant(spot)) for detail, spot in located if detail["type"] == "extra_forbidden"}
     return tuple(
         fault
         for detail, spot in located
@@ -83,61 +93,60 @@ def explained(error: ValidationError, root: Node, view: SchemaView) -> tuple[Fau
     )
 
 
-def _located(loc: KeyPath, root: Node, view: SchemaView) -> _Spot:
+def _located(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
     """Follow the location that pydantic gives; it also holds the kinds of unions, which no file has."""
-    spot = _Spot((), root, view, root, view)
+    spot = _Spot(tree, (), view, view)
     for part in loc:
         if spot.view and part in spot.view.tags:
-            kind = spot.view.kind(str(part))
-            spot = _Spot(spot.path, spot.node, kind, spot.holder, spot.holder_view)
+            spot = replace(spot, view=spot.view.kind(str(part)))
             continue
-        child = spot.node.children.get(part) if spot.node else None
-        child_view = spot.view.child(part) if spot.view else None
-        if child or child_view:
-            spot = _Spot((*spot.path, part), child, child_view, spot.node or spot.holder, spot.view)
+        path, inner = (*spot.path, part), spot.view.child(part) if spot.view else None
+        if inner or tree.holds(path):
+            spot = _Spot(tree, path, inner, spot.view)
     return spot
 
 
-def _faults(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> Iterator[Fault]:
+def _faults(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> Iterator[InputFault]:
     kind, raised = detail["type"], detail.get("ctx", {}).get("error")
     if isinstance(raised, ConflictError):
         yield from _conflicts(raised, spot)
     elif kind == "extra_forbidden":
         yield _unknown_key(spot, top)
     elif kind in {"union_tag_invalid", "union_tag_not_found"}:
-        yield _unknown_kind(spot)
-    elif spot.node is None:
+        view = spot.view
+        key, kinds = (view.tag_key, tuple(view.tags)) if view else ("kind", ())
+        yield choice_fault(spot.tree, (*spot.path, key), kinds)
+    elif not spot.tree.holds(spot.path):
         yield _missing(spot)
     else:
-        yield _wrong_value(spot, spot.node, str(raised or ""))
+        yield _wrong_value(spot, str(raised or ""))
 
 
-def _conflicts(raised: ConflictError, spot: _Spot) -> Iterator[Fault]:
+def _conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
     for conflict in raised.conflicts:
-        node, path = spot.node or spot.holder, spot.path
+        path = spot.path
         for part in conflict.key.split("."):
-            key = int(part) if node.kind == "sequence" else part
-            node, path = node.children.get(key, node), (*path, key)
-        yield Fault(node.place, path, conflict.message, conflict.hint)
+            path = (*path, int(part) if isinstance(spot.tree.value(path), list) else part)
+        yield InputFault(spot.tree.at(path).value, path, conflict.message, conflict.hint)
 
 
 def _meant(spot: _Spot) -> str | None:
     """Return the key that an unknown one was probably meant to be, rather one that the file lacks."""
     known = spot.holder_view.keys if spot.holder_view else ()
-    free = [key for key in known if key not in spot.holder.children]
+    free = [key for key in known if not spot.tree.holds((*spot.holder, key))]
     return closest(str(spot.path[-1]), free) or closest(str(spot.path[-1]), known)
 
 
-def _unknown_key(spot: _Spot, top: SchemaView) -> Fault:
-    key, node = str(spot.path[-1]), spot.node or spot.holder
+def _unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
+    key = str(spot.path[-1])
     elsewhere = next(_paths_to(key, top), None)
     if meant := _meant(spot):
-        hint = f"did you mean {meant}?{other_unit_hint(key, meant, node.scalar)}"
+        hint = f"did you mean {meant}?{other_unit_hint(key, meant, spot.value)}"
     elif elsewhere:
         hint = f"{key} stands at {elsewhere}; check the indentation"
     else:
         hint = "known here: " + ", ".join(spot.holder_view.keys if spot.holder_view else ())
-    return spot.fault(f"unknown key {show_key(key)}", hint, node.key)
+    return InputFault(spot.tree.at(spot.path).key, spot.path, f"unknown key {show_key(key)}", hint)
 
 
 def _paths_to(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterator[str]:
@@ -150,48 +159,41 @@ def _paths_to(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterato
             yield from _paths_to(key, child, (*path, name))
 
 
-def _unknown_kind(spot: _Spot) -> Fault:
-    view, node = spot.view, spot.node or spot.holder
-    key, kinds = (view.tag_key, tuple(view.tags)) if view else ("kind", ())
-    return choice_fault(node, (*spot.path, key), kinds)
-
-
-def choice_fault(section: Node, path: KeyPath, choices: tuple[str, ...]) -> Fault:
+def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFault:
     """Return the fault of a section whose key `path[-1]` names none of `choices`, or is missing."""
-    key, chosen = path[-1], section.children.get(path[-1])
-    listed = ", ".join(map(show_key, choices))
-    if chosen is None:
+    key, listed = path[-1], ", ".join(map(show_key, choices))
+    if not tree.holds(path):
         hint = f"add a line `{key}: {choices[0]}`"
-        return Fault(section.key, path, f"{key} is missing, expected one of {listed}", hint)
-    message = f"{key} is {chosen.shown()}, expected one of {listed}"
-    return Fault(chosen.place, path, message, choice_hint(str(chosen.scalar), choices))
+        return InputFault(tree.at(path[:-1]).key, path, f"{key} is missing, expected one of {listed}", hint)
+    chosen = tree.value(path)
+    hint = choice_hint(chosen if isinstance(chosen, str) else str(chosen), choices)
+    return InputFault(tree.at(path).value, path, f"{key} is {show(chosen)}, expected one of {listed}", hint)
 
 
-def _missing(spot: _Spot) -> Fault:
+def _missing(spot: _Spot) -> InputFault:
     if isinstance(spot.path[-1], int):  # a list that is too short is the fault of the list
-        whole = _Spot(spot.path[:-1], spot.holder, spot.holder_view, spot.holder, spot.holder_view)
-        return _wrong_value(whole, spot.holder, "")
-    return spot.fault(f"{spot.name} is missing, expected {spot.words}", spot.about, spot.holder.key)
+        return _wrong_value(_Spot(spot.tree, spot.holder, spot.holder_view, None), "")
+    return spot.fault(f"{spot.name} is missing, expected {spot.words}", spot.about)
 
 
-def _wrong_value(spot: _Spot, node: Node, raised: str) -> Fault:
+def _wrong_value(spot: _Spot, raised: str) -> InputFault:
     if raised:
-        return spot.fault(f"{spot.name} is {node.shown()}: {raised}", spot.about)
-    hint = _value_hint(spot.name, node, spot.view) if spot.view else ""
-    return spot.fault(f"{spot.name} is {node.shown()}, expected {spot.words}", hint or spot.about)
+        return spot.fault(f"{spot.name} is {show(spot.value)}: {raised}", spot.about)
+    hint = _value_hint(spot.name, spot.value, spot.view) if spot.view else ""
+    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {spot.words}", hint or spot.about)
 
 
-def _value_hint(name: str, node: Node, view: SchemaView) -> str:
+def _value_hint(name: str, value: Plain, view: SchemaView) -> str:
     expected = view.node.get("type")
-    if node.kind == "mapping" and expected == "string":
-        return "a text with a colon needs quotes"
-    if node.kind != "scalar":
+    if isinstance(value, dict):
+        return "a text with a colon needs quotes" if expected == "string" else ""
+    if isinstance(value, list):
         return ""
     if expected == "array":
         return "write a list: [..., ...], or a line that starts with `- ` for each entry"
     if expected in {"number", "integer"}:
-        return _number_hint(name, node.scalar, view)
-    return _word_hint(node.scalar, view)
+        return _number_hint(name, value, view)
+    return _word_hint(value, view)
 
 
 def _word_hint(value: Scalar, view: SchemaView) -> str:

@@ -9,7 +9,7 @@ from pydantic import Field
 from labrig.protocol.designed_needle import IN_PROTOCOL, IN_SCENARIO, with_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
-from labrig.protocol.overrides import overridden, put
+from labrig.protocol.overrides import overridden
 from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
     DesignProtocol,
@@ -19,7 +19,7 @@ from labrig.protocol.protocols import (
 )
 from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema
-from labrig.protocol.tree import Node, Place, Tree, file_format_error
+from labrig.protocol.tree import Position, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree, require_kind, tree_of_file
 from labrig.protocol.yaml_text import read_tree
 
@@ -68,7 +68,9 @@ def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | N
         With every problem of the file and of the overrides.
     """
     tree = overridden(tree_of_file(Path(path)), overrides)
-    return _protocol_of(tree if seed is None else _with_seed(tree, seed), Path(path).parent)
+    if seed is not None:
+        tree = tree.put(("seed",), seed, Position("--seed"))
+    return _protocol_of(tree, Path(path).parent)
 
 
 def parse_protocol(text: str, source: str) -> AnyProtocol:
@@ -92,17 +94,11 @@ def protocol_schema() -> JsonSchema:
     return model_schema(Annotated[AnyProtocol, Field(discriminator="experiment")], "labrig protocol")
 
 
-def _with_seed(tree: Tree, seed: int) -> Tree:
-    place = Place("--seed")
-    return Tree(put(tree.root, ("seed",), Node("scalar", place, seed, key_place=place)), tree.faults)
-
-
 def _protocol_of(tree: Tree, folder: Path | None) -> AnyProtocol:
-    chosen = tree.root.children.get("experiment")
-    if chosen is None:
+    if not tree.holds(("experiment",)):
         require_kind(tree, _OTHER_KINDS)
-    if chosen is None or chosen.scalar not in _MODELS:
-        raise file_format_error([*tree.faults, choice_fault(tree.root, ("experiment",), tuple(_MODELS))])
-    model = _MODELS[str(chosen.scalar)]
+    model = _MODELS.get(str(tree.value(("experiment",))))
+    if model is None:
+        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(_MODELS))])
     takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
     return model_of_tree(with_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)

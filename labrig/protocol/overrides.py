@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from labrig.errors import FileFormatError, InputError
-from labrig.protocol.tree import Fault, KeyPath, Node, Place, Tree, branch, moved
-from labrig.protocol.words import show, show_key
+from labrig.protocol.tree import InputFault, Position, Tree
+from labrig.protocol.words import Plain, show
 from labrig.protocol.yaml_text import MAX_DEPTH, compose, resolve_scalar
 
-SET = Place("--set")
+SET = Position("--set")
 
 
 def overridden(tree: Tree, overrides: Sequence[str]) -> Tree:
@@ -18,58 +18,30 @@ def overridden(tree: Tree, overrides: Sequence[str]) -> Tree:
     names the entry of a list: `specimens.0.name=A`. Unknown keys are found when the model is validated.
     """
     for text in overrides:
-        tree = _with_one(tree, text)
+        tree = _override(tree, text)
     return tree
 
 
-def put(root: Node, path: KeyPath, value: Node) -> Node:
-    """Return `root` with `value` at `path`.
-
-    Raises
-    ------
-    InputError
-        The path leads through a scalar or to an entry that a list does not have.
-    """
-    if not path:
-        return value
-    key = _key_in(root, path[0])
-    child = root.children.get(key, Node("scalar", value.place, key_place=value.place))
-    children = {**root.children, key: put(child, path[1:], value)}
-    return branch("sequence" if root.kind == "sequence" else "mapping", root.place, children, root.key_place)
-
-
-def _key_in(node: Node, part: str | int) -> str | int:
-    if node.kind == "mapping" or (node.kind == "scalar" and node.scalar is None):
-        return part
-    if node.kind == "scalar":
-        raise InputError(f"{show_key(part)} cannot be set inside {node.shown()}, which is no section")
-    count = len(node.children)
-    if not str(part).isdecimal() or int(part) >= count:
-        raise InputError(f"{show_key(part)} names no entry of this list, expected 0 to {count - 1}")
-    return int(part)
-
-
-def _with_one(tree: Tree, text: str) -> Tree:
+def _override(tree: Tree, text: str) -> Tree:
     dotted, equals, raw = text.partition("=")
     path = tuple(dotted.strip().split("."))
     if not equals or not all(path) or len(path) > MAX_DEPTH:
         hint = "for example --set insertion.length_mm=30"
-        fault = Fault(SET, (), f"{show(text)} is no override, expected dotted.key=value", hint)
+        fault = InputFault(SET, (), f"{show(text)} is no override, expected dotted.key=value", hint)
         return replace(tree, faults=(*tree.faults, fault))
     try:
-        return replace(tree, root=put(tree.root, path, _value(raw)))
+        return tree.put(path, _value(raw.strip()), SET)
     except FileFormatError as error:
-        faults = [Fault(SET, path, problem.message, problem.hint) for problem in error.problems]
-        return replace(tree, faults=(*tree.faults, *faults))
+        faults = [InputFault(SET, path, problem.message, problem.hint) for problem in error.problems]
     except InputError as error:
-        return replace(tree, faults=(*tree.faults, Fault(SET, path, error.message)))
+        faults = [InputFault(SET, path, error.message)]
+    return replace(tree, faults=(*tree.faults, *faults))
 
 
-def _value(raw: str) -> Node:
-    text = raw.strip()
-    if text[:1] in {"[", "{", '"', "'"}:
-        composed = compose(text, str(SET))
-        if composed.faults:
-            raise FileFormatError(tuple(fault.problem() for fault in composed.faults))
-        return moved(composed.root, SET)
-    return Node("scalar", SET, resolve_scalar(text), key_place=SET)
+def _value(text: str) -> Plain:
+    if text[:1] not in {"[", "{", '"', "'"}:
+        return resolve_scalar(text)
+    composed = compose(text, str(SET))
+    if composed.faults:
+        raise FileFormatError(tuple(fault.problem() for fault in composed.faults))
+    return composed.values

@@ -3,8 +3,12 @@
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import inf, isfinite, pi
+from typing import TypeAlias
+
+Scalar: TypeAlias = str | int | float | bool | None
+Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
 
 MAX_SHOWN = 60
 
@@ -21,20 +25,34 @@ _QUANTITY = re.compile(r"([-+]?(?:[0-9]+[.]?[0-9]*|[.][0-9]+)(?:[eE][-+]?[0-9]+)
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 
 
-def show(value: object) -> str:
-    """Return a scalar as a YAML reader would write it, cut to a length, controls escaped."""
-    if value is None:
-        return "empty (null)"
-    if isinstance(value, bool):
-        return "true" if value else "false"
+def children(value: Plain) -> Mapping[str | int, Plain]:
+    """Return what a section or list holds, by key or index; a scalar holds nothing."""
+    entries = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    )
+    return dict(entries)
+
+
+def show(value: Plain) -> str:
+    """Return a value in a few words: a scalar as a YAML reader would write it, cut to a length, controls escaped."""
+    if isinstance(value, str):
+        return _show_text(value)
+    if isinstance(value, list):
+        return f"a list of {len(value)}" if _size(value) > 6 else f"[{', '.join(map(show, value))}]"
     if isinstance(value, float):
         return show_number(value) + ".0" * value.is_integer()
-    if not isinstance(value, str):
-        return str(value)
-    shown = value if value.isprintable() and '"' not in value else json.dumps(value)[1:-1]
-    if len(shown) > MAX_SHOWN:
-        return f'"{shown[:MAX_SHOWN]}…" ({len(value)} characters)'
-    return f'"{shown}"'
+    if isinstance(value, dict):
+        return "a section (keys and values)"
+    return "empty (null)" if value is None else str(value).lower()  # a truth or a whole number
+
+
+def _show_text(text: str) -> str:
+    shown = text if text.isprintable() and '"' not in text else json.dumps(text)[1:-1]
+    return f'"{shown}"' if len(shown) <= MAX_SHOWN else f'"{shown[:MAX_SHOWN]}…" ({len(text)} characters)'
+
+
+def _size(value: Plain) -> int:
+    return 1 + sum(map(_size, children(value).values()))
 
 
 def show_number(value: float) -> str:

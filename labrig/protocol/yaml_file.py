@@ -20,15 +20,14 @@ from labrig.protocol.model import Model
 from labrig.protocol.overrides import overridden
 from labrig.protocol.schema import SchemaView, model_schema
 from labrig.protocol.tree import (
-    Fault,
-    Place,
-    Plain,
+    EntryPosition,
+    InputFault,
+    Position,
     Tree,
     file_format_error,
     half_characters,
-    node_from_plain,
-    plain,
 )
+from labrig.protocol.words import Plain
 from labrig.protocol.yaml_text import read_tree
 
 _SUFFIXES = frozenset({".yaml", ".yml", ".json"})
@@ -77,7 +76,7 @@ def yaml_values(path: Path | str) -> dict[str, Plain]:
     tree = tree_of_file(Path(path))
     if tree.faults:
         raise file_format_error(list(tree.faults))
-    return {str(key): plain(child) for key, child in tree.root.children.items()}
+    return tree.section(())
 
 
 def parse_yaml_model(
@@ -92,7 +91,9 @@ def parse_yaml_model(
 
 def model_of_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
     """Return the `model` of values that stand in no file, such as options. Raises as `load_yaml_model`."""
-    return model_of_tree(Tree(node_from_plain(values, Place(source))), model)
+    position = Position(source)
+    plain = json.loads(json.dumps(values, default=str))
+    return model_of_tree(Tree(plain, {(): EntryPosition(position, position)}), model)
 
 
 def dump_yaml(model: Model) -> str:
@@ -144,20 +145,20 @@ def require_kind(tree: Tree, others: Mapping[str, tuple[str, str]]) -> None:
     FileFormatError
     """
     for key, (message, hint) in others.items():
-        if (node := tree.root.children.get(key)) is not None:
-            raise file_format_error([Fault(node.key, (key,), message, hint)])
+        if tree.holds((key,)):
+            raise file_format_error([InputFault(tree.at((key,)).key, (key,), message, hint)])
 
 
 def model_of_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
     """Return the validated model of a tree. Raises `FileFormatError` with the faults of both."""
-    if halves := tuple(half_characters(tree.root)):
+    if halves := tuple(half_characters(tree)):
         raise file_format_error([*tree.faults, *halves])
     try:
         # Through JSON: strict there reads a list as a tuple and 40 as 40.0, and converts nothing else.
-        made = model.model_validate_json(json.dumps(plain(tree.root)))
+        made = model.model_validate_json(json.dumps(tree.values))
     except ValidationError as error:
         view = SchemaView.of(model_schema(model, ""))
-        raise file_format_error([*tree.faults, *explained(error, tree.root, view)]) from error
+        raise file_format_error([*tree.faults, *explained(error, tree, view)]) from error
     if tree.faults:
         raise file_format_error(tree.faults)
     return made
@@ -185,15 +186,15 @@ def _decoded(content: bytes, source: str) -> str:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8")
-        place = Place(source, before.count("\n") + 1, len(before) - before.rfind("\n"))
+        position = Position(source, before.count("\n") + 1, len(before) - before.rfind("\n"))
         message = f"the byte 0x{content[error.start]:02x} is not UTF-8, expected text in UTF-8"
         raise file_format_error(
-            [Fault(place, (), message, "save the file as UTF-8 in your editor")]
+            [InputFault(position, (), message, "save the file as UTF-8 in your editor")]
         ) from error
 
 
 def _unreadable(path: Path, message: str, hint: str) -> FileFormatError:
-    return file_format_error([Fault(Place(str(path)), (), message, hint)])
+    return file_format_error([InputFault(Position(str(path)), (), message, hint)])
 
 
 def _nearby_hint(path: Path) -> str:

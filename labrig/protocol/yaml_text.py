@@ -1,45 +1,37 @@
-"""YAML 1.2 text -> tree of values with places.
+"""YAML 1.2 text -> tree of values with positions.
 
-The events of ruamel.yaml's scanner and parser are composed here and not by its constructor, because a
-protocol needs less and wants more: only the core schema of YAML 1.2 (no tags, no dates, no merge keys, so
-`no` is a word and `12:30` a text), a place for every value and key, all faults and not the first, and bounds
-on depth and on what aliases expand to.
+ruamel.yaml composes the nodes; they are read here and not by its constructor, because a protocol needs less and
+wants more: only the core schema of YAML 1.2 (no tags, no dates, no merge keys, so `no` is a word and `12:30` a
+text), a position for every value and key, all faults and not the first, and bounds on depth and on what aliases
+expand to.
 """
 
 import re
-from collections.abc import Iterator
-from dataclasses import replace
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError, MaxDepthExceededError
 from ruamel.yaml.error import MarkedYAMLError
-from ruamel.yaml.events import (
-    AliasEvent,
-    DocumentStartEvent,
-    Event,
-    MappingEndEvent,
-    MappingStartEvent,
-    ScalarEvent,
-    SequenceEndEvent,
-    SequenceStartEvent,
-    StreamEndEvent,
-)
+from ruamel.yaml.events import AliasEvent, DocumentStartEvent, Event
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from labrig.errors import FileFormatError
-from labrig.protocol.tree import Fault, KeyPath, Node, Place, Scalar, Tree, branch, file_format_error
-
-_Start: TypeAlias = ScalarEvent | MappingStartEvent | SequenceStartEvent
+from labrig.protocol.tree import EntryPosition, InputFault, Position, Tree, file_format_error
+from labrig.protocol.words import Plain, Scalar, show
 
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
 
-_NULL = re.compile(r"|~|null|Null|NULL")
-_BOOL = re.compile(r"true|True|TRUE|false|False|FALSE")
-_INT = re.compile(r"[-+]?[0-9]{1,18}")  # longer ones are floats: nothing here counts that far
-_OCTAL_OR_HEX = re.compile(r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}")
-_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
-_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+# What an unquoted text means: the core schema (YAML 1.2, section 10.3.2).
+_CORE_SCHEMA: tuple[tuple[re.Pattern[str], Callable[[str], Scalar]], ...] = (
+    (re.compile(r"|~|null|Null|NULL"), lambda _: None),
+    (re.compile(r"true|True|TRUE|false|False|FALSE"), lambda text: text.lower() == "true"),
+    (re.compile(r"[-+]?[0-9]{1,18}"), int),  # longer ones are floats: nothing here counts that far
+    (re.compile(r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}"), lambda text: int(text, 0)),
+    (re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"), float),
+    (re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"), lambda text: float(text.replace(".", "", 1))),
+)
 
 # What the parser says -> what it means, and what a person can do about it.
 _SYNTAX_WORDS = (
@@ -71,26 +63,14 @@ _SYNTAX_WORDS = (
         "write \\\\, or take single quotes",
     ),
     ("cannot start any token", "a value cannot start like this", "put it in quotes"),
+    ("found another document", "a second document starts here, expected one", "delete this ---"),
+    ("maximum depth", f"nested deeper than {MAX_DEPTH} levels", ""),
 )
 
 
 def resolve_scalar(text: str) -> Scalar:
     """Return what an unquoted text means in the core schema of YAML 1.2 (specification, section 10.3.2)."""
-    if _NULL.fullmatch(text):
-        return None
-    if _BOOL.fullmatch(text):
-        return text.lower() == "true"
-    return _resolve_number(text)
-
-
-def _resolve_number(text: str) -> int | float | str:
-    if _INT.fullmatch(text):
-        return int(text)
-    if _OCTAL_OR_HEX.fullmatch(text):
-        return int(text, 0)
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    return float(text.replace(".", "", 1)) if _NOT_FINITE.fullmatch(text) else text
+    return next((read(text) for pattern, read in _CORE_SCHEMA if pattern.fullmatch(text)), text)
 
 
 def read_tree(text: str, source: str) -> Tree:
@@ -102,20 +82,17 @@ def read_tree(text: str, source: str) -> Tree:
         The text is no YAML, empty, more than one document, no mapping at the top, or too deep or too large.
     """
     tree = compose(text, source)
-    root = tree.root
-    if root.kind == "mapping":
+    if isinstance(tree.values, dict):
         return tree
-    if root.kind == "scalar" and root.scalar is None:
-        raise file_format_error(
-            [Fault(Place(source), (), "the file is empty, expected keys and values", "is it the right file?")]
-        )
-    hint = (
-        "a key needs a colon and a space: `key: value`"
-        if root.kind == "scalar"
-        else "the top holds `key: value` lines"
-    )
-    message = f"the file holds {root.shown()}, expected keys and values"
-    raise file_format_error([*tree.faults, Fault(root.place, (), message, hint)])
+    position, found = tree.at(()).value, f"holds {show(tree.values)}"
+    if isinstance(tree.values, list):
+        hint = "the top holds `key: value` lines"
+    elif tree.values is not None:
+        hint = "a key needs a colon and a space: `key: value`"
+    else:
+        position, found, hint = Position(source), "is empty", "is it the right file?"
+    fault = InputFault(position, (), f"the file {found}, expected keys and values", hint)
+    raise file_format_error([*tree.faults, fault])
 
 
 def compose(text: str, source: str) -> Tree:
@@ -126,140 +103,158 @@ def compose(text: str, source: str) -> Tree:
     FileFormatError
         As `read_tree`, but any value may stand at the top.
     """
-    composer = _Composer(text, source)
-    return Tree(composer.document(), tuple(composer.faults))
+    yaml: Any = YAML(typ="safe", pure=True)  # its attributes are typed by their defaults, None
+    yaml.Composer = _Composer
+    yaml.max_depth = MAX_DEPTH + 1  # the top counts no level
+    try:
+        root = yaml.compose(text)
+    except MarkedYAMLError as error:
+        raise file_format_error([_syntax_fault(error, source)]) from error
+    except ReaderError as error:
+        raise file_format_error([_character_fault(error, text, source)]) from error
+    except (ValueError, OverflowError) as error:  # an escape beyond Unicode, such as "\UFFFFFFFF"
+        fault = InputFault(Position(source), (), "an escape in double quotes names no character")
+        raise file_format_error([fault]) from error
+    if root is None:
+        return Tree(None, {(): EntryPosition(Position(source), Position(source))})
+    reader = _NodeReader(source, [])
+    reader.check_version(yaml.composer.start)
+    values = reader.read(root, (), root)
+    return Tree(values, reader.positions, tuple(reader.faults))
 
 
-class _Composer:
-    """Builds nodes from the events of one text and gathers its faults."""
+class _RefusedError(ComposerError):
+    """What YAML allows and a protocol does not."""
 
-    def __init__(self, text: str, source: str) -> None:
-        self._events: Iterator[Event] = iter(YAML(typ="safe", pure=True).parse(text))
-        self._text = text
+    def __init__(self, message: str, mark: Any, hint: str = "") -> None:
+        super().__init__(None, None, message, mark, hint)
+
+
+class _Composer(Composer):
+    """ruamel's, within bounds; a node keeps its tag only where the text has one."""
+
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self.warn_double_anchors = False  # the later one counts
+        self.start: Any = None
+        self._extents: dict[int, tuple[int, int]] = {}
+
+    def compose_document(self) -> Any:
+        self.start = self.parser.peek_event()
+        return super().compose_document()
+
+    def compose_node(self, parent: Node | None, index: Node | int | None) -> Any:
+        event = self.parser.peek_event()
+        if isinstance(event, AliasEvent):
+            self._check_alias(event, is_key=isinstance(parent, MappingNode) and index is None)
+            return super().compose_node(parent, index)
+        node = super().compose_node(parent, index)
+        node.ctag = event.ctag
+        self._check_extent(node)
+        return node
+
+    def _check_alias(self, event: AliasEvent, *, is_key: bool) -> None:
+        known = self.anchors.get(event.anchor)
+        if known is None or known.end_mark is None:  # a value that is not complete cannot hold itself
+            hint = "define it first with &name, or quote the text if the * is meant"
+            raise _RefusedError(f"*{event.anchor} is not defined above", event.start_mark, hint)
+        if is_key:
+            raise _RefusedError("a key must be a plain word", event.start_mark, "write the key out")
+
+    def _check_extent(self, node: Node) -> None:
+        """Count values and levels, aliases expanded, so that a short file cannot fill the memory."""
+        held = () if isinstance(node, ScalarNode) else node.value
+        extents = [self._extents[id(each[1] if isinstance(each, tuple) else each)] for each in held]
+        size = 1 + sum(size for size, _ in extents)
+        height = 1 + max((height for _, height in extents), default=0)
+        if size > MAX_VALUES:
+            raise _RefusedError(f"holds {size} values, at most {MAX_VALUES} are read", node.start_mark)
+        if height > MAX_DEPTH + 1:
+            raise _RefusedError(f"nested deeper than {MAX_DEPTH} levels", node.start_mark)
+        self._extents[id(node)] = size, height
+
+
+class _NodeReader:
+    """Reads the values of nodes; gathers where they stand and what is wrong with them."""
+
+    def __init__(self, source: str, faults: list[InputFault]) -> None:
         self._source = source
-        self._anchors: dict[str, Node] = {}
-        self.faults: list[Fault] = []
+        self.positions: dict[tuple[str, ...], EntryPosition] = {}
+        self.faults = faults
 
-    def _next(self) -> Event:
-        try:
-            return next(self._events)
-        except MarkedYAMLError as error:
-            raise self._stopped(_syntax_fault(error, self._source)) from error
-        except ReaderError as error:
-            raise self._stopped(_character_fault(error, self._text, self._source)) from error
-        except (ValueError, OverflowError) as error:  # an escape beyond Unicode, such as "\UFFFFFFFF"
-            fault = Fault(Place(self._source), (), "an escape in double quotes names no character")
-            raise self._stopped(fault) from error
-
-    def _stopped(self, fault: Fault) -> FileFormatError:
-        return file_format_error([*self.faults, fault])
-
-    def document(self) -> Node:
-        """Return the value of the only document."""
-        self._next()  # stream start
-        start = self._next()
-        if isinstance(start, StreamEndEvent):
-            return Node("scalar", Place(self._source))
-        if isinstance(start, DocumentStartEvent) and start.version not in (None, (1, 2)):
+    def check_version(self, start: DocumentStartEvent) -> None:
+        """Note a file that declares another version of YAML."""
+        if start.version not in (None, (1, 2)):
             found = ".".join(map(str, start.version))
             self._fault(start, (), f"the file declares YAML {found}, expected 1.2", "delete the %YAML line")
-        root = self._node(self._next(), ())
-        self._next()  # document end
-        after = self._next()
-        if not isinstance(after, StreamEndEvent):
-            message = "a second document starts here, expected one"
-            raise self._stopped(Fault(self._place(after), (), message, "delete this ---"))
-        return root
 
-    def _node(self, event: Event, path: KeyPath) -> Node:
-        if len(path) > MAX_DEPTH:
-            raise self._stopped(Fault(self._place(event), (), f"nested deeper than {MAX_DEPTH} levels"))
-        if isinstance(event, AliasEvent):
-            return self._alias(event)
-        assert isinstance(
-            event, ScalarEvent | MappingStartEvent | SequenceStartEvent
-        )  # nothing else starts a value
-        node = self._value(event, path)
-        if event.tag:
-            self._refuse_tag(event, path)
-        if event.anchor:
-            self._anchors[event.anchor] = node
-        return node
+    def read(self, node: Node, path: tuple[str, ...], key: Node) -> Plain:
+        """Return the value of `node`, which stands at `path` behind `key`."""
+        if node.ctag:
+            tag = str(node.ctag).replace("tag:yaml.org,2002:", "!!")
+            self._fault(
+                node, path, f"the tag {tag} is not known here, values carry no tags", "delete the tag"
+            )
+        value = self._value(node, path)
+        stands = self._position(
+            key if value is None else node
+        )  # the parser sees nothing where the next key is
+        self.positions[path] = EntryPosition(self._position(key), stands)
+        return value
 
-    def _value(self, event: _Start, path: KeyPath) -> Node:
-        if isinstance(event, ScalarEvent):
-            text = str(event.value)
-            return Node("scalar", self._place(event), resolve_scalar(text) if event.style is None else text)
-        if isinstance(event, MappingStartEvent):
-            return self._bounded(branch("mapping", self._place(event), self._entries(path)))
-        return self._bounded(branch("sequence", self._place(event), self._items(path)))
+    def _value(self, node: Node, path: tuple[str, ...]) -> Plain:
+        if isinstance(node, MappingNode):
+            return self._section(node, path)
+        if isinstance(node, SequenceNode):
+            return [self.read(each, (*path, str(index)), each) for index, each in enumerate(node.value)]
+        plain = isinstance(node, ScalarNode) and node.style is None
+        return resolve_scalar(node.value) if plain else str(node.value)
 
-    def _items(self, path: KeyPath) -> dict[str | int, Node]:
-        items: dict[str | int, Node] = {}
-        while not isinstance(event := self._next(), SequenceEndEvent):
-            items[len(items)] = self._node(event, (*path, len(items)))
-        return items
+    def _section(self, node: MappingNode, path: tuple[str, ...]) -> dict[str, Plain]:
+        section: dict[str, Plain] = {}
+        for key, child in node.value:
+            name = self._key(key, path)
+            inner = (*path, "?" if name is None else name)
+            is_new = name is not None and name not in section
+            reader = (
+                self if is_new else _NodeReader(self._source, self.faults)
+            )  # the positions are the first's
+            value = reader.read(child, inner, key)
+            if name in section:
+                hint = f"first on line {self.positions[inner].key.line}; keep one of the two"
+                self._fault(key, inner, f"the key stands twice, here with {show(value)}", hint)
+            elif name is not None:
+                section[name] = value
+        return section
 
-    def _entries(self, path: KeyPath) -> dict[str | int, Node]:
-        entries: dict[str | int, Node] = {}
-        while not isinstance(event := self._next(), MappingEndEvent):
-            key, place = self._key(event, path), self._place(event)
-            node = self._node(self._next(), (*path, key or "?"))
-            nothing = node.kind == "scalar" and node.scalar is None  # the parser places it at what follows
-            node = replace(node, key_place=place, place=place if nothing else node.place)
-            if key in entries:
-                hint = f"first on line {entries[key].key.line}; keep one of the two"
-                self._fault(event, (*path, key), f"the key stands twice, here with {node.shown()}", hint)
-            elif key is not None:
-                entries[key] = node
-        return entries
-
-    def _key(self, event: Event, path: KeyPath) -> str | None:
+    def _key(self, key: Node, path: tuple[str, ...]) -> str | None:
         """Return the key, or None for one that no file of ours can have; its fault is noted."""
-        if not isinstance(event, ScalarEvent):
-            self._node(event, (*path, "?"))
-            self._fault(event, path, "a key must be a plain word", "brackets before a colon need quotes")
+        if not isinstance(key, ScalarNode):
+            self._fault(key, path, "a key must be a plain word", "brackets before a colon need quotes")
             return None
-        if event.value == "<<" and event.style is None:
-            self._fault(event, path, "merge keys (<<) are not part of YAML 1.2", "write the keys out")
+        if key.value == "<<" and key.style is None:
+            self._fault(key, path, "merge keys (<<) are not part of YAML 1.2", "write the keys out")
             return None
-        return str(event.value)
+        return str(key.value)
 
-    def _alias(self, event: AliasEvent) -> Node:
-        if event.anchor not in self._anchors:
-            hint = "define it first with &name, or quote the text if the * is meant"
-            raise self._stopped(Fault(self._place(event), (), f"*{event.anchor} is not defined above", hint))
-        return self._anchors[event.anchor]
+    def _fault(self, at: Node | Event, path: tuple[str, ...], message: str, hint: str) -> None:
+        self.faults.append(InputFault(self._position(at), path, message, hint))
 
-    def _bounded(self, node: Node) -> Node:
-        if node.size > MAX_VALUES:
-            message = f"holds {node.size} values, at most {MAX_VALUES} are read"
-            raise self._stopped(Fault(node.place, (), message))
-        if node.height > MAX_DEPTH + 1:  # the top counts no level
-            raise self._stopped(Fault(node.place, (), f"nested deeper than {MAX_DEPTH} levels"))
-        return node
-
-    def _refuse_tag(self, event: _Start, path: KeyPath) -> None:
-        tag = str(event.tag).replace("tag:yaml.org,2002:", "!!")
-        self._fault(event, path, f"the tag {tag} is not known here, values carry no tags", "delete the tag")
-
-    def _fault(self, event: Event, path: KeyPath, message: str, hint: str = "") -> None:
-        self.faults.append(Fault(self._place(event), path, message, hint))
-
-    def _place(self, event: Event) -> Place:
-        return Place(self._source, event.start_mark.line + 1, event.start_mark.column + 1)
+    def _position(self, at: Node | Event) -> Position:
+        return Position(self._source, at.start_mark.line + 1, at.start_mark.column + 1)
 
 
-def _syntax_fault(error: MarkedYAMLError, source: str) -> Fault:
-    said = str(error.problem or error.context)
-    words, hint = next(((words, hint) for part, words, hint in _SYNTAX_WORDS if part in said), (said, ""))
+def _syntax_fault(error: MarkedYAMLError, source: str) -> InputFault:
+    said, note = str(error.problem or error.context), error.note if isinstance(error, _RefusedError) else ""
+    words, hint = next(((words, hint) for part, words, hint in _SYNTAX_WORDS if part in said), (said, note))
     mark = error.context_mark if "line named here" in hint and error.context_mark else error.problem_mark
-    place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
-    return Fault(place, (), f"this is not YAML: {words}", hint)
+    position = Position(source, mark.line + 1, mark.column + 1) if mark else Position(source)
+    is_syntax = not isinstance(error, ComposerError | MaxDepthExceededError)
+    return InputFault(position, (), "this is not YAML: " * is_syntax + words, hint)
 
 
-def _character_fault(error: ReaderError, text: str, source: str) -> Fault:
+def _character_fault(error: ReaderError, text: str, source: str) -> InputFault:
     before = text[: error.position]
-    place = Place(source, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
+    position = Position(source, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
     message = f"the control character U+{error.character:04X} cannot stand in YAML"
-    return Fault(place, (), message, "delete it; it may be invisible in your editor")
+    return InputFault(position, (), message, "delete it; it may be invisible in your editor")

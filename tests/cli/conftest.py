@@ -1,5 +1,7 @@
 """The command line as a user has it: arguments in; exit code, standard output and standard error out."""
 
+import contextlib
+import io
 import json
 import sys
 from collections.abc import Callable
@@ -45,6 +47,15 @@ def labrig(capsys: pytest.CaptureFixture[str]) -> Labrig:
     return call
 
 
+def printed_json(*arguments: object) -> Any:
+    """Run a command line that has to succeed, and return the JSON document that it prints."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exit_code = run_command([str(argument) for argument in arguments])
+    assert exit_code == 0
+    return json.loads(printed.getvalue())
+
+
 def sweep_command(rig: Path, runs_dir: Path) -> list[str]:
     """Return the command line of the paper's sweep, for a process of its own."""
     return [
@@ -71,15 +82,6 @@ class Sweep:
 @pytest.fixture(scope="session")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
     """Two insertions in each of two gels, run through the real command."""
-    import contextlib
-    import io
-
     runs_dir = tmp_path_factory.mktemp("runs with spaces, é")
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exit_code = run_command(
-            ["run", str(SWEEP), "--rig", str(RIG), "--runs-dir", str(runs_dir), "--json", *SHORT_SWEEP]
-        )
-    assert exit_code == 0
-    document = json.loads(printed.getvalue())
+    document = printed_json("run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--json", *SHORT_SWEEP)
     return Sweep(Path(document["run"]), document)

@@ -27,6 +27,8 @@ def cut_short(run: Path, to: Path, after_s: float) -> Path:
 
 def _cut_truth(run: Path) -> None:
     """Keep the truth of the trials whose final picture is there: it is told right after that."""
+    if not (run / "truth.jsonl").exists():
+        return
     frames = [json.loads(line) for line in (run / "frames.jsonl").read_bytes().splitlines()]
     finals = sum(frame["role"] == "final" for frame in frames)
     lines = (run / "truth.jsonl").read_bytes().splitlines(keepends=True)
@@ -34,13 +36,15 @@ def _cut_truth(run: Path) -> None:
 
 
 def _cut_can(run: Path, after_s: float) -> None:
+    if not (run / "can.log").exists():
+        return
     content = (run / "can.log").read_bytes()
     sums = (run / "can.sums.jsonl").read_bytes().splitlines(keepends=True)
     ends = [json.loads(line)["bytes"] for line in sums]
     times = [float(content[:end].splitlines()[-1][1:].split(b")")[0]) for end in ends]
     kept = sum(t_s <= after_s for t_s in times)
     (run / "can.sums.jsonl").write_bytes(b"".join(sums[:kept]))
-    (run / "can.log").write_bytes(content[: ends[kept - 1]])
+    (run / "can.log").write_bytes(content[: [0, *ends][kept]])
 
 
 def _open_again(run: Path) -> None:

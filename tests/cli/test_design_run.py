@@ -8,10 +8,9 @@ from typing import Any
 
 import pytest
 
-from labrig.cli.main import run_command
 from labrig.protocol import load_design
 from labrig.record import open_run
-from tests.cli.conftest import RIG, ROOT, Labrig
+from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
 from tests.protocol.designs import sweep_with
 
 DESIGN = ROOT / "protocols" / "design.yaml"
@@ -40,18 +39,10 @@ class Ran:
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     """Return the committed protocol on a coarse grid, run where the only rig file there could be is missing."""
-    import contextlib
-    import io
-
-    printed = io.StringIO()
     runs = tmp_path_factory.mktemp("top") / "runs"
-    with pytest.MonkeyPatch.context() as environment, contextlib.redirect_stdout(printed):
+    with pytest.MonkeyPatch.context() as environment:
         environment.setenv("LABRIG_RIG", str(runs / "no-such-rig.yaml"))
-        exit_code = run_command(
-            ["run", str(DESIGN), "--runs-dir", str(runs), "--run-name", "design", "--json", *COARSE]
-        )
-    assert exit_code == 0
-    document = json.loads(printed.getvalue())
+        document = printed_json("run", DESIGN, "--runs-dir", runs, "--run-name", "design", "--json", *COARSE)
     return Ran(Path(document["run"]), document)
 
 

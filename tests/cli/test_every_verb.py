@@ -1,0 +1,223 @@
+"""Every example protocol, and imported pictures, through every command that takes a run; what is sound is called so."""
+
+import re
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
+from tests.cli.cut_runs import cut_short
+
+PROTOCOLS = ROOT / "protocols"
+FIRST = ROOT / "data" / "first-record"
+
+# Each example as short as it can be and still succeed.
+SHORTENED: Mapping[str, tuple[str, ...]] = {
+    "steerability": (
+        "specimens=[{name: gel, gelatin_percent: 13}]",
+        "insertions_per_specimen=1",
+        "insertion.length_mm=22",
+        "insertion.speed_mm_s=5",
+        "insertion.frame_every_mm=20",
+    ),
+    "insertion": (
+        "target.position_mm=[0,2,20]",
+        "obstacles=[{position_mm: [0,9,12], radius_mm: 3}]",
+        "insertion.max_length_mm=30",
+        "insertion.speed_mm_s=2",
+        "insertion.frame_every_mm=2",
+        "policy.near_mm=0",
+        "policy.final_mm=0",
+        "roll_zero.rolls=4",
+        "roll_zero.length_mm=12",
+    ),
+    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12"),
+    "calibration": ("views=8",),
+    "design": ("grid_points=3",),
+}
+FORMATS = {
+    "--csv": "frames.csv",
+    "--parquet": "frames.parquet",
+    "--mat": "run.mat",
+    "--mcap": "run.mcap",
+    "--record": "manifest.json",
+}
+
+
+def of_protocol(name: str) -> tuple[object, ...]:
+    """Return the arguments that name an example protocol, its rig where it needs one, and what shortens it."""
+    settings = (word for setting in SHORTENED[name] for word in ("--set", setting))
+    return (PROTOCOLS / f"{name}.yaml", *(() if name == "design" else ("--rig", RIG)), *settings)
+
+
+@dataclass(frozen=True)
+class Made:
+    """A run that was made once, and what the command that made it printed."""
+
+    name: str
+    run: Path
+    document: dict[str, Any]
+
+
+@pytest.fixture(scope="session", params=[*SHORTENED, "import"])
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Return a run of each experiment that has come to its end."""
+    name, runs_dir = request.param, tmp_path_factory.mktemp("runs")
+    if name == "import":
+        calibration = FIRST / "calibration"
+        (document,) = printed_json(
+            "import", FIRST / "frames", "--intrinsics", calibration / "intrinsics.json",
+            "--plane", calibration / "plane.json", "--needle-diameter-mm", 1.2, "--runs-dir", runs_dir, "--json",
+        )  # fmt: skip
+    else:
+        document = printed_json("run", *of_protocol(name), "--runs-dir", runs_dir, "--json")
+    return Made(name, Path(document["run"]), document)
+
+
+@pytest.fixture
+def run(made: Made, tmp_path: Path) -> Path:
+    """Return a copy of a finished run that a test may write into."""
+    return Path(shutil.copytree(made.run, tmp_path / "runs" / "copy"))
+
+
+@pytest.fixture
+def killed(made: Made, tmp_path: Path) -> Path:
+    """Return the same run as a power cut in the middle of it leaves it."""
+    lines = "frames.jsonl" if made.name == "import" else "events.jsonl"
+    times_s = [float(t_s) for t_s in re.findall(r'"t_s":\s*([-+.e\d]+)', (made.run / lines).read_text())]
+    (tmp_path / "runs").mkdir()
+    return cut_short(made.run, tmp_path / "runs" / "killed", (times_s[0] + times_s[-1]) / 2)
+
+
+Sound = Callable[[Path, str], None]
+
+
+@pytest.fixture
+def is_sound(labrig: Labrig) -> Sound:
+    """Check that a run is called sound, closed with a status, and nothing of it torn."""
+
+    def check(run: Path, exit_status: str) -> None:
+        done = labrig("runs", "check", run, "--json")
+        (row,) = done.json()
+        told = (row["ok"], row["damage"], row["torn"], row["exit_status"])
+        assert (done.exit_code, *told) == (0, True, [], [], exit_status)
+
+    return check
+
+
+def test_every_example_protocol_is_run_here() -> None:
+    """A protocol file that is added has to go through every command too."""
+    assert sorted(SHORTENED) == sorted(path.stem for path in PROTOCOLS.glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", SHORTENED)
+def test_check_has_nothing_against_it(name: str, labrig: Labrig) -> None:
+    """The dry run of each example is without problems."""
+    done = labrig("check", *of_protocol(name), "--json")
+    assert (done.exit_code, done.json()["ok"], done.json()["problems"]) == (0, True, [])
+
+
+def test_a_run_is_sound(made: Made, is_sound: Sound) -> None:
+    """What has just come to its end as a success is called so, and not damaged."""
+    assert made.document.get("exit_status", "success") == "success"
+    is_sound(made.run, "success")
+
+
+def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
+    """To the last bit; of imported pictures it is said that no procedure made them."""
+    done = labrig("replay", made.run, "--json")
+    if made.name == "import":
+        assert (done.exit_code, done.json()["error"]["hint"]) == (2, "there is nothing to replay")
+    else:
+        told = done.json()
+        assert (done.exit_code, told["identical"], told["bit_exact"]) == (0, True, True)
+
+
+def test_a_run_is_measured_again_with_the_same_numbers(made: Made, run: Path, labrig: Labrig) -> None:
+    """The new result parts nowhere from the run's own, and the record stays sound."""
+    for parent in range(2) if made.name == "import" else (1,):
+        done = labrig("reanalyze", run, "--json")
+        (row,) = done.json()
+        assert (done.exit_code, row["ok"], row["reason"]) == (0, True, None)
+        assert (row["parent"] or 0, row["first_divergence"]) == (parent, None)
+    assert labrig("runs", "check", run).exit_code == 0
+
+
+def test_a_run_is_shown(run: Path, labrig: Labrig) -> None:
+    """The page and the view are written."""
+    (run / "report.html").unlink(missing_ok=True)
+    (row,) = labrig("report", run, "--json").json()
+    assert (row["ok"], row["reason"], Path(row["report"])) == (True, None, run / "report.html")
+    done = labrig("view", run, "--no-open", "--json")
+    assert (done.exit_code, done.json()["ok"], done.json()["reason"]) == (0, True, None)
+    assert (run / "view.rrd").stat().st_size > 0
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_run_is_exported(form: str, made: Made, tmp_path: Path, labrig: Labrig, is_sound: Sound) -> None:
+    """Each form is written whole; a copy of the record is sound and differs in nothing."""
+    out = tmp_path / "out"
+    done = labrig("export", made.run, form, "--out", out, "--json")
+    assert (done.exit_code, done.json()["ok"]) == (0, True)
+    assert FORMATS[form] in done.json()["files"]
+    if form == "--record":
+        is_sound(out, "success")
+        assert labrig("runs", "diff", made.run, out, "--json").json()["identical"] is True
+
+
+def test_what_people_say_of_a_run_is_found_again(run: Path, labrig: Labrig, is_sound: Sound) -> None:
+    """Tag, note and verdict stand in the list of runs, and the record stays sound."""
+    for words in (("tag", run, "-t", "kept"), ("note", run, "look again"), ("verdict", run, "good")):
+        assert labrig("runs", *words, "--by", "Ada").exit_code == 0
+    (row,) = labrig("runs", "--runs-dir", run.parent, "--where", "tag=kept", "--json").json()
+    assert (Path(row["run"]), row["tags"], row["notes"], row["verdict"]) == (run, ["kept"], 1, "good")
+    is_sound(run, "success")
+
+
+def test_a_killed_run_is_closed_and_sound(killed: Path, labrig: Labrig, is_sound: Sound) -> None:
+    """It is called interrupted and not damaged, --repair closes it, and from then on it is sound."""
+    before = labrig("runs", "check", killed)
+    assert (before.exit_code, "sound, interrupted; --repair closes it" in before.out) == (0, True)
+    (row,) = labrig("runs", "check", killed, "--repair", "--json").json()
+    assert (row["ok"], row["repaired"]) == (True, True)
+    is_sound(killed, row["exit_status"])
+
+
+def test_a_killed_run_is_read_by_every_command(
+    made: Made, killed: Path, tmp_path: Path, labrig: Labrig
+) -> None:
+    """Once closed it is replayed up to there, measured, shown, exported, annotated and compared like any other."""
+    assert labrig("runs", "check", killed, "--repair").exit_code == 0
+    assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
+    measured = labrig("reanalyze", killed)
+    if made.name == "roll-zero":
+        assert (measured.exit_code, "four of each are the least" in measured.err) == (2, True)
+    else:
+        assert measured.exit_code == 0
+    for words in (
+        ("report", killed),
+        ("view", killed, "--no-open"),
+        ("export", killed, "--csv", "--mat", "--mcap", "--out", tmp_path / "out"),
+        ("runs", "tag", killed, "-t", "killed"),
+        ("runs", "diff", made.run, killed),
+        ("runs", "check", killed),
+    ):
+        assert labrig(*words).exit_code == 0, words
+
+
+def test_a_killed_run_goes_on_or_says_why_not(
+    made: Made, killed: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """A sweep comes to its end; of the others nothing can be kept, and they are as they were."""
+    done = labrig("resume", killed, "--json")
+    if made.name == "steerability":
+        assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+        is_sound(killed, "success")
+    else:
+        assert done.exit_code == 2
+        assert "nothing of it can be kept" in done.json()["error"]["message"]
+        assert labrig("runs", "check", killed).exit_code == 0

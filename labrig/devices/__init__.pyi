@@ -1,6 +1,9 @@
 from .axis import Axis, AxisReadback, Setpoint
-from .camera import Camera, CameraSettings, Frame, PictureSource
-from .check import CheckResult, CheckStatus, check_calibration, check_rig
+from .camera import Camera, CameraSettings, Exposure, Frame, PictureSource
+from .camera_kind import CameraContext, CameraKind
+from .camera_settings import CameraDescription, ControlledCameraDescription
+from .check import check_calibration, check_rig
+from .check_result import CheckResult, CheckStatus
 from .cia402 import DriveState
 from .clocks import SimulatedClock, SystemClock
 from .homing import HOME_ORDER, HOMING_DIRECTIONS, HOMING_HERE, ZEROS
@@ -59,6 +62,9 @@ __all__ = [
     "AxisDescription",
     "AxisReadback",
     "Camera",
+    "CameraContext",
+    "CameraDescription",
+    "CameraKind",
     "CameraSettings",
     "CheckResult",
     "CheckStatus",
@@ -74,7 +80,9 @@ __all__ = [
     "ConfirmStance",
     "ConfirmStopped",
     "ConfirmWithdrawal",
+    "ControlledCameraDescription",
     "DriveState",
+    "Exposure",
     "Frame",
     "HoldBoard",
     "LayGraphPaper",

@@ -3,24 +3,46 @@
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from labrig.clock import Clock
-from labrig.devices.rig_file import CameraDescription
+from labrig.devices.camera_settings import CameraDescription, Setting
 from labrig.errors import CameraError
 
 Picture = npt.NDArray[np.uint8]
-Setting = str | float
 
 _RATE_TOLERANCE = 0.01
 """Cameras tell their rate as a fraction of integers; 29.97 is what some mean by 30 Hz."""
 
+_MICROSECOND_S = 1e-6
+
 _MOVED_MM = 0.5
 """Travel after which a picture cannot be the one before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """A picture as its source gives it, (H, W) or (H, W, 3) uint8, and what the source knows of its time.
+
+    Attributes
+    ----------
+    t_s : float or None
+        Rig time [s] of the exposure; None where it is that of the call.
+    t_bound_s : float or None
+        How far `t_s` may be wrong [s], to be told with it; None where it is that of the call.
+    fraction : float or None
+        Where the exposure lay between the encoder readings before and after it, 0 to 1, as a record says; None where
+        that is still to be worked out.
+    """
+
+    image: Picture
+    t_s: float | None = None
+    t_bound_s: float | None = None
+    fraction: float | None = None
 
 
 class PictureSource(Protocol):
@@ -28,11 +50,11 @@ class PictureSource(Protocol):
 
     Attributes
     ----------
-    exposures_a_picture : int
-        Exposures that pass while one picture is read: those that were waiting are thrown away.
+    exposures : int
+        Exposures that the camera has made so far, those thrown away included.
     """
 
-    exposures_a_picture: int
+    exposures: int
 
     def set(self, name: str, value: Setting) -> None:
         """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
@@ -42,22 +64,43 @@ class PictureSource(Protocol):
         """Return the value that the source uses now; None where it cannot tell."""
         ...
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure | None:
         """Return a picture exposed after this call, or None when there is none."""
         ...
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Let go of the camera; a second time changes nothing."""
         ...
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number."""
+    """A picture, (H, W) or (H, W, 3) uint8, with the rig time [s] at which it was taken and its number.
+
+    `t_bound_s` and `fraction` are those of its `Exposure`.
+    """
 
     image: Picture
     t_s: float
     sequence: int
+    t_bound_s: float | None = None
+    fraction: float | None = None
+
+    def between(self, before_s: float, after_s: float) -> "Frame":
+        """Return this frame with its place between two encoder readings at these rig times [s].
+
+        Where the exposure lies outside of them, the time between it and the nearer one is added to its bound.
+        """
+        if self.t_bound_s is None or self.fraction is not None or after_s <= before_s:
+            return self
+        nearest_s = min(max(self.t_s, before_s), after_s)
+        fraction = (nearest_s - before_s) / (after_s - before_s)
+        return replace(self, t_bound_s=self.t_bound_s + abs(self.t_s - nearest_s), fraction=fraction)
+
+    def time_fields(self) -> dict[str, float]:
+        """Return what its line in the record says of its time beside `t_s`; nothing where that is exact."""
+        told = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
+        return {name: value for name, value in told.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -111,12 +154,13 @@ class Camera:
         CameraError
             When none comes, or one of another size or depth.
         """
-        t_s = self._clock.now_s()
-        image = self._source.read()
-        if image is None:
+        asked_s = self._clock.now_s()
+        exposure = self._source.read()
+        if exposure is None:
             raise CameraError(
                 "the camera gave no picture", "check its cable and whether another program uses it"
             )
+        image = exposure.image
         if image.dtype != np.uint8 or image.shape[:2] != self._shape or image.ndim not in {2, 3}:
             height, width = self._shape
             raise CameraError(
@@ -124,9 +168,21 @@ class Camera:
                 f"expected {width}x{height} uint8",
                 "check width_px, height_px and pixel_format in the rig file",
             )
-        frame = Frame(image, t_s, self._sequence)
+        t_s = asked_s if exposure.t_s is None else self._wait_for(exposure.t_s, asked_s)
+        frame = Frame(image, t_s, self._sequence, exposure.t_bound_s, exposure.fraction)
         self._sequence += 1
         return frame
+
+    def _wait_for(self, exposed_s: float, asked_s: float) -> float:
+        """Return the time of an exposure in whole microseconds, once it has come; refuse one from before the call."""
+        t_s = round(exposed_s, 6)
+        if t_s < asked_s - _MICROSECOND_S:
+            raise CameraError(
+                f"the camera gave a picture of {t_s:.3f} s, older than the command of {asked_s:.3f} s",
+                "check the times of the pictures, or unplug the camera and plug it in again",
+            )
+        self._clock.sleep(max(0.0, t_s - self._clock.now_s()))
+        return t_s
 
     def measure_rate_hz(self, pictures: int) -> float | None:
         """Return the rate of exposures [Hz] over so many pictures; None where pictures take no rig time.
@@ -136,11 +192,11 @@ class Camera:
         CameraError
         """
         self.capture()
-        before_s = self._clock.now_s()
+        before_s, before = self._clock.now_s(), self._source.exposures
         for _ in range(pictures):
             self.capture()
         took_s = self._clock.now_s() - before_s
-        return pictures * self._source.exposures_a_picture / took_s if took_s > 0 else None
+        return (self._source.exposures - before) / took_s if took_s > 0 else None
 
     def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
         """Refuse a camera that goes on showing one picture: two exposures are never alike to the last bit.

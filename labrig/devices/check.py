@@ -3,9 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +11,8 @@ import numpy as np
 
 from labrig.devices import epos2_objects as od
 from labrig.devices.camera import Camera
+from labrig.devices.camera_kind import camera_kind
+from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.cia402 import REFERENCED, decode_state
 from labrig.devices.clocks import SystemClock
 from labrig.devices.control import owner_of
@@ -36,26 +36,6 @@ _NO_DISK_BYTES = 5e8
 _CALIBRATE = "labrig run protocols/calibration.yaml --rig FILE, then labrig calibrate adopt RUN --rig FILE"
 _DRAW_MASK = "name a picture of the camera's size, white where no needle is, or polygons; or leave mask: out"
 _OLD_DAYS = 30
-_RATE_PICTURES = 6
-_LEAST_RATE_FRACTION = 0.9
-
-
-class CheckStatus(StrEnum):
-    """How a check came out."""
-
-    PASS = "PASS"  # noqa: S105 - no password
-    WARN = "WARN"
-    FAIL = "FAIL"
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """One check: what was looked at, how it came out, what was found, and what to do about it."""
-
-    check: str
-    status: CheckStatus
-    value: str
-    solution: str = ""
 
 
 def check_rig(rig: RigDescription) -> list[CheckResult]:
@@ -219,24 +199,9 @@ def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iter
             CheckStatus.PASS,
             ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
         )
-        height, width = camera.capture().image.shape[:2]
-        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
-        yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), rig.camera.rate_hz)
+        yield from camera_kind(rig.camera).check(rig.camera, camera)
     except LabrigError as error:
         yield _failed("camera", error)
-
-
-def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:
-    """Compare the rate of the camera as measured with the one that was asked for."""
-    check = "camera rate"
-    if measured_hz is None:
-        return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")
-    value = f"{measured_hz:.1f} Hz measured, {asked_hz:g} Hz asked"
-    if measured_hz >= _LEAST_RATE_FRACTION * asked_hz:
-        return CheckResult(check, CheckStatus.PASS, value)
-    return CheckResult(
-        check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
-    )
 
 
 def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:

@@ -6,12 +6,12 @@ from typing import Protocol
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import PictureSource
+from labrig.devices.camera_kind import CameraContext, camera_kind
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
 from labrig.devices.past import PastInsertion
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.plant import SimulatedPlant
-from labrig.devices.uvc import UvcSource
 
 
 class Plant(Protocol):
@@ -68,8 +68,9 @@ class BenchPlant:
         return open_can(self._rig.can, self.clock)
 
     def open_source(self) -> PictureSource:
-        """Open the camera's device file. Raises `CameraError`."""
-        return UvcSource(self._rig.camera.device)
+        """Open the camera. Raises `CameraError`."""
+        context = CameraContext(self.clock, self._rig.folder)
+        return camera_kind(self._rig.camera).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: nobody knows."""

@@ -132,7 +132,8 @@ class Rig:
             for name, axis in description.axes.items()
             if name in opening.axes
         }
-        self._camera = None if source is None else Camera(source, description.camera, self.clock)
+        self._camera = None if source is None else Camera(source, description.camera, self._dead_man)
+        self._read_s = 0.0
 
     # What is known
 
@@ -211,7 +212,8 @@ class Rig:
     def _describe_camera(self, camera: Camera) -> dict[str, object]:
         return {
             "driver": self.description.camera.driver,
-            "device": self.description.camera.device,
+            "device": self.description.camera.address,
+            **({"recorded": True} if self.description.camera.recorded else {}),
             "asked": dict(camera.settings.asked),
             "readback": dict(camera.settings.readback),
         }
@@ -230,13 +232,14 @@ class Rig:
             for axis in self.axes:
                 axis.expect_report()
             self._link.send(_SYNC, b"")
+            self._read_s = self.clock.now_s()
             return {name: axis.read() for name, axis in self._axes.items()}
         except MachineError as error:
             self._stop_because_of(error)
             raise
 
     def look(self) -> tuple[Frame, dict[str, AxisReadback]]:
-        """Take a picture, and read where every axis stands.
+        """Take a picture, and read where every axis stands; the frame says where it lies since the reading before.
 
         Raises
         ------
@@ -244,10 +247,11 @@ class Rig:
             Also for the same picture, to the last bit, after the needle or the sheath has moved.
         DriveError, BusError
         """
+        before_s = self._read_s
         frame = self.camera.capture()
         states = self.read_states()
         self.camera.require_new(frame, (states["insertion"].position, states["linear"].position))
-        return frame, states
+        return frame.between(before_s, self._read_s), states
 
     def wait(self, duration_s: float) -> None:
         """Let rig time pass while axes move, watching for signals and for what drives report.

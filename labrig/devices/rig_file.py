@@ -13,9 +13,12 @@ from typing import Annotated, Literal, Self
 import can
 from pydantic import Field, PrivateAttr
 
+from labrig.devices.camera_settings import CameraDescription, RigKind
+from labrig.devices.driver_section import DriverSection
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
+from labrig.plugins import CAMERAS
 from labrig.protocol import (
     Conflict,
     JsonSchema,
@@ -33,7 +36,7 @@ NodeId = Annotated[int, Field(ge=1, le=127)]
 FileName = Annotated[str, Field(min_length=1, max_length=200)]
 
 ONLY_SIMULATED = "simulated"
-"""Name of the in-process CAN interface and of the simulated camera driver."""
+"""Name of the in-process CAN interface, and of a kind of rig."""
 
 _WHERE_TO_FIND = {
     "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
@@ -263,44 +266,6 @@ class AxesDescription(Model):
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
 
 
-class CameraDescription(Model):
-    """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
-
-    driver: Literal["simulated", "uvc"] = Field(description="uvc for a USB camera, or simulated.")
-    device: Annotated[str, Field(max_length=200)] = Field("", description="Device file, such as /dev/video0.")
-    pixel_format: Annotated[str, Field(min_length=4, max_length=4)] = Field(
-        description="Four characters: MJPG, YUYV, GREY; simulated cameras have GREY."
-    )
-    width_px: Annotated[int, Field(ge=16, le=10_000)] = Field(description="Width of a picture [px].")
-    height_px: Annotated[int, Field(ge=16, le=10_000)] = Field(description="Height of a picture [px].")
-    rate_hz: Annotated[float, Field(gt=0, le=1000)] = Field(description="Pictures a second [Hz].")
-    exposure_us: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        description="Exposure, automatic off; UVC cameras take multiples of 100 [us]."
-    )
-    gain: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
-        description="Gain in the camera's own steps, automatic off. null: the camera has none [-]."
-    )
-    white_balance_k: Annotated[int, Field(ge=1000, le=20_000)] | None = Field(
-        description="White balance, automatic off. null: the camera has none [K]."
-    )
-    focus: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
-        description="Focus in the camera's own steps, automatic off. null: the lens is turned by hand [-]."
-    )
-    mains_hz: Literal[0, 50, 60] = Field(
-        description="Mains frequency whose flicker is filtered, 0 for none [Hz]."
-    )
-    store: Literal["png", "raw"] = Field(
-        "png",
-        description="How pictures are recorded: a PNG each, or all in frames.raw, for a camera too fast for PNG.",
-    )
-
-    def settings(self) -> dict[str, str | float]:
-        """Return the settings to be made, in the order in which a camera takes them."""
-        named = ("pixel_format", "width_px", "height_px", "rate_hz", "mains_hz", "exposure_us", "gain")
-        values = {name: getattr(self, name) for name in (*named, "white_balance_k", "focus")}
-        return {name: value for name, value in values.items() if value is not None}
-
-
 class CalibrationDescription(Model):
     """Which calibration belongs to this rig."""
 
@@ -342,9 +307,7 @@ class RigDescription(Model):
 
     schema_version: Literal[1] = Field(1, description="Version of this format.")
     name: Name = Field(description="What the rig is called in records and reports.")
-    kind: Literal["simulated", "bench"] = Field(
-        description="simulated, or bench for real drives and a real camera."
-    )
+    kind: RigKind = Field(description="simulated, or bench for real drives and a real camera.")
     state_file: FileName | None = Field(
         None,
         description="Where the rig keeps across runs whether a needle is in tissue, relative to this file. "
@@ -352,7 +315,9 @@ class RigDescription(Model):
     )
     can: CanDescription = Field(description="The CAN bus.")
     axes: AxesDescription = Field(description="The three axes.")
-    camera: CameraDescription = Field(description="The camera.")
+    camera: Annotated[CameraDescription, DriverSection(CAMERAS, CameraDescription)] = Field(
+        description="The camera."
+    )
     calibration: CalibrationDescription = Field(description="Calibration files.")
     recording: RecordingDescription = Field(default_factory=RecordingDescription, description="The record.")
     world: WorldDescription | None = Field(
@@ -371,8 +336,12 @@ class RigDescription(Model):
         if (self.world is not None) != simulated:
             needs = "needs a section world" if simulated else "has no section world"
             yield Conflict("world" if self.world else "kind", f"a rig of kind {self.kind} {needs}")
-        for key, chosen in (("can.interface", self.can.interface), ("camera.driver", self.camera.driver)):
-            if (chosen == ONLY_SIMULATED) != simulated:
+        fits = {
+            "can.interface": (self.can.interface, (self.can.interface == ONLY_SIMULATED) == simulated),
+            "camera.driver": (self.camera.driver, self.kind in self.camera.rig_kinds),
+        }
+        for key, (chosen, fit) in fits.items():
+            if not fit:
                 yield Conflict(key, f"{key} is {chosen}, which does not go with kind {self.kind}")
         if self.faults and not simulated:
             yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
@@ -431,6 +400,11 @@ class RigDescription(Model):
         )
         changed = self.model_copy(update={"world": world})
         return changed.placed_in(self._folder)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the rig file, to which its file names are relative."""
+        return self._folder
 
     @property
     def state_path(self) -> Path | None:

@@ -90,14 +90,15 @@ class Session:
     def see(self, role: str, trial: int | None = None) -> Look:
         """Take a picture, record it with where the axes stood at its exposure, and return it.
 
-        The exposure lies between two readings of the encoders, and its positions half-way between them: a needle that
-        advances at 1 mm/s is told to some hundredths of a millimetre whenever the camera exposes.
+        The exposure lies between two readings of the encoders. Its positions lie where the camera's own time says, or
+        else half-way: a needle that advances at 1 mm/s is told to some hundredths of a millimetre.
         """
         before = stance_of(self.rig.read_states())
         frame, states = self.rig.look()
-        stance = before.halfway_to(stance_of(states))
+        stance = before.on_the_way_to(stance_of(states), 0.5 if frame.fraction is None else frame.fraction)
         self.recorder.can_frames(self.rig.take_can_frames())
-        number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **asdict(stance))
+        known = {**frame.time_fields(), **asdict(stance)}
+        number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
         return Look(number, frame.image, stance)
 
     def draw(self, image: Picture, role: str, trial: int | None = None) -> Path:

@@ -14,12 +14,12 @@ class Stance:
     rotation_rad: float
     linear_mm: float
 
-    def halfway_to(self, other: "Stance") -> "Stance":
-        """Return the stance between this one and another."""
+    def on_the_way_to(self, other: "Stance", fraction: float) -> "Stance":
+        """Return the stance at a fraction, 0 to 1, of the way from this one to another."""
         return Stance(
-            0.5 * (self.insertion_mm + other.insertion_mm),
-            0.5 * (self.rotation_rad + other.rotation_rad),
-            0.5 * (self.linear_mm + other.linear_mm),
+            (1.0 - fraction) * self.insertion_mm + fraction * other.insertion_mm,
+            (1.0 - fraction) * self.rotation_rad + fraction * other.rotation_rad,
+            (1.0 - fraction) * self.linear_mm + fraction * other.linear_mm,
         )
 
 

@@ -12,6 +12,7 @@ from .insertion import (
 from .load import AnyProtocol, load_protocol, load_scenario, parse_protocol, protocol_schema
 from .model import (
     Conflict,
+    ConflictError,
     Direction,
     Line,
     Model,
@@ -63,6 +64,7 @@ __all__ = [
     "Board",
     "CameraCalibrationProtocol",
     "Conflict",
+    "ConflictError",
     "DesignProtocol",
     "DesignTolerances",
     "Direction",

@@ -152,11 +152,12 @@ def _unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
 def _paths_to(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterator[str]:
     if len(path) > 4:  # sections are not nested deeper; this bounds a schema that holds itself
         return
-    for name in view.keys:
-        if name == key:
-            yield ".".join((*path, name))
-        if child := view.child(name):
-            yield from _paths_to(key, child, (*path, name))
+    for kind in [view.kind(tag) for tag in view.tags] or [view]:
+        for name in kind.keys:
+            if name == key:
+                yield ".".join((*path, name))
+            if child := kind.child(name):
+                yield from _paths_to(key, child, (*path, name))
 
 
 def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFault:

@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.devices import Camera, SimulatedClock
-from labrig.devices.camera import Picture, Setting
-from labrig.devices.rig_file import CameraDescription
-from labrig.devices.simulated.camera import SimulatedSource
-from labrig.devices.uvc import UvcSource
-from labrig.devices.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
+from labrig.devices import Camera, SimulatedClock, load_rig
+from labrig.devices.camera import Exposure, Picture
+from labrig.devices.camera_kind import CameraContext
+from labrig.devices.camera_settings import Setting
+from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
+from labrig.devices.uvc import CAMERA as UVC
+from labrig.devices.uvc.settings import UvcCameraDescription
+from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
 from labrig.errors import CameraError
 from labrig.simulation import World
-from tests.devices.rigs import simulated_rig
+from tests.devices.rigs import BENCH, simulated_rig
 
 CAMERA = simulated_rig().camera
 
@@ -33,6 +35,7 @@ class Lens:
         self._pictures = list(pictures)
         self._settings: dict[str, Setting] = {}
         self._rate_hz = rate_hz
+        self.exposures = 0
         self.closed = False
 
     def set(self, name: str, value: Setting) -> None:
@@ -43,9 +46,11 @@ class Lens:
         """Tell it."""
         return self._settings[name]
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure | None:
         """Give the next."""
-        return self._pictures.pop(0)
+        self.exposures += 1
+        picture = self._pictures.pop(0)
+        return None if picture is None else Exposure(picture)
 
     def close(self) -> None:
         """Remember."""
@@ -56,7 +61,7 @@ def test_every_setting_is_asked_and_read_back() -> None:
     """Settings that the camera has none of are left alone."""
     camera = Camera(SimulatedSource(_world()), CAMERA, SimulatedClock())
     assert camera.settings.asked == camera.settings.readback == CAMERA.settings()
-    assert set(CAMERA.settings()) == set(CameraDescription.model_fields) - {
+    assert set(CAMERA.settings()) == set(SimulatedCameraDescription.model_fields) - {
         "driver",
         "device",
         "focus",
@@ -137,19 +142,23 @@ def test_exposure_and_gain_make_the_picture_brighter() -> None:
     def brightness(exposure_us: int, gain: int) -> float:
         source.set("exposure_us", exposure_us)
         source.set("gain", gain)
-        picture = source.read()
-        assert picture is not None
-        return float(picture.mean())
+        return float(source.read().image.mean())
 
     dark = brightness(2000, 0)
     assert brightness(4000, 0) == pytest.approx(2 * dark, rel=0.02)
     assert brightness(2000, 64) == pytest.approx(2 * dark, rel=0.02)
 
 
+def _open_uvc(device: str) -> None:
+    camera = load_rig(BENCH, [f"camera.device={device}"]).camera
+    assert isinstance(camera, UvcCameraDescription)
+    UVC.open(camera, CameraContext(SimulatedClock()))
+
+
 def test_a_missing_camera_is_named_with_a_hint() -> None:
     """No device file: which one, and how to find the right one."""
     with pytest.raises(CameraError, match="/dev/video-missing cannot be opened: No such file") as missing:
-        UvcSource("/dev/video-missing")
+        _open_uvc("/dev/video-missing")
     assert "/dev/video*" in missing.value.hint
 
 
@@ -158,7 +167,7 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "video0"
     path.touch()
     with pytest.raises(CameraError, match="is no camera"):
-        UvcSource(str(path))
+        _open_uvc(str(path))
 
 
 def test_request_codes_are_those_of_the_kernel() -> None:

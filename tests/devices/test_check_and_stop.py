@@ -19,7 +19,8 @@ from labrig.devices import (
 )
 from labrig.devices.bus import open_can
 from labrig.devices.camera import Camera, PictureSource
-from labrig.devices.check import check_axis, check_calibration, rate_result
+from labrig.devices.camera_kind import rate_result
+from labrig.devices.check import check_axis, check_calibration
 from labrig.devices.cia402 import DriveState, decode_state
 from labrig.devices.epos2 import Epos2
 from labrig.devices.rig_file import CanDescription
@@ -308,14 +309,14 @@ def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
 class _SlowSource:
     """A camera that takes its time, in the clock of a rig."""
 
-    exposures_a_picture = 5
-
     def __init__(self, source: PictureSource, clock: SimulatedClock, exposure_s: float) -> None:
+        self.exposures = 0
         self._source, self._clock, self._exposure_s = source, clock, exposure_s
         self.set, self.get, self.close = source.set, source.get, source.close
 
     def read(self) -> object:
         """Let five exposures pass."""
+        self.exposures += 5
         self._clock.sleep(5 * self._exposure_s)
         return self._source.read()
 

@@ -1,9 +1,11 @@
 """What stands where a rig has its hardware when a record is replayed."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from labrig.devices.bus import CanLink
-from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.camera import Exposure, PictureSource
+from labrig.devices.camera_settings import Setting
 from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.past import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
@@ -73,9 +75,8 @@ class ReplayedPlant:
 class ReplayedSource:
     """The camera of a record: takes the settings that were taken then, and gives its pictures in order."""
 
-    exposures_a_picture = 1
-
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
+        self.exposures = 0
         self._settings: Mapping[str, Setting] = recording.camera
         self._pictures = iter(recording.pictures)
         self._comparison = comparison
@@ -87,14 +88,18 @@ class ReplayedSource:
         """Return what the record's camera read back."""
         return self._settings.get(name)
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure | None:
         """Return the next picture; its SHA-256 is verified."""
         self._comparison.require_going()
-        number, picture = next(self._pictures, (None, None))
+        self.exposures += 1
+        number, exposure = next(self._pictures, (None, None))
         if number is None:
             self._comparison.ends("frame", "one more picture")
         self._comparison.frame = number
-        return picture
+        if exposure is None or exposure.t_s is None:
+            return exposure
+        # Real time is not replayed to the microsecond; a picture is never older than its command.
+        return replace(exposure, t_s=max(exposure.t_s, self._comparison.clock.now_s()))
 
     def close(self) -> None:
         """Nothing is held."""

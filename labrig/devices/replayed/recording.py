@@ -8,9 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from labrig.devices.camera import Exposure
 from labrig.devices.operator import Answer
 from labrig.devices.state import NEW, RigState, RollZero
 from labrig.errors import RecordError
@@ -56,7 +54,7 @@ class Recording:
         Where it stands in the record.
     can_frames, questions, truth : tuple
         What passed on the bus, what the operator was asked, what was told of the simulated world.
-    pictures : iterable of (int, array)
+    pictures : iterable of (int, Exposure)
         What the camera saw, each with its number; read when it is asked for.
     first_frame : int
         Number of the first picture, be it of the camera or drawn.
@@ -82,7 +80,7 @@ class Recording:
     can_frames: tuple[CanFrame, ...]
     questions: tuple[Question, ...]
     truth: tuple[dict[str, object], ...]
-    pictures: Iterable[tuple[int, npt.NDArray[np.uint8]]]
+    pictures: Iterable[tuple[int, Exposure]]
     first_frame: int
     camera: Mapping[str, str | float]
     state: RigState
@@ -140,7 +138,7 @@ def _of_devices(
 ) -> Recording:
     events = span.of(run.lines("events"))
     lines = span.of(run.lines("frames"))
-    seen = [int(line["frame"]) for line in lines if not line.get("drawn")]
+    seen = [line for line in lines if not line.get("drawn")]
     trials = {event["trial"] for event in events if event["kind"] == "trial_start"}
     ending = events[-1] if events and events[-1]["kind"] == "run_stop" else {}
     return Recording(
@@ -150,7 +148,7 @@ def _of_devices(
         can_frames=tuple(one._replace(t_s=one.t_s - span.t0_s) for one in frames if one.t_s in span),
         questions=tuple(_question(event, span.t0_s) for event in events if event["kind"] == "operator"),
         truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
-        pictures=((number, run.read_frame(number)) for number in seen),
+        pictures=((int(line["frame"]), _exposure(run, line, span.t0_s)) for line in seen),
         first_frame=int(lines[0]["frame"]) if lines else 0,
         camera=dict(devices["camera"]["readback"]),
         state=_state(devices.get("state")),
@@ -160,6 +158,14 @@ def _of_devices(
         is_first=session is run.manifest,
         trials=frozenset(trials),
     )
+
+
+def _exposure(run: Run, line: Mapping[str, Any], t0_s: float) -> Exposure:
+    """Return a picture with its time as its camera told it; without where that was the time of the call."""
+    image, bound_s = run.read_frame(int(line["frame"])), line.get("t_bound_s")
+    if bound_s is None:
+        return Exposure(image)
+    return Exposure(image, float(line["t_s"]) - t0_s, float(bound_s), line.get("fraction"))
 
 
 def _question(event: Mapping[str, Any], t0_s: float) -> Question:

@@ -1,6 +1,13 @@
 """The simulated camera: draws what the world shows, with the exposure and gain that it has been set to."""
 
-from labrig.devices.camera import Picture, Setting
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from labrig.devices.camera import Exposure
+from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.devices.camera_settings import ControlledCameraDescription, RigKind, Setting
+from labrig.errors import CameraError
 from labrig.simulation import World
 
 REFERENCE_EXPOSURE_US = 8000.0
@@ -29,9 +36,8 @@ class SimulatedSource:
         What is drawn.
     """
 
-    exposures_a_picture = 1
-
     def __init__(self, world: World) -> None:
+        self.exposures = 0
         self._world = world
         self._settings = dict(_POWER_ON)
 
@@ -44,11 +50,38 @@ class SimulatedSource:
         """Return the value in use."""
         return self._settings.get(name)
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure:
         """Draw a picture."""
+        self.exposures += 1
         exposure, gain = self._settings["exposure_us"], self._settings["gain"]
         light = float(exposure) / REFERENCE_EXPOSURE_US * 2 ** (float(gain) / _GAIN_STEPS_A_DOUBLING)
-        return self._world.picture(light)
+        return Exposure(self._world.picture(light))
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+class SimulatedCameraDescription(ControlledCameraDescription):
+    """The simulated camera, which has the settings of a UVC camera."""
+
+    rig_kinds: ClassVar[frozenset[RigKind]] = frozenset({"simulated"})
+
+    driver: Literal["simulated"] = Field(description="simulated: draws what the rig's world shows.")
+
+
+class SimulatedCamera(CameraKind[SimulatedCameraDescription]):
+    """The simulated camera."""
+
+    name = "simulated"
+    settings = SimulatedCameraDescription
+
+    def open(self, section: SimulatedCameraDescription, context: CameraContext) -> SimulatedSource:  # noqa: ARG002 - the world says it all
+        """Return a camera that sees the world."""
+        if context.world is None:
+            raise CameraError(
+                "a simulated camera needs a simulated world", "use it on a rig of kind simulated"
+            )
+        return SimulatedSource(context.world)
+
+
+CAMERA = SimulatedCamera()

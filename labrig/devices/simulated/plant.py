@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
+from labrig.devices.camera_kind import CameraContext, camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.past import PastInsertion
 from labrig.devices.rig_file import AxisDescription, RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
-from labrig.devices.simulated.camera import SimulatedSource
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
@@ -41,6 +41,7 @@ class SimulatedPlant:
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
         require_complete(rig, dict(rig.axes.items()))
         self.clock = SimulatedClock()
+        self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.world = World(world, seed)
         self.operator = SimulatedOperator(self.world, self._where)
@@ -68,8 +69,9 @@ class SimulatedPlant:
         return attach(self.wire, self.clock, self._answer_timeout_s)
 
     def open_source(self) -> PictureSource:
-        """Return a camera that sees the world."""
-        return SimulatedSource(self.world)
+        """Open the camera, which may see the world. Raises `CameraError`."""
+        context = CameraContext(self.clock, self._rig.folder, self.world)
+        return camera_kind(self._rig.camera).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""

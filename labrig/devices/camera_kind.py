@@ -1,0 +1,100 @@
+"""What a package adds to labrig to have a camera of its own: a `CameraKind`, named by an entry point."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Generic, TypeVar, cast
+
+from labrig.clock import Clock
+from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.camera_settings import CameraDescription
+from labrig.devices.check_result import CheckResult, CheckStatus
+from labrig.errors import PluginError
+from labrig.plugins import CAMERAS, find_plugin
+from labrig.simulation import World
+
+Section = TypeVar("Section", bound=CameraDescription)
+
+_RATE_PICTURES = 6
+_LEAST_RATE_FRACTION = 0.9
+
+
+@dataclass(frozen=True)
+class CameraContext:
+    """What a camera is opened in.
+
+    Attributes
+    ----------
+    clock : Clock
+        Rig time.
+    folder : Path
+        Folder of the rig file, to which the file names of its sections are relative.
+    world : World or None
+        The world of a simulated rig; None on a bench.
+    """
+
+    clock: Clock
+    folder: Path = Path()
+    world: World | None = None
+
+
+class CameraKind(Generic[Section]):
+    """A kind of camera; the entry point names an instance.
+
+    Attributes
+    ----------
+    name : str
+        Name of the entry point, which `camera.driver` of a rig file gives.
+    interface : int
+        Version of this interface that it was written for.
+    settings : type of CameraDescription
+        Model of its section of the rig file.
+    """
+
+    name: ClassVar[str]
+    interface: ClassVar[int] = 1
+    settings: type[Section]
+
+    def open(self, section: Section, context: CameraContext) -> PictureSource:
+        """Open the camera.
+
+        Raises
+        ------
+        CameraError
+            When there is no such camera.
+        """
+        raise NotImplementedError
+
+    def check(self, section: Section, camera: Camera) -> Iterator[CheckResult]:
+        """Yield what `devices check` says of the camera, once its settings have been taken. Raises `CameraError`."""
+        height, width = camera.capture().image.shape[:2]
+        yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
+        yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
+
+
+def camera_kind(section: CameraDescription) -> CameraKind[CameraDescription]:
+    """Return the kind of camera of a section.
+
+    Raises
+    ------
+    InputError
+        When its driver is not installed, or several packages claim it.
+    """
+    plugin = find_plugin(CAMERAS, section.driver)
+    kind = plugin.load()
+    if not isinstance(kind, CameraKind):
+        raise PluginError(f"{plugin} is no CameraKind", f"ask the makers of {plugin.package} for one that is")
+    return cast("CameraKind[CameraDescription]", kind)
+
+
+def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:
+    """Compare the rate of the camera as measured with the one that was asked for."""
+    check = "camera rate"
+    if measured_hz is None:
+        return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")
+    value = f"{measured_hz:.1f} Hz measured, {asked_hz:g} Hz asked"
+    if measured_hz >= _LEAST_RATE_FRACTION * asked_hz:
+        return CheckResult(check, CheckStatus.PASS, value)
+    return CheckResult(
+        check, CheckStatus.WARN, value, "shorten exposure_us, or use a USB port that no other camera shares"
+    )

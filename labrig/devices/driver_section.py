@@ -1,0 +1,95 @@
+"""A section of the rig file that belongs to a driver: its key `driver` names the entry point whose model it is."""
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, Protocol, cast
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, SchemaValidator, core_schema
+
+from labrig.errors import InputError, PluginError
+from labrig.plugins import Plugin, find_plugin, installed
+from labrig.protocol import Conflict, ConflictError, JsonSchema, Model
+
+_KEY = "driver"
+
+
+class _Kind(Protocol):
+    """What every entry point of a driver has."""
+
+    settings: type[Model]
+
+
+class DriverSection:
+    """Annotates a field of the rig file whose model is that of the driver which the section names.
+
+    Nothing is imported but that driver; error messages and schemas import every one that is installed, and leave out
+    those that cannot be.
+
+    Parameters
+    ----------
+    group : str
+        Entry-point group of the drivers.
+    base : type of Model
+        What the models of all of them have in common.
+    """
+
+    def __init__(self, group: str, base: type[Model]) -> None:
+        self._group = group
+        self._base = base
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return how a section is read and written."""
+        written = core_schema.plain_serializer_function_ser_schema(_plain, info_arg=True)
+        return core_schema.no_info_plain_validator_function(self._validated, serialization=written)
+
+    def __get_pydantic_json_schema__(self, _schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+        """Return the schema of a section: one of those of the installed drivers."""
+        models = {plugin.name: _model_of(plugin).__pydantic_core_schema__ for plugin in self._usable()}
+        return handler(core_schema.tagged_union_schema(dict(models), _KEY))
+
+    def _usable(self) -> Iterator[Plugin]:
+        for name in installed(self._group):
+            try:
+                plugin = find_plugin(self._group, name)
+                _model_of(plugin)
+            except InputError:
+                continue
+            yield plugin
+
+    def _validated(self, value: object) -> Model:
+        if isinstance(value, self._base):
+            return value
+        if not isinstance(value, dict):
+            raise PydanticCustomError("model_type", "expected a section")
+        name = str(value.get(_KEY))
+        if name not in installed(self._group):
+            raise PydanticCustomError("union_tag_invalid", "unknown driver")
+        try:
+            model = _model_of(find_plugin(self._group, name))
+        except InputError as error:
+            raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
+        made: Model = _validator(name, model).validate_json(json.dumps(value))
+        return made
+
+
+@cache
+def _validator(name: str, model: type[Model]) -> SchemaValidator:
+    """Return what reads the section of one driver; errors name the driver on the way to the key."""
+    return SchemaValidator(core_schema.tagged_union_schema({name: model.__pydantic_core_schema__}, _KEY))
+
+
+def _model_of(plugin: Plugin) -> type[Model]:
+    kind = cast("_Kind", plugin.load())
+    settings: Any = getattr(kind, "settings", None)
+    if not (isinstance(settings, type) and issubclass(settings, Model)):
+        raise PluginError(
+            f"{plugin} has no model of its settings",
+            f"ask the makers of {plugin.package} for a version that has",
+        )
+    return settings
+
+
+def _plain(section: Model, info: core_schema.SerializationInfo) -> dict[str, object]:
+    return section.model_dump(mode=info.mode)

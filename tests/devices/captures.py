@@ -1,0 +1,108 @@
+"""A device of OpenCV's that takes pictures in a time of its own, with a queue as the kernel has it."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from labrig.devices.camera import Picture
+
+SIZE_PX = (64, 48)
+
+
+@dataclass
+class Computer:
+    """The computer's monotonic time [s]."""
+
+    now_s: float = 1000.0
+
+    def __call__(self) -> float:
+        """Return it."""
+        return self.now_s
+
+
+@dataclass
+class FakeCapture:
+    """A camera that fills a queue of buffers at its rate, and gives the oldest, as V4L2 does.
+
+    Attributes
+    ----------
+    stamp_offset_s : float
+        What the clock of its stamps is ahead of the monotonic one [s].
+    stamps : bool
+        Whether it stamps its pictures at all.
+    """
+
+    computer: Computer
+    rate_hz: float = 24.0
+    queue_length: int = 4
+    stamp_offset_s: float = 0.0
+    stamps: bool = True
+    dead: bool = False
+    released: int = 0
+    _queue: deque[tuple[float, int]] = field(default_factory=deque)
+    _taken: tuple[float, int] = (0.0, -1)
+    _next_s: float = 1000.0
+    _made: int = 0
+    _properties: dict[int, float] = field(default_factory=dict)
+
+    def _fill(self) -> None:
+        while self._next_s <= self.computer.now_s:
+            if len(self._queue) < self.queue_length:
+                self._queue.append((self._next_s, self._made))
+            self._made += 1
+            self._next_s += 1 / self.rate_hz
+
+    def grab(self) -> bool:
+        """Take the oldest picture, and wait for it where there is none yet."""
+        if self.dead:
+            return False
+        self._fill()
+        if not self._queue:
+            self.computer.now_s = self._next_s
+            self._fill()
+        self._taken = self._queue.popleft()
+        return True
+
+    def retrieve(self) -> tuple[bool, Picture]:
+        """Return the picture that was taken, whose pixels say which it is."""
+        return True, np.full(SIZE_PX[::-1], self._taken[1] % 251, np.uint8)
+
+    @property
+    def exposed_s(self) -> float:
+        """When the picture that was taken was exposed, by the monotonic clock [s]."""
+        return self._taken[0]
+
+    def get(self, propId: int) -> float:
+        """Return the stamp, or what was set."""
+        if propId == cv2.CAP_PROP_POS_MSEC:
+            return 1000 * (self._taken[0] + self.stamp_offset_s) if self.stamps else 0.0
+        return self._properties.get(propId, 0.0)
+
+    def set(self, propId: int, value: float) -> bool:
+        """Take every setting."""
+        self._properties[propId] = value
+        return True
+
+    def release(self) -> None:
+        """Count."""
+        self.released += 1
+
+
+@dataclass
+class FakeControls:
+    """Controls that take every setting."""
+
+    values: dict[str, float] = field(default_factory=dict)
+
+    def set(self, name: str, value: float) -> None:
+        """Take it."""
+        self.values[name] = value
+
+    def get(self, name: str) -> float | None:
+        """Tell it."""
+        return self.values.get(name)
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,147 @@
+"""The time of a picture of a USB camera: the kernel's where it can be trusted, else that of the call with its bound."""
+
+from datetime import UTC, datetime
+
+import pytest
+
+from labrig.devices.camera import Camera, Frame
+from labrig.devices.uvc.settings import UvcCameraDescription
+from labrig.devices.uvc.source import UvcSource
+from labrig.errors import CameraError
+from tests.devices.captures import SIZE_PX, Computer, FakeCapture, FakeControls
+
+SECTION = UvcCameraDescription(
+    driver="uvc",
+    width_px=SIZE_PX[0],
+    height_px=SIZE_PX[1],
+    rate_hz=24.0,
+    pixel_format="GREY",
+    exposure_us=5000,
+    gain=None,
+    white_balance_k=None,
+    focus=None,
+    mains_hz=50,
+)
+PERIOD_S = 1 / 24
+
+
+class _RigClock:
+    """Rig time that began when the computer's stood at 1000 s."""
+
+    def __init__(self, computer: Computer) -> None:
+        self._computer = computer
+
+    def now_s(self) -> float:
+        """Return it."""
+        return self._computer.now_s - 1000.0
+
+    def sleep(self, duration_s: float) -> None:
+        """Let it pass."""
+        self._computer.now_s += duration_s
+
+    def utc(self) -> datetime:
+        """Return a date."""
+        return datetime(2026, 1, 1, tzinfo=UTC)
+
+
+def _opened(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
+    computer = Computer()
+    capture = FakeCapture(computer, **kinds)  # type: ignore[arg-type]
+    source = UvcSource(
+        capture, FakeControls(), _RigClock(computer), exposure_s=0.005, rate_hz=24.0, monotonic_s=computer
+    )
+    return Camera(source, SECTION, _RigClock(computer)), capture, source
+
+
+def test_a_picture_has_the_time_of_its_buffer() -> None:
+    """The kernel's stamp, in rig time, is the time of the picture; it is known to a period."""
+    camera, capture, _ = _opened()
+    capture.computer.now_s += 3.01
+    frame = camera.capture()
+    assert frame.t_s == pytest.approx(capture.exposed_s - 1000.0, abs=1e-6)
+    assert frame.t_bound_s == pytest.approx(PERIOD_S)
+
+
+def test_pictures_that_were_queued_are_thrown_away() -> None:
+    """After a pause four old pictures wait; the one that is given was exposed after the call."""
+    camera, capture, source = _opened()
+    camera.capture()
+    capture.computer.now_s += 10.0
+    asked_s = capture.computer.now_s
+    before = source.exposures
+    camera.capture()
+    assert capture.exposed_s - 0.005 >= asked_s
+    assert source.exposures - before == 5
+    assert capture.computer.now_s - asked_s <= PERIOD_S + 0.005
+
+
+def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None:
+    """Nothing waits in the queue then; five pictures were thrown away for one when every call did so."""
+    camera, capture, _ = _opened()
+    camera.capture()
+    before_s = capture.computer.now_s
+    for _ in range(10):
+        camera.capture()
+    assert capture.computer.now_s - before_s <= 2 * 10 * PERIOD_S + 1e-9
+
+
+@pytest.mark.parametrize("kind", [{"stamp_offset_s": 1.7e9}, {"stamp_offset_s": -900.0}, {"stamps": False}])
+def test_stamps_of_another_clock_are_not_believed(kind: dict[str, object]) -> None:
+    """Calendar time, another origin or none: the picture is of the middle of the call, and bound by its half."""
+    camera, capture, _ = _opened(**kind)
+    capture.computer.now_s += 3.0
+    asked_s = capture.computer.now_s
+    frame = camera.capture()
+    assert frame.t_bound_s is not None
+    assert frame.t_bound_s == pytest.approx(0.5 * (capture.computer.now_s - asked_s))
+    assert abs(frame.t_s - (capture.exposed_s - 1000.0)) <= frame.t_bound_s + 1e-6
+
+
+def test_a_picture_older_than_its_command_is_refused() -> None:
+    """A queue longer than any driver's gives pictures from before the call: both times are named."""
+    camera, capture, _ = _opened(queue_length=100)
+    camera.capture()
+    capture.computer.now_s += 3.0
+    with pytest.raises(
+        CameraError, match=r"gave a picture of 0\.\d{3} s, older than the command of 3\.\d{3} s"
+    ):
+        camera.capture()
+
+
+def test_a_camera_without_pictures_is_told() -> None:
+    """Nothing comes, and nothing is waited for again."""
+    camera, _, _ = _opened(dead=True)
+    with pytest.raises(CameraError, match="no picture"):
+        camera.capture()
+
+
+def test_the_rate_counts_what_was_thrown_away() -> None:
+    """24 Hz are measured, whether or not each call throws pictures away."""
+    for kind in ({}, {"stamps": False}):
+        camera, _, _ = _opened(**kind)
+        assert camera.measure_rate_hz(10) == pytest.approx(24.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "fraction", "bound_s"),
+    [(1.25, 0.25, 0.04), (0.9, 0.0, 0.14), (2.1, 1.0, 0.14)],
+)
+def test_a_frame_lies_between_two_readings(t_s: float, fraction: float, bound_s: float) -> None:
+    """Where its own time says; what it lies outside of them widens its bound."""
+    frame = Frame(FakeCapture(Computer()).retrieve()[1], t_s, 0, t_bound_s=0.04).between(1.0, 2.0)
+    assert (frame.fraction, frame.t_bound_s) == (pytest.approx(fraction), pytest.approx(bound_s))
+    assert set(frame.time_fields()) == {"t_bound_s", "fraction"}
+
+
+def test_a_frame_of_exact_time_says_nothing_more() -> None:
+    """A simulated picture is of the very time of the call, and its line in the record is as it was."""
+    frame = Frame(FakeCapture(Computer()).retrieve()[1], 1.25, 0).between(1.0, 2.0)
+    assert frame.time_fields() == {}
+
+
+def test_closing_twice_closes_once() -> None:
+    """The device is let go of once."""
+    _, capture, source = _opened()
+    source.close()
+    source.close()
+    assert capture.released == 1

@@ -53,7 +53,7 @@ from labrig.analysis.insertion_settings import insertion_settings, starting_at
 from labrig.analysis.mapping import load_lens, load_mapping
 from labrig.analysis.needle import NeedleInPicture, needle_in
 from labrig.analysis.origin import aside_mm, sheath_origin, unseen_origin
-from labrig.analysis.paper import PAPER_DESIGN_RADIUS_MM, PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
+from labrig.analysis.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.analysis.result import (
     AnalysisResult,
     CalibrationResult,
@@ -80,7 +80,6 @@ from labrig.analysis.run import analyze_run
 from labrig.analysis.what_if import Steered, WhatIf, compare_steering, steered
 
 __all__ = [
-    "PAPER_DESIGN_RADIUS_MM",
     "PAPER_GELS",
     "PAPER_MEAN_RADIUS_MM",
     "AnalysisResult",

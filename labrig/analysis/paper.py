@@ -25,5 +25,3 @@ PAPER_GELS = (
 )
 # Rounded in the paper; the mean of the four means is 27.635 mm.
 PAPER_MEAN_RADIUS_MM = 27.6
-# Table I, the design goal.
-PAPER_DESIGN_RADIUS_MM = 30.0

@@ -52,7 +52,6 @@ from .yaml_file import (
     dump_yaml,
     load_yaml_model,
     model_of_values,
-    parse_yaml_model,
     yaml_values,
 )
 
@@ -111,7 +110,6 @@ __all__ = [
     "model_of_values",
     "model_schema",
     "parse_protocol",
-    "parse_yaml_model",
     "protocol_schema",
     "schema_text",
     "yaml_values",

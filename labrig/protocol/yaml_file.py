@@ -79,16 +79,6 @@ def yaml_values(path: Path | str) -> dict[str, Plain]:
     return tree.section(())
 
 
-def parse_yaml_model(
-    text: str, source: str, model: type[AnyModel], overrides: Sequence[str] = ()
-) -> AnyModel:
-    """Return the `model` that a YAML text describes; `source` names it in messages.
-
-    Raises as `load_yaml_model`.
-    """
-    return model_of_tree(overridden(read_tree(text, source), overrides), model)
-
-
 def model_of_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
     """Return the `model` of values that stand in no file, such as options. Raises as `load_yaml_model`."""
     position = Position(source)

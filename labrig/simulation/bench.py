@@ -71,12 +71,6 @@ class Board:
     rows: int
     square_mm: float
 
-    def corners_mm(self) -> Floats:
-        """Return the inner corners (columns * rows, 2) about the board's middle, row by row."""
-        x = (np.arange(self.columns) - (self.columns - 1) / 2) * self.square_mm
-        y = (np.arange(self.rows) - (self.rows - 1) / 2) * self.square_mm
-        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
     def rim_mm(self) -> Floats:
         """Return points (9, 2) around the card that the board is printed on."""
         half_x, half_y = ((cells + 1) / 2 + _RIM_SQUARES for cells in (self.columns, self.rows))

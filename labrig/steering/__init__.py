@@ -12,7 +12,7 @@ from labrig.steering.policy import (
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, PlanWeights
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
 from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
-from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState, radius_sd_within
+from labrig.steering.tip import EstimatorMethod, EstimatorSettings, TipObservation, TipState
 
 __all__ = [
     "EstimatorMethod",
@@ -35,7 +35,6 @@ __all__ = [
     "estimate_tip_poses",
     "fit_roll_zero",
     "plan_path",
-    "radius_sd_within",
     "sample_path",
     "sighted",
     "start_steering",

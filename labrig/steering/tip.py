@@ -203,14 +203,6 @@ class TipState:
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1]))
 
 
-def radius_sd_within(low_mm: float, high_mm: float) -> float:
-    """Return the standard deviation of a radius of which only the worst cases are known: any between is as likely.
-
-    Of a design file these are `radius_low_mm` and `radius_high_mm`.
-    """
-    return (high_mm - low_mm) / math.sqrt(12.0)
-
-
 def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """Return finite numbers of a shape, in which None stands for any length.
 

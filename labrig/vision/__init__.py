@@ -18,7 +18,7 @@ from labrig.vision.grid_check import GridCheck, GridDrift, check_grid, compare_g
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 from labrig.vision.mask import Mask, load_mask
-from labrig.vision.overlay import DrawnPlan, draw_measurement, draw_plan
+from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
@@ -64,7 +64,6 @@ __all__ = [
     "check_grid",
     "compare_grids",
     "cut_template",
-    "draw_measurement",
     "draw_plan",
     "find_board",
     "find_board_corners",

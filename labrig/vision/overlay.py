@@ -1,4 +1,4 @@
-"""A measurement or a plan drawn into its picture, thin enough to judge the needle's edges beside it.
+"""A plan drawn into its picture, thin enough to judge the needle's edges beside it.
 
 Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by colour-blind readers.
 """
@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision.curvature import CurvatureMeasurement
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
@@ -17,23 +16,18 @@ FloatArray = NDArray[np.float64]
 _Colour = tuple[int, int, int]
 
 # Blue, green, red.
-_CENTRE_LINE: _Colour = (66, 228, 240)
-_CIRCLE: _Colour = (233, 180, 86)
-_ENTRY: _Colour = (115, 158, 0)
-_TIP: _Colour = (0, 94, 213)
+_OBSTACLE: _Colour = (66, 228, 240)
+_PATH: _Colour = (233, 180, 86)
+_AXES: _Colour = (115, 158, 0)
+_TARGET: _Colour = (0, 94, 213)
 _SHEATH: _Colour = (167, 121, 204)
 _OUTLINE: _Colour = (0, 0, 0)
-# The circle is drawn this far beyond the fitted window, so that its course shows against the needle's.
-_BEYOND_MM = 4.0
-_CIRCLE_POINTS = 200
-_DASH_ROWS = 10
 _SUBPIXEL_BITS = 4
 _AXIS_MM = 10.0
 # The sheath's arrow goes beyond the axis, and its words stand clear of those of the axes.
 _SHEATH_MM = 24.0
 _BELOW_PX = np.array([-90.0, 60.0])
-# Marks are this long compared with the picture's width, and at least so many pixels.
-_MARK, _LEAST_MARK_PX = 0.012, 5.0
+_RING_PX = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,34 +45,6 @@ class DrawnPlan:
     sheath: tuple[tuple[float, float], float] | None = None
 
 
-def draw_measurement(image: Picture, measurement: CurvatureMeasurement, plane: PlaneMap) -> Picture:
-    """Return a copy of the picture, (H, W, 3) blue-green-red, with what was measured drawn in.
-
-    The centre line is dashed yellow, the fitted circle blue, the entry (the sheath's tip) a green cross, the sheath's
-    direction a purple arrow, the needle's tip an orange ring; what is None is not drawn.
-    """
-    colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
-    drawn = np.asarray(colour, dtype=np.uint8)
-    if measurement.radius_mm is not None and measurement.centre_mm is not None:
-        _polyline(
-            drawn, plane.to_px(_arc_mm(measurement.centre_mm, measurement.radius_mm, measurement)), _CIRCLE
-        )
-    # Dashed, because line and circle coincide where all is well.
-    for first in range(0, len(measurement.centre_line_px), 2 * _DASH_ROWS):
-        _polyline(drawn, measurement.centre_line_px[first : first + _DASH_ROWS], _CENTRE_LINE)
-    half = max(_LEAST_MARK_PX, _MARK * image.shape[1])
-    if measurement.entry_mm is not None:
-        centre = plane.to_px(np.array([measurement.entry_mm]))[0]
-        for across in (np.array([half, half]), np.array([half, -half])):
-            _polyline(drawn, np.array([centre - across, centre + across]), _ENTRY)
-    if measurement.sheath_tip_mm is not None and measurement.sheath_heading_rad is not None:
-        _draw_sheath(drawn, plane, measurement.sheath_tip_mm, measurement.sheath_heading_rad)
-    if measurement.tip_px is not None:
-        turn = np.linspace(0.0, 2.0 * np.pi, 60)
-        _polyline(drawn, measurement.tip_px + half * np.column_stack((np.cos(turn), np.sin(turn))), _TIP)
-    return drawn
-
-
 def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     """Return a copy of the picture, (H, W, 3) blue-green-red, with a plan and the plane's axes drawn in.
 
@@ -90,13 +56,13 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     turn = np.linspace(0.0, 2.0 * np.pi, 120)
     ring = np.column_stack((np.cos(turn), np.sin(turn)))
     for centre_mm, radius_mm in plan.obstacles:
-        _polyline(drawn, plane.to_px(np.asarray(centre_mm) + radius_mm * ring), _CENTRE_LINE)
-    _polyline(drawn, plane.to_px(np.asarray(plan.target_mm) + plan.tolerance_mm * ring), _TIP)
+        _polyline(drawn, plane.to_px(np.asarray(centre_mm) + radius_mm * ring), _OBSTACLE)
+    _polyline(drawn, plane.to_px(np.asarray(plan.target_mm) + plan.tolerance_mm * ring), _TARGET)
     if len(plan.path_mm):
-        _polyline(drawn, plane.to_px(plan.path_mm), _CIRCLE)
+        _polyline(drawn, plane.to_px(plan.path_mm), _PATH)
     for name, end_mm in (("z 10 mm", (0.0, _AXIS_MM)), ("y", (_AXIS_MM, 0.0))):
-        _, end = _arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _ENTRY)
-        _name(drawn, name, end + 6.0, _ENTRY)
+        _, end = _arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _AXES)
+        _name(drawn, name, end + 6.0, _AXES)
     if plan.sheath is not None:
         _draw_sheath(drawn, plane, *plan.sheath)
     return drawn
@@ -107,7 +73,7 @@ def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], h
     along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
     start, _ = _arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
     turn = np.linspace(0.0, 2.0 * np.pi, 40)
-    _polyline(drawn, start + _LEAST_MARK_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
+    _polyline(drawn, start + _RING_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
     found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
     for width, colour in ((3, _OUTLINE), (1, _SHEATH)):
         _name(drawn, found, start + _BELOW_PX, colour, width)
@@ -125,18 +91,6 @@ def _arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArra
 def _name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
     u, v = (int(one) for one in place)
     cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width_px, cv2.LINE_AA)
-
-
-def _arc_mm(centre: tuple[float, float], radius: float, measurement: CurvatureMeasurement) -> FloatArray:
-    """Return points (N, 2) of the circle along the fitted window and a little beyond."""
-    first, end = measurement.window
-    fitted = (measurement.centre_line_mm[first:end] - centre) @ [1.0, 1.0j]
-    middle = fitted[len(fitted) // 2]
-    turns = np.angle(fitted / middle)
-    beyond = _BEYOND_MM / radius
-    angles = np.linspace(turns.min() - beyond, turns.max() + beyond, _CIRCLE_POINTS)
-    points = middle / np.abs(middle) * radius * np.exp(1j * angles)
-    return np.column_stack((points.real, points.imag)) + centre
 
 
 def _polyline(drawn: Picture, points: FloatArray, colour: _Colour) -> None:

@@ -7,7 +7,9 @@ import pytest
 from labrig.devices import RigDescription, check_axis_move, load_rig, rig_schema
 from labrig.devices.rig_file import require_complete, unknown_entries
 from labrig.errors import FileFormatError, InputError, LimitError
-from labrig.protocol import Needle, NeedleDesignSection, dump_yaml, parse_yaml_model, schema_text
+from labrig.protocol import Needle, NeedleDesignSection, dump_yaml, schema_text
+from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.yaml_text import read_tree
 from labrig.simulation import DesignDescription
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
 
@@ -36,7 +38,7 @@ def test_a_rig_file_survives_being_written_into_a_record() -> None:
     """What the record keeps reads back as the same rig, and holds no path of the machine."""
     rig = load_rig(SIMULATED)
     text = dump_yaml(rig)
-    assert parse_yaml_model(text, "rig.yaml", RigDescription).placed_in(SIMULATED.parent) == rig
+    assert model_of_tree(read_tree(text, "rig.yaml"), RigDescription).placed_in(SIMULATED.parent) == rig
     assert str(SIMULATED.parent) not in text
 
 

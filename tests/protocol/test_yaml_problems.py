@@ -17,8 +17,9 @@ from labrig.protocol import (
     load_protocol,
     model_of_values,
     parse_protocol,
-    parse_yaml_model,
 )
+from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.yaml_text import read_tree
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 STEERABILITY = (PROTOCOLS / "steerability.yaml").read_text(encoding="utf-8")
@@ -310,7 +311,7 @@ class Bench(Model):
 def bench_problem(text: str) -> Problem:
     """Return the one problem of a rig text."""
     with pytest.raises(FileFormatError) as caught:
-        parse_yaml_model(text, "rig.yaml", Bench)
+        model_of_tree(read_tree(text, "rig.yaml"), Bench)
     (problem,) = caught.value.problems
     return problem
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.needle import path_points
-from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, radius_sd_within, sample_path
+from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, sample_path
 from labrig.steering.clearance import arc_distances, path_distances
 from tests.benchmarks.oracle import integrated_path
 from tests.benchmarks.planner import oracle
@@ -238,10 +238,3 @@ def test_a_tolerance_of_the_radius_buys_robustness(planar: bool) -> None:
     worst_mm = max(miss_mm(robust.psi, end_mm) for end_mm in (27.6, 32.9))
     assert robust.worst_target_error_mm == pytest.approx(worst_mm, abs=1e-3)
     assert worst_mm <= max(miss_mm(plan_path(known).psi, end_mm) for end_mm in (27.6, 32.9))
-
-
-def test_a_range_of_radii_has_a_standard_deviation() -> None:
-    """Between two worst cases each radius is as likely."""
-    assert radius_sd_within(27.0, 33.0) == pytest.approx(
-        np.random.default_rng(1).uniform(27, 33, 10**6).std(), rel=0.01
-    )

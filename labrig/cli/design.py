@@ -77,7 +77,7 @@ def design(
     when neither gives it, or the tube is one that only our contour speaks of and it cannot.
     """
     from labrig.analysis import DesignOrder, MeasuredRadius, Tolerances
-    from labrig.cli.designing import Outputs, carry_out, measured_radius, print_design, run_by_name
+    from labrig.cli.design_study import Outputs, carry_out, measured_radius, print_design, run_by_name
     from labrig.needle import Tube
 
     outputs = Outputs(out, figure, csv)

@@ -125,7 +125,7 @@ def withdraw(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the needle is out; what was done is recorded as a run of its own."""
-    from labrig.cli.withdrawing import withdraw_and_tell
+    from labrig.cli.withdraw import withdraw_and_tell
 
     given = {"insertion_mm": insertion_mm, "rotation_rad": rotation_rad, "linear_mm": linear_mm}
     standing = {key: value for key, value in given.items() if value is not None}

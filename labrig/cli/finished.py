@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.cli.designing import print_design
+from labrig.cli.design_study import print_design
 from labrig.cli.output import (
     failure_document,
     failure_lines,

@@ -15,14 +15,13 @@ from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigErro
 # Each file of commands, and the commands that it brings, in the order in which help lists them. A command line that
 # begins with one of them imports its file alone, so that it starts sooner.
 COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "run": ("run",),
-    "resume": ("resume",),
+    "run": ("run", "resume"),
     "replay": ("replay",),
     "protocols": ("check", "schema"),
     "plan": ("plan",),
     "record": ("report", "view", "import"),
-    "reanalyzing": ("reanalyze",),
-    "exporting": ("export",),
+    "reanalyze": ("reanalyze",),
+    "export": ("export",),
     "design": ("design",),
     "runs": ("runs",),
     "calibrate": ("calibrate",),

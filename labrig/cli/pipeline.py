@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from labrig.cli.analyzing import analyze
+from labrig.cli.analyze import analyze
 from labrig.cli.finished import Finished
 from labrig.cli.output import say
 from labrig.cli.progress import Reporter, progress

@@ -94,7 +94,7 @@ def import_(
     as_json: AsJson = False,
 ) -> int:
     """Copy the pictures into runs, one a folder, which reanalyze, report and view take like any other run."""
-    from labrig.cli.importing import ImportOrder, import_folder, picture_folders
+    from labrig.cli.import_pictures import ImportOrder, import_folder, picture_folders
 
     order = ImportOrder(
         px_per_mm=px_per_mm,

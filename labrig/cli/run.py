@@ -1,4 +1,4 @@
-"""`labrig run`: a protocol, on a rig where it needs one, from the file to the report."""
+"""`labrig run` and `labrig resume`: a protocol, on a rig where it needs one, from the file to the report."""
 
 import sys
 from pathlib import Path
@@ -8,6 +8,7 @@ import typer
 
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
+    LocalRunArgument,
     RigOption,
     RunsDirOption,
     SeedOption,
@@ -17,10 +18,13 @@ from labrig.cli.output import AsJson
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
+    """Add the commands to `labrig`."""
     app.command(
         "run", help="Run a protocol: move, record, measure, and write the report. A design moves nothing."
     )(run)
+    app.command("resume", help="Go on with a sweep after a crash or a stop; finished insertions are kept.")(
+        resume
+    )
 
 
 def run(
@@ -55,3 +59,19 @@ def run(
         remark_on_yes(description, yes=yes)
     order = Order(loaded, description, runs_dir, run_name, tuple(sys.argv), sources.named(loaded))
     return tell(perform(order), as_json)
+
+
+def resume(
+    run_path: LocalRunArgument,
+    protocol: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Protocol file, where it has moved since.", show_default=False),
+    ] = None,
+    rig: RigOption = None,
+    as_json: AsJson = False,
+) -> int:
+    """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than the run began with."""
+    from labrig.cli.finished import tell
+    from labrig.cli.resume_run import resume_run
+
+    return tell(resume_run(run_path, protocol, rig, tuple(sys.argv)), as_json)

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli import checking
+from labrig.cli import runs_check
 from labrig.cli.damage import Damaged, tell_damage
-from labrig.cli.interrupted import next_steps
+from labrig.cli.next_steps import next_steps
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
     LocalRunArgument,
@@ -30,7 +30,7 @@ def register(labrig: typer.Typer) -> None:
     labrig.add_typer(app, name="runs")
 
 
-checking.register(app)
+runs_check.register(app)
 
 ByOption = Annotated[
     str | None,

@@ -72,7 +72,7 @@ def template(
     as_json: AsJson = False,
 ) -> None:
     """Cut the template out; tip and heading that are not given are measured by the shaft."""
-    from labrig.cli.cutting import cut_tip, loose_picture, recorded_frame
+    from labrig.cli.cut_template import cut_tip, loose_picture, recorded_frame
     from labrig.cli.mapping import plane_map
     from labrig.vision import save_template, template_files
 

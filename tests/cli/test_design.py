@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labrig.cli.designing import print_design
+from labrig.cli.design_study import print_design
 from labrig.cli.main import run_command
 from labrig.needle import TABLE_1, Tube
 from labrig.protocol import load_design

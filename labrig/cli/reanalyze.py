@@ -38,7 +38,7 @@ def reanalyze(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/analysis/NNN and print the new numbers beside the old ones; the record itself is never rewritten."""
-    from labrig.cli.analyzing import analyze, analyze_several
+    from labrig.cli.analyze import analyze, analyze_several
 
     overrides, command_line = tuple(settings or ()), tuple(sys.argv)
     at_once = len(set(run_paths)) > 1

@@ -11,9 +11,7 @@ from labrig.devices import SystemClock
 from labrig.errors import InputError, PictureError
 from labrig.protocol import Direction, ImportProtocol, dump_yaml, model_of_values
 from labrig.record import Recorder, collect_provenance
-from labrig.vision import load_mask, read_picture
-
-PICTURE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"}
+from labrig.vision import PICTURE_SUFFIXES, load_mask, number_order, read_picture
 
 
 @dataclass(frozen=True)
@@ -163,12 +161,7 @@ def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
 
 def _pictures(folder: Path) -> list[Path]:
     found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()]
-    return sorted(found, key=_natural)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Order names as people do: picture2 before picture10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return sorted(found, key=number_order)
 
 
 def _folder_name(folder: Path) -> str:

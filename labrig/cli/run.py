@@ -52,12 +52,14 @@ def run(
     from labrig.cli.pipeline import Order, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
+    from labrig.protocol import mask_passwords
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()
     if description is not None:
         remark_on_yes(description, yes=yes)
-    order = Order(loaded, description, runs_dir, run_name, tuple(sys.argv), sources.named(loaded))
+    command_line = tuple(map(mask_passwords, sys.argv))
+    order = Order(loaded, description, runs_dir, run_name, command_line, sources.named(loaded))
     return tell(perform(order), as_json)
 
 

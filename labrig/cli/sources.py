@@ -7,7 +7,7 @@ from pathlib import Path
 from labrig.cli.options import rig_file, split_overrides
 from labrig.cli.rigs import rig_for
 from labrig.devices import RigDescription
-from labrig.protocol import AnyProtocol, DesignProtocol, load_protocol
+from labrig.protocol import AnyProtocol, DesignProtocol, load_protocol, mask_passwords
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Sources:
         return Sources(self.protocol, rig_file(self.rig, self.protocol), self.settings, self.seed)
 
     def document(self) -> dict[str, object]:
-        """Return the form that the manifest keeps: names as typed, no folder of this computer."""
+        """Return the form that the manifest keeps: names as typed, no folder of this computer, no password."""
         rig = None if self.rig is None else str(self.rig)
         return {
             "protocol": str(self.protocol),
             "rig": rig,
-            "settings": list(self.settings),
+            "settings": list(map(mask_passwords, self.settings)),
             "seed": self.seed,
         }
 

@@ -22,7 +22,10 @@ What is decided here
 - What is moved outside of a run is noted beside the state file before it begins (`motion_log`); runs have their record.
 - One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
   through a socket that it looks at between two bus transactions.
-- Each setting of the camera is read back, and one that was not taken closes the rig.
+- Each setting of the camera is read back, and one that was not taken closes the rig. What a camera is stands in a
+  folder of its own (`uvc/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
+- A picture is never older than its command. Where its camera tells when it was exposed, the axes' positions at that
+  time are those between the readings before and after it; how far the time may be wrong is recorded with the picture.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
 """
 

@@ -46,15 +46,12 @@ class Exposure:
 
 
 class PictureSource(Protocol):
-    """What draws pictures: a camera's driver, or the simulated one.
+    """What draws pictures: a camera's driver, or the simulated one."""
 
-    Attributes
-    ----------
-    exposures : int
-        Exposures that the camera has made so far, those thrown away included.
-    """
-
-    exposures: int
+    @property
+    def exposures(self) -> int:
+        """Exposures that the camera has made so far, those thrown away included."""
+        ...
 
     def set(self, name: str, value: Setting) -> None:
         """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""

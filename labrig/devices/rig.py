@@ -178,8 +178,8 @@ class Rig:
         return self._store.state
 
     def truth(self) -> tuple[dict[str, object], ...]:
-        """Return what is true of the present insertion, one dict; nothing on a bench, where nobody knows."""
-        return self._plant.truth()
+        """Return what is true of the insertion that the camera shows, one dict; nothing where nobody knows."""
+        return () if self.description.camera.recorded else self._plant.truth()
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
         """Take note of what earlier sessions of this run did to the specimens, once its needle is mounted."""
@@ -213,7 +213,7 @@ class Rig:
         return {
             "driver": self.description.camera.driver,
             "device": self.description.camera.address,
-            **({"recorded": True} if self.description.camera.recorded else {}),
+            **({"recorded_pictures": True} if self.description.camera.recorded else {}),
             "asked": dict(camera.settings.asked),
             "readback": dict(camera.settings.readback),
         }

@@ -132,6 +132,7 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
     problems = [
         Problem(f"rig {key}", "unknown", f"enter it: {where}") for key, where in unknown_entries(rig).items()
     ]
+    problems += _picture_problems(protocol, rig)
     if not isinstance(protocol, MovingProtocol):
         return tuple(problems)
     key, farthest_rad = _farthest_roll(protocol)
@@ -150,6 +151,17 @@ def find_problems(protocol: AnyProtocol, rig: RigDescription | None) -> tuple[Pr
         problems += _roll_zero_problems(protocol, rig)
         problems += _sight_problems(protocol, rig) if not problems else ()
     return tuple(problems)
+
+
+def _picture_problems(protocol: AnyProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield recorded pictures where pictures decide how real drives move."""
+    if protocol.pictures_decide_motion and rig.camera.recorded and rig.kind == "bench":
+        yield Problem(
+            "rig camera.driver",
+            f"{protocol.experiment} moves real drives by what its pictures show, and camera.driver "
+            f"{rig.camera.driver} gives recorded pictures",
+            "use a camera that shows the needle as it is now, or a rig of kind simulated",
+        )
 
 
 def _roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:

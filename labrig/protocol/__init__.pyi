@@ -47,7 +47,7 @@ from .protocols import (
 )
 from .scenario import Scenario
 from .schema import JsonSchema, model_schema, schema_text
-from .words import Plain
+from .words import Plain, mask_passwords
 from .yaml_file import (
     dump_yaml,
     load_yaml_model,
@@ -107,6 +107,7 @@ __all__ = [
     "load_protocol",
     "load_scenario",
     "load_yaml_model",
+    "mask_passwords",
     "model_of_values",
     "model_schema",
     "parse_protocol",

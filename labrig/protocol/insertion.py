@@ -1,7 +1,7 @@
 """Section V-C of the paper: a planned, image-guided insertion; and the roll zero of the needle, on which it rests."""
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -44,6 +44,8 @@ class RollZeroSteps(Model):
 
 class RollZeroProtocol(Protocol):
     """Which roll of the rotation axis bends the needle towards -y; certified for the needle as it is clamped."""
+
+    pictures_decide_motion: ClassVar[bool] = True
 
     experiment: Literal["roll-zero"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Roll zero", description="Heading of the report.")
@@ -189,6 +191,8 @@ class Policy(Model):
 
 class InsertionProtocol(Protocol):
     """Section V-C of the paper: to a target between obstacles, with the tip seen and the path planned anew."""
+
+    pictures_decide_motion: ClassVar[bool] = True
 
     experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Insertion to a target", description="Heading of the report.")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import cos, pi
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -24,6 +24,9 @@ from labrig.protocol.model import (
 
 class Protocol(Model):
     """What every protocol says."""
+
+    pictures_decide_motion: ClassVar[bool] = False
+    """Whether what a picture shows decides where an axis goes next."""
 
     schema_version: Literal[1] = Field(
         1, description="Version of this file format; a higher one needs a newer labrig."

@@ -45,6 +45,7 @@ class Heading:
     status: str
     status_word: str
     simulated: bool
+    recorded_pictures: bool
     verdict: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     notes: str
@@ -69,6 +70,7 @@ def make_heading(
         status=status,
         status_word=_STATUS_WORDS.get(status, status),
         simulated=_is_simulated(run),
+        recorded_pictures=_has_recorded_pictures(run),
         verdict=(
             *_how_it_ended(run, status),
             *_where_the_needle_is(run, status),
@@ -99,6 +101,13 @@ def _said(run: Run) -> tuple[tuple[str, str], ...]:
 def _is_simulated(run: Run) -> bool:
     devices = run.manifest.get("devices")
     return not run.truth.empty or (isinstance(devices, Mapping) and devices.get("kind") == "simulated")
+
+
+def _has_recorded_pictures(run: Run) -> bool:
+    """Return whether the run took its pictures from a film or a folder, and not from a camera."""
+    devices = run.manifest.get("devices")
+    camera = devices.get("camera") if isinstance(devices, Mapping) else None
+    return isinstance(camera, Mapping) and bool(camera.get("recorded_pictures"))
 
 
 def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:

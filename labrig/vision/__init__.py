@@ -19,7 +19,15 @@ from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 from labrig.vision.mask import Mask, load_mask
 from labrig.vision.overlay import DrawnPlan, draw_plan
-from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
+from labrig.vision.picture import (
+    PICTURE_SUFFIXES,
+    Picture,
+    as_grey,
+    number_order,
+    read_picture,
+    require_size,
+    size_of,
+)
 from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.projection import projection_sigma_px
@@ -33,6 +41,7 @@ from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 __all__ = [
     "LARGEST_PROJECTION_SIGMA_PX",
+    "PICTURE_SUFFIXES",
     "WORKING_MARGIN",
     "BoardSearch",
     "Charuco",
@@ -76,6 +85,7 @@ __all__ = [
     "measure_shaft_tip",
     "measure_sheath",
     "next_region_px",
+    "number_order",
     "projection_sigma_px",
     "read_picture",
     "require_size",

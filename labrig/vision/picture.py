@@ -6,6 +6,7 @@ a person reads there, a pixel or a direction, is not what is measured. An alpha 
 refused rather than scaled, because a guessed scale changes what is measured.
 """
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -19,6 +20,9 @@ from numpy.typing import NDArray
 from labrig.errors import MeasurementRefusedError, PictureError
 
 Picture = NDArray[np.uint8]
+
+PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"})
+"""Endings of the names of picture files."""
 
 _JPEG = b"\xff\xd8\xff"
 _JPEG_START_OF_SCAN = 0xDA
@@ -75,6 +79,11 @@ def read_picture(path: Path) -> Picture:
     if image.ndim == 3 and image.shape[2] != 3:
         raise PictureError(f"{path} has {image.shape[2]} channels, not 1, 3 or 4", _CONVERT)
     return np.ascontiguousarray(image, dtype=np.uint8)
+
+
+def number_order(path: Path) -> list[tuple[int, str]]:
+    """Return the key by which names are sorted as people do: picture2 before picture10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def as_grey(image: Picture) -> Picture:

@@ -2,13 +2,32 @@
 
 from collections import deque
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from queue import Queue
 
 import cv2
 import numpy as np
 
 from labrig.devices.camera import Picture
+from labrig.devices.uvc.settings import UvcCameraDescription
 
 SIZE_PX = (64, 48)
+
+
+def uvc_section() -> UvcCameraDescription:
+    """Return the section of a camera that takes 24 pictures a second."""
+    return UvcCameraDescription(
+        driver="uvc",
+        width_px=SIZE_PX[0],
+        height_px=SIZE_PX[1],
+        rate_hz=24.0,
+        pixel_format="GREY",
+        exposure_us=5000,
+        gain=None,
+        white_balance_k=None,
+        focus=None,
+        mains_hz=50,
+    )
 
 
 @dataclass
@@ -20,6 +39,25 @@ class Computer:
     def __call__(self) -> float:
         """Return it."""
         return self.now_s
+
+
+class ComputerClock:
+    """Rig time that began when the computer's stood at 1000 s."""
+
+    def __init__(self, computer: Computer) -> None:
+        self._computer = computer
+
+    def now_s(self) -> float:
+        """Return it."""
+        return self._computer.now_s - 1000.0
+
+    def sleep(self, duration_s: float) -> None:
+        """Let it pass."""
+        self._computer.now_s += duration_s
+
+    def utc(self) -> datetime:
+        """Return a date."""
+        return datetime(2026, 1, 1, tzinfo=UTC)
 
 
 @dataclass
@@ -106,3 +144,32 @@ class FakeControls:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+class FedStream:
+    """A network stream that gives what a test puts in; None is its end."""
+
+    def __init__(self) -> None:
+        self.arriving: Queue[Picture | None] = Queue()
+        self.released = 0
+
+    def read(self) -> tuple[bool, Picture | None]:
+        """Wait for the next picture."""
+        image = self.arriving.get()
+        return image is not None, image
+
+    def get(self, propId: int) -> float:
+        """Return the size."""
+        return float(SIZE_PX[0] if propId == cv2.CAP_PROP_FRAME_WIDTH else SIZE_PX[1])
+
+    def release(self) -> None:
+        """Count."""
+        self.released += 1
+
+
+class EndlessStream(FedStream):
+    """A network stream whose pictures arrive without a pause."""
+
+    def read(self) -> tuple[bool, Picture | None]:
+        """Return another picture."""
+        return True, np.zeros(SIZE_PX[::-1], np.uint8)

@@ -1,56 +1,23 @@
 """The time of a picture of a USB camera: the kernel's where it can be trusted, else that of the call with its bound."""
 
-from datetime import UTC, datetime
-
 import pytest
 
 from labrig.devices.camera import Camera, Frame
-from labrig.devices.uvc.settings import UvcCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.errors import CameraError
-from tests.devices.captures import SIZE_PX, Computer, FakeCapture, FakeControls
+from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls, uvc_section
 
-SECTION = UvcCameraDescription(
-    driver="uvc",
-    width_px=SIZE_PX[0],
-    height_px=SIZE_PX[1],
-    rate_hz=24.0,
-    pixel_format="GREY",
-    exposure_us=5000,
-    gain=None,
-    white_balance_k=None,
-    focus=None,
-    mains_hz=50,
-)
+SECTION = uvc_section()
 PERIOD_S = 1 / 24
-
-
-class _RigClock:
-    """Rig time that began when the computer's stood at 1000 s."""
-
-    def __init__(self, computer: Computer) -> None:
-        self._computer = computer
-
-    def now_s(self) -> float:
-        """Return it."""
-        return self._computer.now_s - 1000.0
-
-    def sleep(self, duration_s: float) -> None:
-        """Let it pass."""
-        self._computer.now_s += duration_s
-
-    def utc(self) -> datetime:
-        """Return a date."""
-        return datetime(2026, 1, 1, tzinfo=UTC)
 
 
 def _opened(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
     computer = Computer()
     capture = FakeCapture(computer, **kinds)  # type: ignore[arg-type]
     source = UvcSource(
-        capture, FakeControls(), _RigClock(computer), exposure_s=0.005, rate_hz=24.0, monotonic_s=computer
+        capture, FakeControls(), ComputerClock(computer), exposure_s=0.005, rate_hz=24.0, monotonic_s=computer
     )
-    return Camera(source, SECTION, _RigClock(computer)), capture, source
+    return Camera(source, SECTION, ComputerClock(computer)), capture, source
 
 
 def test_a_picture_has_the_time_of_its_buffer() -> None:

@@ -1,0 +1,187 @@
+"""A rig with recorded pictures in place of its camera, from the rig file to the page."""
+
+import json
+import shutil
+import subprocess
+import sys
+from base64 import b64encode
+from collections.abc import Iterator
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import cv2
+import pytest
+
+from labrig.record.json_lines import decode_line
+from labrig.vision import read_picture
+from tests.cli.conftest import ROOT, Labrig
+
+RECORD = ROOT / "tests" / "records" / "steerability"
+CAMERA = "camera: {{driver: files, source: {source}, times: {times}, width_px: 352, height_px: 224, rate_hz: 30}}\n"
+CALIBRATION = "calibration: {intrinsics: calibration/intrinsics.json, plane: calibration/plane.json}\n"
+
+
+def _rig(folder: Path, source: str = "pictures", times: str = "null") -> Path:
+    """Write the rig of a kept record, with the pictures of that record in place of its camera."""
+    shutil.copytree(RECORD / "frames", folder / "pictures", dirs_exist_ok=True)
+    shutil.copytree(RECORD / "calibration", folder / "calibration", dirs_exist_ok=True)
+    text = (RECORD / "rig.yaml").read_text(encoding="utf-8")
+    before, rest = text.split("camera:\n", 1)
+    after = rest.split("recording:\n", 1)[1]
+    path = folder / "rig.yaml"
+    path.write_text(
+        f"{before}{CAMERA.format(source=source, times=times)}{CALIBRATION}recording:\n{after}",
+        encoding="utf-8",
+    )
+    return path
+
+
+def _frames(run: Path) -> list[dict[str, Any]]:
+    return [decode_line(line) for line in (run / "frames.jsonl").read_bytes().splitlines()]
+
+
+def _run(labrig: Labrig, rig: Path, *more: object) -> Path:
+    done = labrig(
+        "run", RECORD / "protocol.yaml", "--rig", rig, "--runs-dir", rig.parent / "runs", "--json", *more
+    )
+    assert done.exit_code == 0, done.err
+    return Path(done.json()["run"])
+
+
+def test_a_sweep_runs_whole_on_the_pictures_of_another(labrig: Labrig, tmp_path: Path) -> None:
+    """Radii are those of the pictures; record and page say `recorded pictures`; the world's truth is left out."""
+    run = _run(labrig, _rig(tmp_path))
+    before = json.loads((RECORD / "analysis" / "001" / "result.json").read_text(encoding="utf-8"))
+    after = json.loads((run / "analysis" / "001" / "result.json").read_text(encoding="utf-8"))
+    assert after["mean_radius_mm"] == pytest.approx(before["mean_radius_mm"], abs=1e-9)
+    assert [line["sha256"] for line in _frames(run)] == [line["sha256"] for line in _frames(RECORD)]
+    camera = json.loads((run / "manifest.json").read_text(encoding="utf-8"))["devices"]["camera"]
+    assert (camera["driver"], camera["device"], camera["recorded_pictures"]) == ("files", "pictures", True)
+    assert "recorded pictures</span>" in (run / "report.html").read_text(encoding="utf-8")
+    assert after.get("truth") is None
+    assert labrig("runs", "check", run).exit_code == 0
+
+
+@pytest.mark.parametrize("times", ["null", "sidecar"])
+def test_such_a_run_is_replayed_to_the_last_bit(labrig: Labrig, tmp_path: Path, times: str) -> None:
+    """Also where pictures come at their own times: each look takes the one that was taken for it then."""
+    rig = _rig(tmp_path, times=times)
+    lines = [f"{line['frame']:06d}.png,{line['t_s']}" for line in _frames(RECORD)]
+    (tmp_path / "pictures" / "times.csv").write_text("\n".join(["picture,t_s", *lines]), encoding="utf-8")
+    run = _run(labrig, rig)
+    assert [line["sha256"] for line in _frames(run)] == [line["sha256"] for line in _frames(RECORD)]
+    assert ["t_bound_s" in line for line in _frames(run)] == 8 * [times == "sidecar"]
+    document = labrig("replay", run, "--json").json()
+    assert (document["identical"], document["bit_exact"]) == (True, True)
+
+
+def test_pictures_that_end_too_soon_end_the_run(labrig: Labrig, tmp_path: Path) -> None:
+    """Exit 3; how many there were, and how to know how many are needed."""
+    rig = _rig(tmp_path)
+    (tmp_path / "pictures" / "000007.png").unlink()
+    done = labrig("run", RECORD / "protocol.yaml", "--rig", rig, "--runs-dir", tmp_path / "runs", "--json")
+    assert done.exit_code == 3
+    assert "the pictures have ended: 7 recorded pictures of folder" in done.out
+    assert (
+        json.loads(next((tmp_path / "runs").glob("*/manifest.json")).read_text())["exit_status"] == "failed"
+    )
+
+
+def test_real_drives_are_not_steered_by_recorded_pictures(labrig: Labrig, tmp_path: Path) -> None:
+    """An insertion and a roll zero are refused before anything is opened; a sweep, whose moves are set, is not."""
+    text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
+    before, rest = text.split("camera:\n", 1)
+    after = rest.split("\n\n", 1)[1]
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(
+        f"{before}camera: {{driver: files, source: p, width_px: 64, height_px: 48, rate_hz: 30}}\n\n{after}",
+        encoding="utf-8",
+    )
+
+    def _told(protocol: str) -> str:
+        done = labrig("check", ROOT / "protocols" / protocol, "--rig", rig, "--json")
+        return " ".join(problem["message"] for problem in done.json()["problems"])
+
+    words = "moves real drives by what its pictures show, and camera.driver files gives recorded pictures"
+    assert f"insertion {words}" in _told("insertion.yaml")
+    assert f"roll-zero {words}" in _told("roll-zero.yaml")
+    assert words not in _told("steerability.yaml")
+    assert labrig("run", ROOT / "protocols" / "insertion.yaml", "--rig", rig).exit_code == 2
+
+
+def test_devices_check_says_that_pictures_are_recorded(labrig: Labrig, tmp_path: Path) -> None:
+    """In place of a rate, that they never steer."""
+    done = labrig("devices", "check", "--rig", _rig(tmp_path))
+    assert "352x224 px, recorded pictures of pictures: they never steer" in done.out
+    assert "camera rate" not in done.out
+
+
+class _Stream(BaseHTTPRequestHandler):
+    """Sends one picture over and over to whoever knows the password, as network cameras do."""
+
+    def do_GET(self) -> None:
+        """Send until the other end has gone."""
+        if self.headers.get("Authorization") != "Basic " + b64encode(b"lab:secret").decode():
+            self.send_response(401)
+            self.send_header("WWW-Authenticate", 'Basic realm="lab"')
+            self.end_headers()
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=next")
+        self.end_headers()
+        picture = read_picture(RECORD / "frames" / "000000.png")
+        jpeg = cv2.imencode(".jpg", picture)[1].tobytes()
+        part = b"--next\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
+        with suppress(OSError):
+            while True:
+                self.wfile.write(part + jpeg + b"\r\n")
+
+    def log_message(self, *_words: object) -> None:
+        """Stay silent."""
+
+
+@pytest.fixture
+def stream() -> Iterator[str]:
+    """Serve a stream, and return its address."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Stream) as server:
+        server.daemon_threads = True
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://lab:secret@127.0.0.1:{server.server_port}/live"
+        server.shutdown()
+
+
+def test_a_stream_is_recorded_without_its_password(tmp_path: Path, stream: str) -> None:
+    """Its pictures are the run's; the password, typed on the command line, is in no file and no message."""
+    rig = _rig(tmp_path)
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "labrig", "run", RECORD / "protocol.yaml", "--rig", rig,
+            "--runs-dir", tmp_path / "runs", "--set", f"rig.camera.source='{stream}'",
+            "--set", "rig.camera.latency_s=0.001",
+        ],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert "still gives the same picture" in done.stderr
+    run = next((tmp_path / "runs").iterdir())
+    assert {line["t_bound_s"] for line in _frames(run)} == {0.001}
+    manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    masked = stream.replace("secret", "***")
+    assert manifest["devices"]["camera"]["device"] == masked
+    assert any(masked in word for word in manifest["provenance"]["command_line"])
+    assert [path for path in tmp_path.rglob("*") if path.is_file() and b"secret" in path.read_bytes()] == []
+    assert "secret" not in done.stdout + done.stderr
+
+
+def test_a_stream_with_another_password_is_not_opened(labrig: Labrig, tmp_path: Path, stream: str) -> None:
+    """What is told has no password."""
+    wrong = stream.replace("secret", "guess")
+    done = labrig(
+        "run", RECORD / "protocol.yaml", "--rig", _rig(tmp_path), "--runs-dir", tmp_path / "runs",
+        "--set", f"rig.camera.source='{wrong}'",
+    )  # fmt: skip
+    assert done.exit_code == 3
+    assert f"stream {wrong.replace('guess', '***')} cannot be opened" in done.err

@@ -1,0 +1,347 @@
+"""Recorded pictures in place of a camera: their order, their times, and what is refused."""
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from labrig.devices import Camera, RigDescription, SimulatedClock, load_rig
+from labrig.devices.camera_kind import CameraContext
+from labrig.devices.files import CAMERA as FILES
+from labrig.devices.files.settings import FilesCameraDescription
+from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.errors import CameraError, FileFormatError
+from labrig.protocol import dump_yaml, mask_passwords
+from tests.devices.captures import SIZE_PX, Computer, ComputerClock, EndlessStream, FedStream
+from tests.devices.recorded import number_in, numbered_picture, write_film, write_pictures, write_sidecar
+from tests.devices.rigs import SIMULATED
+
+
+def _section(**keys: object) -> FilesCameraDescription:
+    values = {"source": "p", "width_px": SIZE_PX[0], "height_px": SIZE_PX[1], "rate_hz": 20.0, **keys}
+    return FilesCameraDescription(driver="files", **values)  # type: ignore[arg-type]
+
+
+def _camera(folder: Path, clock: SimulatedClock | None = None, **keys: object) -> Camera:
+    section, clock = _section(**keys), clock or SimulatedClock()
+    return Camera(FILES.open(section, CameraContext(clock, folder)), section, clock)
+
+
+def test_a_folder_gives_a_picture_for_each_look(tmp_path: Path) -> None:
+    """In the order of their numbers, 2 before 10, however much time passes; the time is that of the look."""
+    write_pictures(tmp_path / "p", 12)
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock)
+    frames = []
+    for _ in range(12):
+        clock.sleep(1.5)
+        frames.append(camera.capture())
+    assert [number_in(frame.image) for frame in frames] == list(range(12))
+    assert [frame.t_s for frame in frames] == [1.5 * (number + 1) for number in range(12)]
+    assert frames[0].time_fields() == {}
+
+
+def test_the_end_of_the_pictures_is_an_error_with_their_count(tmp_path: Path) -> None:
+    """How many there were, where, and what to do."""
+    write_pictures(tmp_path / "p", 2)
+    camera = _camera(tmp_path)
+    camera.capture()
+    camera.capture()
+    with pytest.raises(
+        CameraError, match=r"have ended: 2 recorded pictures of folder .*p, 2 taken"
+    ) as refusal:
+        camera.capture()
+    assert "labrig check" in refusal.value.hint
+
+
+@pytest.mark.parametrize("source", ["p", "film.avi"])
+def test_pictures_with_times_are_played_in_the_rigs_time(tmp_path: Path, source: str) -> None:
+    """From the first look on, each gives the first picture that is not older, and waits for it."""
+    write_pictures(tmp_path / "p", 40)
+    write_film(tmp_path / "film.avi", 40)
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock, source=source, times="rate" if source == "p" else None)
+    clock.sleep(7.0)
+    seen = []
+    for pause_s in (0.0, 0.12, 0.3):
+        clock.sleep(pause_s)
+        frame = camera.capture()
+        seen.append((number_in(frame.image), round(frame.t_s - 7.0, 9), round(clock.now_s() - 7.0, 9)))
+    assert seen == [(0, 0.0, 0.0), (3, 0.15, 0.15), (9, 0.45, 0.45)]
+    assert frame.time_fields() == {"t_bound_s": 0.0}
+
+
+def test_a_film_may_begin_later(tmp_path: Path) -> None:
+    """The first look takes the picture of the time that the rig file states."""
+    write_film(tmp_path / "film.avi", 40)
+    assert number_in(_camera(tmp_path, source="film.avi", start_s=1.0).capture().image) == 20
+
+
+def test_a_film_of_another_rate_is_played_by_that_rate(tmp_path: Path) -> None:
+    """With times: rate the pictures of a video follow one another at rate_hz."""
+    write_film(tmp_path / "film.avi", 40)
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock, source="film.avi", times="rate", rate_hz=10.0)
+    camera.capture()
+    clock.sleep(1.0)
+    assert number_in(camera.capture().image) == 10
+
+
+def test_a_sidecar_says_when_each_picture_was_taken(tmp_path: Path) -> None:
+    """Times since the first picture count."""
+    write_sidecar(write_pictures(tmp_path / "p", 4), [100.0, 100.5, 101.5, 103.0])
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock, times="sidecar")
+    camera.capture()
+    clock.sleep(0.6)
+    frame = camera.capture()
+    assert (number_in(frame.image), frame.t_s) == (2, 1.5)
+
+
+def test_file_times_are_times(tmp_path: Path) -> None:
+    """With times: modified each picture is of when its file was."""
+    folder = write_pictures(tmp_path / "p", 3)
+    for number in range(3):
+        os.utime(folder / f"{number + 1}.png", (1e9 + number, 1e9 + number))
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock, times="modified")
+    camera.capture()
+    clock.sleep(1.2)
+    assert number_in(camera.capture().image) == 2
+
+
+def test_a_gap_is_not_waited_for(tmp_path: Path) -> None:
+    """A picture of half a minute later is no answer; both times are named."""
+    write_sidecar(write_pictures(tmp_path / "p", 2), [0.0, 30.0])
+    clock = SimulatedClock()
+    camera = _camera(tmp_path, clock, times="sidecar")
+    camera.capture()
+    clock.sleep(1.0)
+    with pytest.raises(CameraError, match=r"is of 30\.000 s, one of 1\.000 s was asked for"):
+        camera.capture()
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (["picture,t_s", "1.png,0"], "no time of 2.png"),
+        (["picture,t_s", "1.png,0", "2.png,0"], "2.png is of 0.000000 s, not later than 1.png"),
+        (["picture,t_s", "1.png,0", "2.png,soon"], "times.csv:3: '2.png,soon'"),
+        (["picture,t_s", "1.png,0", "2.png,nan"], "the time of 2.png is nan"),
+        (["picture,t_s", "1.png,0", "../2.png,1"], r"times.csv:3: picture '../2.png' is not in the folder"),
+        (["picture,t_s", "1.png,0", "1.png,1"], "times.csv:3: picture '1.png' is named twice"),
+        (["1.png,0", "2.png,1"], "times.csv:1: the columns are"),
+        ([], "times.csv:1: the columns are"),
+    ],
+)
+def test_a_sidecar_that_cannot_be_used_is_refused(tmp_path: Path, lines: list[str], words: str) -> None:
+    """File, line, and what is wrong."""
+    folder = write_pictures(tmp_path / "p", 2)
+    (folder / "times.csv").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(CameraError, match=words):
+        _camera(tmp_path, times="sidecar")
+
+
+def test_a_folder_without_a_sidecar_is_refused(tmp_path: Path) -> None:
+    """The file that is missing is named."""
+    write_pictures(tmp_path / "p", 2)
+    with pytest.raises(CameraError, match=r"times\.csv cannot be read"):
+        _camera(tmp_path, times="sidecar")
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    """Only pictures that lie in the folder are read."""
+    cv2.imwrite(str(tmp_path / "outside.png"), numbered_picture(0))
+    folder = write_pictures(tmp_path / "p", 1)
+    (folder / "2.png").symlink_to(tmp_path / "outside.png")
+    with pytest.raises(CameraError, match=r"2\.png is no regular file"):
+        _camera(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"), [("empty", "holds no picture"), ("none", "none cannot be read")]
+)
+def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words: str) -> None:
+    """An empty folder, and one that is not there."""
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(CameraError, match=words):
+        _camera(tmp_path, source=source)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"#EXTM3U\nfile:///etc/passwd\n", b"ffconcat version 1.0\nfile a.avi\n"]
+)
+def test_a_list_of_files_is_no_video(tmp_path: Path, content: bytes) -> None:
+    """Text that names other files is not handed to the video library."""
+    (tmp_path / "film.avi").write_bytes(content)
+    with pytest.raises(CameraError, match=r"film\.avi is text or empty, expected a video"):
+        _camera(tmp_path, source="film.avi")
+
+
+def test_pictures_of_another_size_are_refused(tmp_path: Path) -> None:
+    """The size is compared when the source is opened, and again for each picture."""
+    folder = write_pictures(tmp_path / "p", 1)
+    cv2.imwrite(str(folder / "2.png"), np.zeros((10, 10), np.uint8))
+    with pytest.raises(CameraError, match="ignored width_px: 80 was asked for, it uses 64"):
+        _camera(tmp_path, width_px=80)
+    camera = _camera(tmp_path)
+    camera.capture()
+    with pytest.raises(CameraError, match="expected 64x48"):
+        camera.capture()
+
+
+# The section of the rig file
+
+
+def _load(folder: Path, *overrides: str) -> RigDescription:
+    """Return the simulated rig with recorded pictures in place of its camera, from a file that is written for it."""
+    before, rest = SIMULATED.read_text(encoding="utf-8").split("camera:\n", 1)
+    after = rest.split("\n\n", 1)[1]
+    camera = "camera:\n  driver: files\n  source: p\n  width_px: 1280\n  height_px: 720\n  rate_hz: 30\n\n"
+    path = folder / "rig.yaml"
+    path.write_text(before + camera + after, encoding="utf-8")
+    return load_rig(path, overrides)
+
+
+def test_recorded_pictures_go_with_simulated_drives_and_with_real_ones(tmp_path: Path) -> None:
+    """A section without exposure, gain and focus: recorded pictures have none."""
+    camera = _load(tmp_path).camera
+    assert isinstance(camera, FilesCameraDescription)
+    assert camera.settings() == {"width_px": 1280, "height_px": 720}
+    assert camera.rig_kinds == {"simulated", "bench"}
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("exposure_us=8000", "unknown key exposure_us"),
+        ("sorce=p", "unknown key sorce"),
+        ("source=-vf", "taken for an option"),
+        ("source=videotestsrc ! appsink", "GStreamer pipeline"),
+        ("source='pipe:0'", "pipe: is none of the streams that are opened"),
+        ("source='file:///etc/passwd'", "file: is none of the streams"),
+        ("source='concat:a.avi|b.avi'", "concat: is none of the streams"),
+        ("source='udp://10.0.0.1:5000'", "udp: is none of the streams"),
+        ("source='http:stream'", "a stream names its host"),
+        ("width_px=9000", "times"),
+        ("start_s=-1", "start_s is -1"),
+    ],
+)
+def test_a_section_that_cannot_be_is_refused(tmp_path: Path, override: str, words: str) -> None:
+    """Keys that recorded pictures have not, sources that nobody means, and pictures that are too large."""
+    overrides = [f"camera.{override}"]
+    if words == "times":
+        overrides += ["camera.height_px=9000", "world.lens.width_px=9000", "world.lens.height_px=9000"]
+        words = "81000000 pixels, 33177600 is the most"
+    with pytest.raises(FileFormatError, match=words) as refusal:
+        _load(tmp_path, *overrides)
+    assert refusal.value.problems[0].where.startswith(("--set camera", "rig.yaml"))
+
+
+def test_a_stream_has_no_times_of_its_own(tmp_path: Path) -> None:
+    """Its pictures are timed by their arrival."""
+    with pytest.raises(FileFormatError, match="times is rate, a stream has those of arrival"):
+        _load(tmp_path, "camera.source='rtsp://h/x'", "camera.times=rate")
+
+
+SECRET = "rtsp://lab:p@ss/w:rd@10.0.0.7:554/live"
+
+
+def test_a_password_is_kept_out_of_records_and_messages(tmp_path: Path) -> None:
+    """Whatever it holds: neither the rig file of a record, nor a message, nor what is printed of a section has it."""
+    rig = _load(tmp_path, f"camera.source='{SECRET}'")
+    with pytest.raises(FileFormatError) as refusal:
+        _load(tmp_path, f"camera.source=['{SECRET}']")
+    told = (
+        dump_yaml(rig),
+        repr(rig),
+        rig.camera.address,
+        str(refusal.value),
+        mask_passwords(f"--set a={SECRET}"),
+    )
+    assert [text for text in told if "p@ss" in text or "w:rd" in text] == []
+    assert rig.camera.address == "rtsp://lab:***@10.0.0.7:554/live"
+    assert isinstance(rig.camera, FilesCameraDescription)
+    assert rig.camera.source == SECRET
+
+
+def test_a_record_does_not_know_the_password_of_its_stream() -> None:
+    """A rig file out of a record opens no stream that needs one, and says why."""
+    address = mask_passwords(SECRET)
+    with pytest.raises(CameraError, match=r"password of rtsp://lab:\*\*\*@10\.0\.0\.7:554/live is not known"):
+        open_stream(address, address)
+
+
+# Streams
+
+
+def test_a_stream_that_cannot_be_opened_is_named_without_its_password() -> None:
+    """Nobody listens at that port."""
+    url = "http://lab:secret@127.0.0.1:9/live"
+    with pytest.raises(CameraError, match=r"stream http://lab:\*\*\*@127\.0\.0\.1:9/live cannot be opened"):
+        open_stream(url, mask_passwords(url))
+
+
+def _stream(computer: Computer, timeout_s: float = 5.0) -> tuple[StreamSource, FedStream]:
+    fed = FedStream()
+    source = StreamSource(
+        fed, "rtsp://h/x", ComputerClock(computer), latency_s=0.5, timeout_s=timeout_s, monotonic_s=computer
+    )
+    return source, fed
+
+
+class _Arrivals(Computer):
+    """A computer whose time goes on by a third of a second each time that it is read."""
+
+    def __call__(self) -> float:
+        """Return it."""
+        self.now_s += 1 / 3
+        return self.now_s
+
+
+def test_a_picture_of_a_stream_is_newer_than_its_command_by_the_latency() -> None:
+    """What arrives sooner after the call than a picture is on its way is passed over: it may be older."""
+    computer = _Arrivals()
+    source = StreamSource(
+        EndlessStream(), "rtsp://h/x", ComputerClock(computer), latency_s=0.5, monotonic_s=computer
+    )
+    asked_s = computer.now_s - 1000.0
+    exposure = source.read()
+    source.close()
+    assert exposure.t_s is not None
+    assert exposure.t_s >= asked_s + 0.5
+    assert exposure.t_bound_s == 0.5
+
+
+def test_the_end_of_a_stream_is_told() -> None:
+    """With the number of pictures that it gave; the thread has let go of it."""
+    source, fed = _stream(Computer())
+    fed.arriving.put(numbered_picture(0))
+    fed.arriving.put(None)
+    with pytest.raises(CameraError, match="rtsp://h/x: it has ended, after 1"):
+        source.read()
+    source.close()
+    assert fed.released == 1
+
+
+def test_a_stream_that_gives_nothing_is_not_waited_for_longer_than_its_time() -> None:
+    """The time is named."""
+    source, fed = _stream(Computer(), timeout_s=0.05)
+    with pytest.raises(CameraError, match=r"gave no picture within 0\.05 s"):
+        source.read()
+    fed.arriving.put(None)
+    source.close()
+
+
+def test_a_stream_that_nobody_reads_keeps_two_pictures() -> None:
+    """Older ones are dropped and counted."""
+    source, fed = _stream(Computer())
+    for number in range(10):
+        fed.arriving.put(numbered_picture(number))
+    fed.arriving.put(None)
+    with pytest.raises(CameraError, match="after 10"):
+        source.read()
+    source.close()
+    assert source.dropped == 8

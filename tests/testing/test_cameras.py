@@ -1,0 +1,121 @@
+"""Every kind of camera that labrig has passes the suite for cameras."""
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from labrig.devices import SimulatedClock, SystemClock
+from labrig.devices.camera_kind import CameraContext
+from labrig.devices.files import CAMERA as FILES
+from labrig.devices.files.settings import FilesCameraDescription
+from labrig.devices.files.stream import StreamSource
+from labrig.devices.simulated.camera import CAMERA as SIMULATED
+from labrig.devices.simulated.camera import SimulatedCameraDescription
+from labrig.devices.uvc.source import UvcSource
+from labrig.simulation import World
+from labrig.testing.cameras import CameraConformance, OpenedCamera
+from tests.devices.captures import (
+    SIZE_PX,
+    Computer,
+    ComputerClock,
+    EndlessStream,
+    FakeCapture,
+    FakeControls,
+    uvc_section,
+)
+from tests.devices.recorded import write_film, write_pictures
+from tests.devices.rigs import simulated_rig
+
+
+class TestSimulated(CameraConformance):
+    """The simulated camera."""
+
+    def open_camera(self) -> OpenedCamera:
+        """Open one that sees a world."""
+        rig, clock = simulated_rig(), SimulatedClock()
+        assert rig.world is not None
+        assert isinstance(rig.camera, SimulatedCameraDescription)
+        source = SIMULATED.open(rig.camera, CameraContext(clock, world=World(rig.world, seed=1)))
+        return OpenedCamera(source, rig.camera, clock)
+
+
+class TestUvc(CameraConformance):
+    """A USB camera whose driver stamps its pictures."""
+
+    stamps = True
+
+    def open_camera(self) -> OpenedCamera:
+        """Open one behind a fake device."""
+        computer = Computer()
+        clock = ComputerClock(computer)
+        capture = FakeCapture(computer, stamps=self.stamps)
+        source = UvcSource(
+            capture, FakeControls(), clock, exposure_s=0.005, rate_hz=24.0, monotonic_s=computer
+        )
+        return OpenedCamera(source, uvc_section(), clock)
+
+
+class TestUvcWithoutStamps(TestUvc):
+    """A USB camera whose driver does not stamp its pictures."""
+
+    stamps = False
+
+
+class _Files(CameraConformance):
+    folder: Path
+    source = "pictures"
+    times: Literal["rate"] | None = None
+
+    @pytest.fixture(autouse=True)
+    def _record(self, tmp_path: Path) -> None:
+        self.folder = tmp_path
+        write_pictures(tmp_path / "pictures", 40)
+        write_film(tmp_path / "film.avi", 40)
+
+    def open_camera(self) -> OpenedCamera:
+        """Open recorded pictures in simulated time."""
+        clock = SimulatedClock()
+        section = FilesCameraDescription(
+            driver="files",
+            source=self.source,
+            width_px=SIZE_PX[0],
+            height_px=SIZE_PX[1],
+            rate_hz=20.0,
+            times=self.times,
+        )
+        return OpenedCamera(FILES.open(section, CameraContext(clock, self.folder)), section, clock)
+
+
+class TestFolder(_Files):
+    """A folder whose pictures have no times."""
+
+
+class TestFolderByRate(_Files):
+    """A folder with a picture every 50 ms."""
+
+    times = "rate"
+
+
+class TestFilm(_Files):
+    """A video file, by its own times."""
+
+    source = "film.avi"
+
+
+class TestStream(CameraConformance):
+    """A stream that never ends, in real time."""
+
+    def open_camera(self) -> OpenedCamera:
+        """Open one whose pictures arrive as fast as they are taken."""
+        clock = SystemClock()
+        section = FilesCameraDescription(
+            driver="files",
+            source="http://camera/stream",
+            width_px=SIZE_PX[0],
+            height_px=SIZE_PX[1],
+            rate_hz=100.0,
+            latency_s=0.002,
+        )
+        source = StreamSource(EndlessStream(), section.address, clock, latency_s=section.latency_s)
+        return OpenedCamera(source, section, clock)

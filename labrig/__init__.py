@@ -15,8 +15,9 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `geometry` holds frames, signs, units, and circle fits
 - `errors` and `clock` are the error tree and what a clock is
 
-The names of `record`, `protocol` and `devices` stand in a stub, `__init__.pyi`, and each is imported when it is first
-asked for (lazy_loader): `labrig runs` lists thousands of runs without pandas or OpenCV.
+A name is imported from the file that defines it, so that a command loads what it needs: `labrig runs` lists thousands
+of runs without pandas or OpenCV. The `__init__` of a room holds its docstring, and the names of the documented Python
+interface.
 
 A run is a file; everything that computes reads it, and nothing that computes can move a motor.
 """

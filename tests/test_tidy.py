@@ -66,23 +66,6 @@ def test_only_devices_know_the_time() -> None:
     assert offenders == []
 
 
-def test_a_room_is_entered_through_its_door() -> None:
-    """Another room is imported by its name, never by a file in it; files with a library of their own excepted."""
-    allowed = {
-        ("cli", "labrig.report.rerun_view"),
-        ("cli", "labrig.report.mcap_file"),
-        ("__main__.py", "labrig.cli.start"),
-    }
-    offenders = []
-    for path in SOURCES:
-        for node in ast.walk(_tree(path)):
-            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("labrig."):
-                inside = node.module.split(".")
-                if len(inside) > 2 and inside[1] != _room(path) and (_room(path), node.module) not in allowed:
-                    offenders.append(f"{path}:{node.lineno} {node.module}")
-    assert offenders == []
-
-
 def _body_lines(function: ast.FunctionDef) -> int:
     """Count a function's lines without its signature, which for a command holds its options, and its docstring."""
     body = function.body[1:] if ast.get_docstring(function) is not None else function.body

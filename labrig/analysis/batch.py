@@ -23,8 +23,9 @@ from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import BY_PICTURES, analysis_of, analyze_run
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
-from labrig.record import open_run, picture_count
-from labrig.vision import Mask
+from labrig.record.pictures import picture_count
+from labrig.record.reader import open_run
+from labrig.vision.mask import Mask
 
 RunsProgress = Callable[[int, int, Path], None]
 Outcome = AnalysisResult | LabrigError

@@ -9,19 +9,16 @@ from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import CalibrationResult, Point, Stamp
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
-from labrig.protocol import CameraCalibrationProtocol
-from labrig.record import Run
-from labrig.vision import (
-    Gel,
-    Intrinsics,
-    Picture,
-    PlaneMap,
-    calibrate_from_pictures,
-    calibrate_plane,
-    find_board_corners,
-    save_intrinsics,
-    save_plane,
-)
+from labrig.protocol.protocols import CameraCalibrationProtocol
+from labrig.record.reader import Run
+from labrig.vision.boards import find_board_corners
+from labrig.vision.calibration_file import save_intrinsics, save_plane
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.refraction import Gel
+from labrig.vision.zhang import calibrate_from_pictures
 
 Named = tuple[str, Picture]
 

@@ -16,9 +16,12 @@ from labrig.analysis.result import CentreLines, CurvatureResult, PictureResult, 
 from labrig.analysis.sentinel import sentinel_of, watched
 from labrig.analysis.truth import compare_with_truth
 from labrig.errors import RecordError
-from labrig.protocol import ImportProtocol, SteerabilityProtocol
-from labrig.record import Frames, Run
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, Picture, PlaneMap
+from labrig.protocol.protocols import ImportProtocol, SteerabilityProtocol
+from labrig.record.reader import Frames, Run
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
+from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
 
 MEASURED_ROLES = ("advance", "final", "imported")
 

@@ -14,27 +14,30 @@ from labrig.analysis.pictures import Progress
 from labrig.analysis.result import DesignResult, HingeCell, Stamp
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle import (
-    DEFAULT_SEED,
+from labrig.needle.equations import (
     EQUATION_3,
-    STEEPEST_CUT_DEG,
-    TABLE_1,
-    Cell,
-    Hinge,
     RotationPlane,
-    Tube,
-    design_by_equations,
-    fit_plane,
-    grid_of_hinges,
     links_in,
     radius_mm,
     radius_tolerance,
     rotation_for_radius_deg,
+)
+from labrig.needle.hinge import Hinge
+from labrig.needle.search import DEFAULT_SEED
+from labrig.needle.study import (
+    STEEPEST_CUT_DEG,
+    Cell,
+    design_by_equations,
+    fit_plane,
+    grid_of_hinges,
     search_cells,
     search_design,
 )
-from labrig.protocol import Basis, DesignProtocol, NeedleDesign, TubeSection
-from labrig.record import encode_document, write_atomically
+from labrig.needle.tube import TABLE_1, Tube
+from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection
+from labrig.protocol.protocols import DesignProtocol
+from labrig.record.durable import write_atomically
+from labrig.record.json_lines import encode_document
 
 DESIGN_FILE = "design.json"
 GRID_FILE = "grid.csv"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from labrig.record import differing_values
+from labrig.record.difference import differing_values
 
 Scalar = str | int | float | bool | None
 

@@ -34,33 +34,19 @@ from labrig.analysis.result import (
 )
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
-from labrig.protocol import InsertionProtocol
-from labrig.record import Run
-from labrig.steering import (
-    Obstacle,
-    Plan,
-    PlannedArc,
-    SteeringCommand,
-    SteeringSettings,
-    SteeringState,
-    TipSighting,
-    sample_path,
-    sighted,
-    start_steering,
-    step_steering,
-    turned,
-)
-from labrig.vision import (
-    Mask,
-    Picture,
-    PlaneMap,
-    ShaftTip,
-    TipFix,
-    TipTemplate,
-    load_template,
-    locate_tip,
-    measure_shaft_tip,
-)
+from labrig.protocol.insertion import InsertionProtocol
+from labrig.record.reader import Run
+from labrig.steering.planner import Plan, PlannedArc, sample_path
+from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.problem import Obstacle
+from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
+from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.template_file import load_template
+from labrig.vision.tip import TipFix, locate_tip
+from labrig.vision.tip_template import TipTemplate
 
 FloatArray = NDArray[np.float64]
 _Line = Mapping[Any, Any]

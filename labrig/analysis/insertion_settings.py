@@ -7,15 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from labrig.protocol import InsertionProtocol
-from labrig.steering import (
-    EstimatorSettings,
-    Obstacle,
-    PlanProblem,
-    PlanWeights,
-    SteeringPolicy,
-    SteeringSettings,
-)
+from labrig.protocol.insertion import InsertionProtocol
+from labrig.steering.policy import SteeringPolicy, SteeringSettings
+from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
+from labrig.steering.tip import EstimatorSettings
 
 
 def insertion_settings(

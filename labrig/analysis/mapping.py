@@ -1,9 +1,12 @@
 """What a run keeps beside its pictures: the map from pixels to mm, and the mask of what is not the needle."""
 
 from labrig.errors import InputError
-from labrig.protocol import ImportProtocol
-from labrig.record import Run
-from labrig.vision import Intrinsics, Mask, PlaneMap, load_intrinsics, load_mask, load_plane
+from labrig.protocol.protocols import ImportProtocol
+from labrig.record.reader import Run
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.mask import Mask, load_mask
+from labrig.vision.plane import PlaneMap
 
 INTRINSICS_FILE = "intrinsics.json"
 PLANE_FILE = "plane.json"

@@ -2,13 +2,9 @@
 
 from dataclasses import dataclass
 
-from labrig.protocol import (
-    AnyProtocol,
-    ImportProtocol,
-    InsertionProtocol,
-    RollZeroProtocol,
-    SteerabilityProtocol,
-)
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import ImportProtocol, SteerabilityProtocol
 
 
 @dataclass(frozen=True)

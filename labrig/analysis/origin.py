@@ -28,8 +28,10 @@ from numpy.typing import NDArray
 
 from labrig.analysis.result import PictureResult, Point, TrialOrigin
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
-from labrig.protocol import Sheath, SheathOrigin
-from labrig.vision import Picture, PlaneMap, SheathPose, measure_sheath
+from labrig.protocol.protocols import Sheath, SheathOrigin
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.sheath import SheathPose, measure_sheath
 
 ReadFrame = Callable[[int], Picture]
 

@@ -10,14 +10,10 @@ from typing import Any, TypeAlias, TypeVar
 
 from labrig.analysis.workers import worker_processes
 from labrig.errors import PictureError, RecordError
-from labrig.record import RecordedPicture
-from labrig.vision import (
-    CurvatureMeasurement,
-    CurvatureSettings,
-    Mask,
-    PlaneMap,
-    measure_curvature,
-)
+from labrig.record.pictures import RecordedPicture
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
+from labrig.vision.mask import Mask
+from labrig.vision.plane import PlaneMap
 
 Progress = Callable[[int, int], None]
 # Enough to keep a worker busy between two messages, few enough for a steady progress bar.

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
 from labrig.errors import InputError, RecordError
-from labrig.protocol import Model
-from labrig.record import Run, encode_document, write_atomically
+from labrig.protocol.model import Model
+from labrig.record.durable import write_atomically
+from labrig.record.json_lines import encode_document
+from labrig.record.reader import Run
 
 RESULT_FILE = "result.json"
 LINES_FILE = "centre_lines.npz"

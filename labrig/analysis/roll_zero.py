@@ -11,10 +11,13 @@ from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import RollZeroResult, Stamp, TrialOrigin
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
-from labrig.protocol import RollZeroProtocol, Sheath
-from labrig.record import Run
-from labrig.steering import RollZeroFit, fit_roll_zero
-from labrig.vision import CurvatureMeasurement, CurvatureSettings, Mask, PlaneMap
+from labrig.protocol.insertion import RollZeroProtocol
+from labrig.protocol.protocols import Sheath
+from labrig.record.reader import Run
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
+from labrig.vision.mask import Mask
+from labrig.vision.plane import PlaneMap
 
 _SHEATH_ROLE = "roll-zero-sheath"
 

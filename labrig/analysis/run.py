@@ -18,18 +18,17 @@ from labrig.analysis.result import AnalysisResult, Stamp, load_result, result_nu
 from labrig.analysis.roll_zero import analyze_roll_zero
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError, RecordError
-from labrig.protocol import (
-    AnyProtocol,
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
-    InsertionProtocol,
-    RollZeroProtocol,
     SteerabilityProtocol,
-    load_protocol,
 )
-from labrig.record import Run, write_atomically
-from labrig.vision import Mask
+from labrig.record.durable import write_atomically
+from labrig.record.reader import Run
+from labrig.vision.mask import Mask
 
 BY_PICTURES = (SteerabilityProtocol, ImportProtocol, RollZeroProtocol)
 """Protocols whose analysis is made of pictures that can be measured one by one, in any process."""

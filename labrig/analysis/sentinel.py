@@ -8,8 +8,11 @@ import numpy as np
 from labrig.analysis.origin import ReadFrame
 from labrig.analysis.result import PictureResult, Sentinel
 from labrig.errors import CalibrationRefusedError, PictureError, RecordError
-from labrig.protocol import AnyProtocol, InsertionProtocol, RollZeroProtocol, SteerabilityProtocol
-from labrig.vision import GridCheck, PlaneMap, check_grid, compare_grids
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.vision.grid_check import GridCheck, check_grid, compare_grids
+from labrig.vision.plane import PlaneMap
 
 BEFORE_ROLE, AFTER_ROLE = "grid-before", "grid-after"
 _TWO_SIDED_95 = 1.96

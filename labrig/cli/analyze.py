@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_run, analyze_runs
+from labrig.analysis.batch import analyze_runs
+from labrig.analysis.result import AnalysisResult
+from labrig.analysis.run import analyze_run
 from labrig.cli.progress import progress
-from labrig.devices import SystemClock
+from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
-from labrig.protocol import DesignProtocol
-from labrig.record import collect_provenance, open_run
-from labrig.vision import load_mask
+from labrig.protocol.protocols import DesignProtocol
+from labrig.record.provenance import collect_provenance
+from labrig.record.reader import open_run
+from labrig.vision.mask import load_mask
 
 
 def analyze_several(

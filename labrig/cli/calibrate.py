@@ -58,7 +58,8 @@ def intrinsics(
 ) -> int:
     """Exit with 1 when the calibration is refused."""
     from labrig.cli.lens import board_search, draw_beside, picture_beside, read_views
-    from labrig.vision import calibrate_from_pictures, save_intrinsics
+    from labrig.vision.calibration_file import save_intrinsics
+    from labrig.vision.zhang import calibrate_from_pictures
 
     require_writable(out, force)
     require_writable(picture_beside(out), force)
@@ -119,7 +120,9 @@ def plane(
 ) -> int:
     """Exit with 1 when the calibration is refused."""
     from labrig.cli.lens import gel_above
-    from labrig.vision import calibrate_plane, load_intrinsics, read_picture, save_plane
+    from labrig.vision.calibration_file import load_intrinsics, save_plane
+    from labrig.vision.picture import read_picture
+    from labrig.vision.plane_calibration import calibrate_plane
 
     gel = gel_above(gel_index, gel_depth_mm, paper_at, intrinsics)
     require_writable(out, force)
@@ -159,9 +162,10 @@ def adopt(
     as_json: AsJson = False,
 ) -> None:
     """Refuse a calibration that was refused, and existing files, without --force."""
-    from labrig.analysis import load_result
-    from labrig.devices import load_rig
-    from labrig.record import open_run, write_atomically
+    from labrig.analysis.result import load_result
+    from labrig.devices.rig_file import load_rig
+    from labrig.record.durable import write_atomically
+    from labrig.record.reader import open_run
 
     run = open_run(run_path)
     require_undamaged(run)

@@ -38,8 +38,8 @@ def provenance(images: list[Path]) -> dict[str, object]:
     """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
     import hashlib
 
-    from labrig.devices import SystemClock
-    from labrig.record import collect_provenance
+    from labrig.devices.clocks import SystemClock
+    from labrig.record.provenance import collect_provenance
 
     return {
         **collect_provenance(sys.argv),

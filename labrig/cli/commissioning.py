@@ -8,16 +8,11 @@ from pathlib import Path
 from labrig.cli.options import rig_file
 from labrig.cli.output import tell_checks
 from labrig.cli.rigs import remark_on_yes, rig_for_person
-from labrig.devices import (
-    AXES,
-    HOME_ORDER,
-    HOMING_DIRECTIONS,
-    Opening,
-    Rig,
-    load_rig,
-)
+from labrig.devices.homing import HOME_ORDER, HOMING_DIRECTIONS
+from labrig.devices.rig import AXES, Opening, Rig
+from labrig.devices.rig_file import load_rig
 from labrig.errors import InputError
-from labrig.experiments import (
+from labrig.experiments.commissioning import (
     USUAL_DISTANCE,
     Finding,
     check_backlash,

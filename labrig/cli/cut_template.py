@@ -4,20 +4,15 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.analysis import load_mapping, needle_in
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.needle import needle_in
 from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
 from labrig.errors import InputError
-from labrig.record import open_run
-from labrig.vision import (
-    Insertion,
-    Picture,
-    PlaneMap,
-    ShaftTip,
-    TipTemplate,
-    cut_template,
-    measure_shaft_tip,
-    read_picture,
-)
+from labrig.record.reader import open_run
+from labrig.vision.picture import Picture, read_picture
+from labrig.vision.plane import Insertion, PlaneMap
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.tip_template import TipTemplate, cut_template
 
 # A template shows so many widths of the needle to each side of the tip, and is so large where no shaft was measured.
 _WIDTHS, _SIDE_PX = 1.75, 41

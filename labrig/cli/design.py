@@ -76,9 +76,9 @@ def design(
     Exit with 0 when equation (3) says what to cut, also where our contour cannot give the radius and says why; with 1
     when neither gives it, or the tube is one that only our contour speaks of and it cannot.
     """
-    from labrig.analysis import DesignOrder, MeasuredRadius, Tolerances
+    from labrig.analysis.design import DesignOrder, MeasuredRadius, Tolerances
     from labrig.cli.design_study import Outputs, carry_out, measured_radius, print_design, run_by_name
-    from labrig.needle import Tube
+    from labrig.needle.tube import Tube
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)

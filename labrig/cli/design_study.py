@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis import DesignOrder, DesignStudy, design_file, hinge_table, load_result, study_design
+from labrig.analysis.design import DesignOrder, DesignStudy, design_file, hinge_table, study_design
+from labrig.analysis.result import load_result
 from labrig.cli.damage import require_undamaged
 from labrig.cli.output import interval, number, print_line, print_table, say
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
-from labrig.needle import STEEPEST_CUT_DEG
-from labrig.record import collect_provenance, open_run, write_atomically
+from labrig.needle.study import STEEPEST_CUT_DEG
+from labrig.record.durable import write_atomically
+from labrig.record.provenance import collect_provenance
+from labrig.record.reader import open_run
 
 FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -52,7 +55,7 @@ class Outputs:
             say(f"design: {self.out}")
         if self.figure is not None:
             # matplotlib takes half a second to load, and most calls draw nothing.
-            from labrig.report import hinge_figure
+            from labrig.report.design_figure import hinge_figure
 
             picture = hinge_figure(study.cells, study.plane, self.figure.suffix.lower().removeprefix("."))
             write_atomically(self.figure, picture)

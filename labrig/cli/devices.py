@@ -23,7 +23,8 @@ def register(labrig: typer.Typer) -> None:
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
 def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""
-    from labrig.devices import check_rig, load_rig
+    from labrig.devices.check import check_rig
+    from labrig.devices.rig_file import load_rig
 
     return tell_checks([asdict(result) for result in check_rig(load_rig(rig_file(rig)))], as_json)
 
@@ -31,7 +32,8 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
 @app.command("stop", help="Stop every axis of the rig now, through the labrig that has it or over the bus.")
 def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
     """Ask the run that has the rig; where nobody answers within a second, stop every node of the rig file."""
-    from labrig.devices import load_rig, stop_rig
+    from labrig.devices.rig_file import load_rig
+    from labrig.devices.stop import stop_rig
 
     report = stop_rig(load_rig(rig_file(rig)))
     if as_json:

@@ -27,7 +27,7 @@ def simulate(
     as_json: AsJson = False,
 ) -> int:
     """Serve until a signal comes; leaves with 130, as whatever is interrupted does."""
-    from labrig.devices import ServedBus, serve_drives
+    from labrig.devices.simulated.serving import ServedBus, serve_drives
 
     node_ids = _node_ids(nodes)
 

@@ -29,7 +29,8 @@ def export(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 4 where the record is damaged; what of it could be read is written all the same."""
-    from labrig.record import open_run, output_folder
+    from labrig.record.places import output_folder
+    from labrig.record.reader import open_run
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     if not formats and not mcap and not record:
@@ -54,9 +55,11 @@ def export(
 
 
 def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
-    from labrig.analysis import load_result
-    from labrig.record import open_run, write_atomically
-    from labrig.report import FORMATS, run_tables
+    from labrig.analysis.result import load_result
+    from labrig.record.durable import write_atomically
+    from labrig.record.reader import open_run
+    from labrig.report.export import FORMATS
+    from labrig.report.tables import run_tables
 
     opened = open_run(run)
     tables = run_tables(opened, load_result(opened))
@@ -66,7 +69,7 @@ def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
 
 
 def _write_mcap(run: Path, folder: Path) -> None:
-    from labrig.record import open_run
+    from labrig.record.reader import open_run
 
     try:
         from labrig.report.mcap_file import write_mcap

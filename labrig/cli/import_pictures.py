@@ -7,11 +7,15 @@ from pathlib import Path
 
 from labrig.cli.mapping import plane_map
 from labrig.cli.output import say
-from labrig.devices import SystemClock
+from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, PictureError
-from labrig.protocol import Direction, ImportProtocol, dump_yaml, model_of_values
-from labrig.record import Recorder, collect_provenance
-from labrig.vision import PICTURE_SUFFIXES, load_mask, number_order, read_picture
+from labrig.protocol.model import Direction
+from labrig.protocol.protocols import ImportProtocol
+from labrig.protocol.yaml_file import dump_yaml, model_of_values
+from labrig.record.provenance import collect_provenance
+from labrig.record.writer import Recorder
+from labrig.vision.mask import load_mask
+from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture
 
 
 @dataclass(frozen=True)

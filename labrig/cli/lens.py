@@ -4,17 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labrig.errors import DiskError, InputError, PictureError
-from labrig.report import write_lens_figure
-from labrig.vision import (
-    BoardSearch,
-    Charuco,
-    Gel,
-    Intrinsics,
-    PaperPlace,
-    Picture,
-    ViewResidual,
-    read_picture,
-)
+from labrig.report.lens_figure import write_lens_figure
+from labrig.vision.boards import BoardSearch, Charuco
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.picture import Picture, read_picture
+from labrig.vision.refraction import Gel, PaperPlace
 
 
 def board_search(

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from labrig.errors import InputError
-from labrig.protocol import Direction
-from labrig.vision import PlaneMap, load_intrinsics, load_plane
+from labrig.protocol.model import Direction
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.plane import PlaneMap
 
 
 def plane_map(

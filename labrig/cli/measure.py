@@ -50,7 +50,9 @@ def curvature(
 ) -> int:
     """Exit with 0 when a radius could be stated in every picture, 1 otherwise, 2 when no picture could be read."""
     from labrig.cli.mapping import plane_map
-    from labrig.vision import CurvatureSettings, load_mask, measure_curvature, read_picture
+    from labrig.vision.curvature import CurvatureSettings, measure_curvature
+    from labrig.vision.mask import load_mask
+    from labrig.vision.picture import read_picture
 
     mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     settings = CurvatureSettings(
@@ -105,7 +107,8 @@ def tip(
     """Exit with 0 when the tip was found in every picture, 1 otherwise, 2 when no picture could be used."""
     from labrig.cli.mapping import plane_map
     from labrig.cli.tips import TipSearch, search_tip
-    from labrig.vision import load_mask, load_template
+    from labrig.vision.mask import load_mask
+    from labrig.vision.template_file import load_template
 
     mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     search = TipSearch(

@@ -41,7 +41,8 @@ def next_steps(listed: Sequence[Listed]) -> Iterator[str]:
 
 
 def _next_step(one: Listed) -> str:
-    from labrig.record import lock_owner, run_lock
+    from labrig.record.layout import run_lock
+    from labrig.record.lock import lock_owner
 
     owner = lock_owner(run_lock(one.run))
     if owner is not None:
@@ -61,7 +62,7 @@ def _next_step(one: Listed) -> str:
 
 def _is_simulated(run: Path) -> bool:
     """Return whether a run was made on a simulated rig, whose gel is new whenever it is opened."""
-    from labrig.record import read_manifest
+    from labrig.record.manifest import read_manifest
 
     try:
         devices = read_manifest(run).get("devices")

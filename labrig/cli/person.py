@@ -7,7 +7,7 @@ from typing import TextIO
 
 from labrig.cli.output import say
 from labrig.cli.signals import SignalNote
-from labrig.devices import Answer, OperatorRequest, PickTarget, ReadScale
+from labrig.devices.operator import Answer, OperatorRequest, PickTarget, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 from labrig.posix import wait_for_input
 

@@ -14,7 +14,9 @@ from labrig.cli.rigs import rig_for_person
 from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
-from labrig.devices import Rig, RigDescription, SystemClock
+from labrig.devices.clocks import SystemClock
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import (
     AnswerIsNoError,
     FileFormatError,
@@ -24,17 +26,16 @@ from labrig.errors import (
     MachineError,
     TargetMissedError,
 )
-from labrig.experiments import (
-    Outcome,
-    Session,
-    conduct,
-    conduct_without_rig,
-    estimate,
-    find_problems,
-    trials_planned,
-)
-from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol, dump_yaml
-from labrig.record import Recorder, collect_code_diff, collect_provenance, open_run, require_free_bytes
+from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
+from labrig.experiments.plan import estimate, find_problems, trials_planned
+from labrig.experiments.session import Session
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.durable import require_free_bytes
+from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.reader import open_run
+from labrig.record.writer import Recorder
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
     try:
         result = analyze(path, command_line)
         # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
-        from labrig.report import write_report
+        from labrig.report.page import write_report
 
         say("writing the report")
         report = write_report(open_run(path), result, SystemClock().utc())

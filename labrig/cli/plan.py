@@ -27,9 +27,9 @@ def plan(
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.cli.scenario import problem_of
-    from labrig.devices import SystemClock
-    from labrig.protocol import load_scenario
-    from labrig.steering import plan_path
+    from labrig.devices.clocks import SystemClock
+    from labrig.protocol.load import load_scenario
+    from labrig.steering.planner import plan_path
 
     if figure is not None:
         _check_figure(figure, force)
@@ -40,7 +40,7 @@ def plan(
     found = plan_path(problem, asked.method)
     document = {**found.to_json(), "elapsed_s": clock.now_s() - started_s}
     if figure is not None:
-        from labrig.report import write_plan_figure
+        from labrig.report.plan_figure import write_plan_figure
 
         write_plan_figure(figure, problem, found)
     if as_json:

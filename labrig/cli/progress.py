@@ -71,7 +71,7 @@ class _PlainLines:
     """One line at each tenth of the way, two seconds apart or more, with elapsed and remaining time."""
 
     def __init__(self, title: str, total: float) -> None:
-        from labrig.devices import SystemClock
+        from labrig.devices.clocks import SystemClock
 
         self._title = title
         self._total = max(total, 1e-9)

@@ -29,8 +29,8 @@ def check(
 ) -> int:
     """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.rigs import rig_for
-    from labrig.experiments import estimate, find_problems, foreseen_refusal
-    from labrig.protocol import load_protocol
+    from labrig.experiments.plan import estimate, find_problems, foreseen_refusal
+    from labrig.protocol.load import load_protocol
 
     protocol_settings, rig_settings = split_overrides(settings)
     try:
@@ -87,11 +87,12 @@ def schema(
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema; editors that know it complete and check the YAML files."""
-    from labrig.protocol import protocol_schema, schema_text
+    from labrig.protocol.load import protocol_schema
+    from labrig.protocol.schema import schema_text
 
     if of is Of.PROTOCOL:
         print_line(schema_text(protocol_schema()).rstrip())
         return
-    from labrig.devices import rig_schema
+    from labrig.devices.rig_file import rig_schema
 
     print_line(schema_text(rig_schema()).rstrip())

@@ -60,8 +60,8 @@ def reanalyze(
 
 def _parent(path: Path, number: int | None) -> Any:
     """Return the result that a new one is compared with, None where there is none; name newer ones that are damaged."""
-    from labrig.analysis import load_result, result_numbers
-    from labrig.record import open_run
+    from labrig.analysis.result import load_result, result_numbers
+    from labrig.record.reader import open_run
 
     run = open_run(path)
     for newer in result_numbers(run):
@@ -77,7 +77,8 @@ def _compared(old: Any, new: Mapping[str, Any], as_json: bool) -> dict[str, obje
     """Say where a result parts from its parent, and return that for JSON."""
     from dataclasses import asdict
 
-    from labrig.analysis import compare_steering, first_divergence
+    from labrig.analysis.divergence import first_divergence
+    from labrig.analysis.what_if import compare_steering
 
     if old is None:
         return {"parent": None, "first_divergence": None}
@@ -171,7 +172,7 @@ def _calibration_values(document: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _insertion_values(document: Mapping[str, Any]) -> dict[str, object]:
-    from labrig.analysis import steered
+    from labrig.analysis.what_if import steered
 
     values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
     for one in document["insertions"]:

@@ -36,10 +36,10 @@ def register(app: typer.Typer) -> None:
 
 def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
     """Write RUN/report.html of each run; a run without a result gets a page that says so."""
-    from labrig.analysis import load_result
-    from labrig.devices import SystemClock
-    from labrig.record import open_run
-    from labrig.report import write_report
+    from labrig.analysis.result import load_result
+    from labrig.devices.clocks import SystemClock
+    from labrig.record.reader import open_run
+    from labrig.report.page import write_report
 
     def one(path: Path) -> dict[str, object]:
         loaded = open_run(path)
@@ -59,8 +59,8 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
-    from labrig.analysis import load_result
-    from labrig.record import open_run
+    from labrig.analysis.result import load_result
+    from labrig.record.reader import open_run
     from labrig.report.rerun_view import open_view, write_view
 
     run = open_run(run_path)

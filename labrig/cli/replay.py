@@ -26,8 +26,9 @@ def replay(
     from dataclasses import asdict
 
     from labrig.cli.progress import progress
-    from labrig.experiments import replay_run, replay_work
-    from labrig.record import collect_provenance, open_run
+    from labrig.experiments.replay import replay_run, replay_work
+    from labrig.record.provenance import collect_provenance
+    from labrig.record.reader import open_run
 
     run = open_run(run_path)
     require_undamaged(run)

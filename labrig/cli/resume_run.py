@@ -12,30 +12,23 @@ from labrig.cli.output import say
 from labrig.cli.pipeline import Recorded, conclude, record_on_rig
 from labrig.cli.progress import Reporter
 from labrig.cli.sources import Sources, recorded_sources
-from labrig.devices import Rig, RigDescription, SystemClock, load_rig
+from labrig.devices.clocks import SystemClock
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
-from labrig.experiments import (
-    Outcome,
-    Past,
-    Session,
-    conduct_rest,
-    estimate,
-    past_of,
-    trials_left,
-    trials_planned,
-)
-from labrig.protocol import Model, SteerabilityProtocol
-from labrig.record import (
-    Recorder,
-    Run,
-    RunStop,
-    check_run,
-    collect_code_diff,
-    collect_provenance,
-    differing_values,
-    open_run,
-    require_free_bytes,
-)
+from labrig.experiments.conduct import Outcome, conduct_rest
+from labrig.experiments.plan import estimate, trials_planned
+from labrig.experiments.resumption import Past, past_of, trials_left
+from labrig.experiments.session import Session
+from labrig.protocol.model import Model
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.record.check import check_run
+from labrig.record.difference import differing_values
+from labrig.record.durable import require_free_bytes
+from labrig.record.events import RunStop
+from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.reader import Run, open_run
+from labrig.record.writer import Recorder
 
 _NOT_THE_RIG = ("faults",)
 """What a rig file holds beside how the rig stands: faults are scripted for one session of a simulated rig."""

@@ -9,9 +9,11 @@ from labrig.cli.options import rig_file, rig_settings_as_typed
 from labrig.cli.output import say
 from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote, note_signals
-from labrig.devices import Opening, Rig, RigDescription, load_rig, open_rig
+from labrig.devices.rig import Opening, Rig, open_rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
-from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
 
 
 def remark_on_yes(description: RigDescription, *, yes: bool) -> None:

@@ -52,7 +52,7 @@ def run(
     from labrig.cli.pipeline import Order, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
-    from labrig.protocol import mask_passwords
+    from labrig.protocol.words import mask_passwords
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()

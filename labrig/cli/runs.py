@@ -66,7 +66,7 @@ def list_(
     """List every run of a folder that fits, damaged ones too."""
     if context.invoked_subcommand is not None:
         return
-    from labrig.record import find_runs
+    from labrig.record.catalogue import find_runs
 
     with _no_garbage_collection():
         found = find_runs(runs_dir, where, sort, reverse=reverse)
@@ -152,7 +152,7 @@ def tag(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; the record itself is not touched."""
-    from labrig.record import tag_run
+    from labrig.record.annotations import tag_run
 
     at = _now()
     said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
@@ -181,7 +181,9 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; older revisions are kept."""
-    from labrig.record import note_on_run, open_run, require_local_run
+    from labrig.record.annotations import note_on_run
+    from labrig.record.places import require_local_run
+    from labrig.record.reader import open_run
 
     if text is None:
         annotations = open_run(run).annotations
@@ -209,7 +211,7 @@ def verdict(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; earlier verdicts are kept."""
-    from labrig.record import judge_run
+    from labrig.record.annotations import judge_run
 
     annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
     _say_page_is_older(run)
@@ -228,7 +230,8 @@ def diff(
     """Say each value in which they differ; exit with 4 where a record is damaged."""
     from dataclasses import asdict
 
-    from labrig.record import compare_runs, open_run
+    from labrig.record.difference import compare_runs
+    from labrig.record.reader import open_run
 
     runs = open_run(a), open_run(b)
     differences = compare_runs(*(run.path for run in runs))
@@ -285,6 +288,6 @@ def _person(by: str | None) -> str:
 
 
 def _now() -> Any:
-    from labrig.devices import SystemClock
+    from labrig.devices.clocks import SystemClock
 
     return SystemClock().utc()

@@ -49,8 +49,11 @@ def check(
 
 
 def _one(path: Path, repair: bool) -> dict[str, Any]:
-    from labrig.devices import SystemClock
-    from labrig.record import as_url, check_run, local_folder, repair_run, require_local_run
+    from labrig.devices.clocks import SystemClock
+    from labrig.record.check import check_run
+    from labrig.record.places import as_url, require_local_run
+    from labrig.record.reader import local_folder
+    from labrig.record.repair import repair_run
 
     if repair:
         require_local_run(path)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from labrig.protocol import Scenario
-from labrig.steering import Obstacle, PlanProblem, PlanWeights
+from labrig.protocol.scenario import Scenario
+from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
 
 
 def problem_of(scenario: Scenario) -> PlanProblem:

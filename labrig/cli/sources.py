@@ -6,8 +6,10 @@ from pathlib import Path
 
 from labrig.cli.options import rig_file, split_overrides
 from labrig.cli.rigs import rig_for
-from labrig.devices import RigDescription
-from labrig.protocol import AnyProtocol, DesignProtocol, load_protocol, mask_passwords
+from labrig.devices.rig_file import RigDescription
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.protocol.protocols import DesignProtocol
+from labrig.protocol.words import mask_passwords
 
 
 @dataclass(frozen=True)

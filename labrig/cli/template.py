@@ -74,7 +74,7 @@ def template(
     """Cut the template out; tip and heading that are not given are measured by the shaft."""
     from labrig.cli.cut_template import cut_tip, loose_picture, recorded_frame
     from labrig.cli.mapping import plane_map
-    from labrig.vision import save_template, template_files
+    from labrig.vision.template_file import save_template, template_files
 
     for file in template_files(out):
         require_writable(file, force)

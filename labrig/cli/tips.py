@@ -6,7 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision import Mask, PlaneMap, TipTemplate, locate_tip, read_picture, require_size
+from labrig.vision.mask import Mask
+from labrig.vision.picture import read_picture, require_size
+from labrig.vision.plane import PlaneMap
+from labrig.vision.tip import locate_tip
+from labrig.vision.tip_template import TipTemplate
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,19 @@ from labrig.cli.output import failure_document, failure_lines, print_json, print
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
 from labrig.cli.rigs import remark_on_yes, rig_for_person
-from labrig.devices import Opening, Rig, RigDescription, load_rig, rig_state
+from labrig.devices.rig import Opening, Rig
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.state import rig_state
 from labrig.errors import InputError
-from labrig.experiments import Outcome, Session, Stance, conduct_withdrawal, recorded_path
-from labrig.protocol import dump_yaml
-from labrig.record import WITHDRAWS, Recorder, Run, collect_code_diff, collect_provenance, open_run
+from labrig.experiments.conduct import Outcome, conduct_withdrawal
+from labrig.experiments.session import Session
+from labrig.experiments.stance import Stance
+from labrig.experiments.withdrawal import recorded_path
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.layout import WITHDRAWS
+from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.reader import Run, open_run
+from labrig.record.writer import Recorder
 
 
 def withdraw_and_tell(

@@ -28,7 +28,3 @@ What is decided here
   time are those between the readings before and after it; how far the time may be wrong is recorded with the picture.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
 """
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

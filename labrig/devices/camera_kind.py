@@ -11,7 +11,7 @@ from labrig.devices.camera_settings import CameraDescription
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.errors import PluginError
 from labrig.plugins import CAMERAS, find_plugin
-from labrig.simulation import World
+from labrig.simulation.world import World
 
 Section = TypeVar("Section", bound=CameraDescription)
 

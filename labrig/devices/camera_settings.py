@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from labrig.protocol import Model
+from labrig.protocol.model import Model
 
 RigKind = Literal["simulated", "bench"]
 

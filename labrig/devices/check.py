@@ -29,7 +29,10 @@ from labrig.devices.rig_file import (
 )
 from labrig.devices.state import StateStore
 from labrig.errors import InputError, LabrigError
-from labrig.vision import Intrinsics, PlaneMap, calibration_created, load_intrinsics, load_mask, load_plane
+from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.mask import load_mask
+from labrig.vision.plane import PlaneMap
 
 _LOW_DISK_BYTES = 5e9
 _NO_DISK_BYTES = 5e8

@@ -18,7 +18,7 @@ from typing import Any
 from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
 from labrig.errors import DiskError, LockedError
 from labrig.posix import Conversation, call, listen, user
-from labrig.record import FileLock, lock_owner
+from labrig.record.lock import FileLock, lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
 _MOST_SILENT = 8

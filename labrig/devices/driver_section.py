@@ -10,7 +10,8 @@ from pydantic_core import CoreSchema, PydanticCustomError, SchemaValidator, core
 
 from labrig.errors import InputError, PluginError
 from labrig.plugins import Plugin, find_plugin, installed
-from labrig.protocol import Conflict, ConflictError, JsonSchema, Model
+from labrig.protocol.model import Conflict, ConflictError, Model
+from labrig.protocol.schema import JsonSchema
 
 _KEY = "driver"
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labrig.protocol import Conflict, Model
+from labrig.protocol.model import Conflict, Model
 
 Fault = Literal[
     "silent",

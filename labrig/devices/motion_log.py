@@ -16,7 +16,7 @@ from pathlib import Path
 from labrig.devices.axis import Axis
 from labrig.errors import DiskError, LabrigError, MachineError
 from labrig.posix import NO_LINKS
-from labrig.record import decode_line, encode_line
+from labrig.record.json_lines import decode_line, encode_line
 
 _ENDING = ".motions.jsonl"
 

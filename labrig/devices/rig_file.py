@@ -19,17 +19,11 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.plugins import CAMERAS
-from labrig.protocol import (
-    Conflict,
-    JsonSchema,
-    Model,
-    Name,
-    Needle,
-    load_yaml_model,
-    model_of_values,
-    model_schema,
-)
-from labrig.simulation import WorldDescription
+from labrig.protocol.model import Conflict, Model, Name
+from labrig.protocol.protocols import Needle
+from labrig.protocol.schema import JsonSchema, model_schema
+from labrig.protocol.yaml_file import load_yaml_model, model_of_values
+from labrig.simulation.description import WorldDescription
 
 Positive = Annotated[float, Field(gt=0)]
 NodeId = Annotated[int, Field(ge=1, le=127)]

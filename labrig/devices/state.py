@@ -9,7 +9,7 @@ import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from labrig.record import write_atomically
+from labrig.record.durable import write_atomically
 
 _KIND = "labrig-rig-state"
 _VERSION = 1

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labrig.analysis import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.errors import InputError, Problem
-from labrig.protocol import InsertionProtocol, Place
-from labrig.steering import Obstacle
-from labrig.vision import PlaneMap
+from labrig.protocol.insertion import InsertionProtocol, Place
+from labrig.steering.problem import Obstacle
+from labrig.vision.plane import PlaneMap
 
 _RIM_PX = 25.0
 """A tip nearer to the rim of the picture than this is not found any more."""

@@ -1,10 +1,12 @@
 """What the operator does at the bench before a run and after it: needle out, graph paper in and away again."""
 
-from labrig.devices import ClearBench, ConfirmNeedleOut, LayGraphPaper
+from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
 from labrig.errors import CalibrationRefusedError
 from labrig.experiments.session import Session
-from labrig.protocol import GridSentinel
-from labrig.vision import Picture, PlaneMap, check_grid, compare_grids
+from labrig.protocol.protocols import GridSentinel
+from labrig.vision.grid_check import check_grid, compare_grids
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
 
 BEFORE, AFTER = "grid-before", "grid-after"
 

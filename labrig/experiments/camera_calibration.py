@@ -1,8 +1,8 @@
 """The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
 
-from labrig.devices import ClearBench, HoldBoard, LayGraphPaper
+from labrig.devices.operator import ClearBench, HoldBoard, LayGraphPaper
 from labrig.experiments.session import Session
-from labrig.protocol import CameraCalibrationProtocol
+from labrig.protocol.protocols import CameraCalibrationProtocol
 
 
 def run_camera_calibration(protocol: CameraCalibrationProtocol, session: Session) -> int:

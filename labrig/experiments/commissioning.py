@@ -8,19 +8,17 @@ the emergency stop and confirms each motion before it begins.
 import math
 from dataclasses import dataclass
 
-from labrig.devices import (
-    HOME_ORDER,
-    HOMING_HERE,
-    ZEROS,
-    AxisDescription,
+from labrig.devices.homing import HOME_ORDER, HOMING_HERE, ZEROS
+from labrig.devices.operator import (
     ConfirmFree,
     ConfirmHere,
     ConfirmMotion,
     ConfirmNeedleOut,
     OperatorRequest,
     ReadScale,
-    Rig,
 )
+from labrig.devices.rig import Rig
+from labrig.devices.rig_file import AxisDescription
 from labrig.errors import InputError, SafetyStopError
 
 SLOW = {"mm": 1.0, "rad": 0.2}

@@ -21,16 +21,16 @@ from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import run_steerability
 from labrig.experiments.withdrawal import recover
-from labrig.protocol import (
-    AnyProtocol,
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
-    InsertionProtocol,
-    RollZeroProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Journal, RunResume, RunStart, RunStop
+from labrig.record.events import RunResume, RunStart, RunStop
+from labrig.record.journal import Journal
 
 
 @dataclass(frozen=True)

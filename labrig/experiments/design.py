@@ -3,16 +3,11 @@
 from collections.abc import Callable, Iterator
 
 from labrig.errors import AnswerIsNoError, InputError, Problem
-from labrig.needle import (
-    EQUATION_3,
-    Hinge,
-    Tube,
-    design_by_equations,
-    links_in,
-    radius_tolerance,
-    rotation_for_radius_deg,
-)
-from labrig.protocol import DesignProtocol
+from labrig.needle.equations import EQUATION_3, links_in, radius_tolerance, rotation_for_radius_deg
+from labrig.needle.hinge import Hinge
+from labrig.needle.study import design_by_equations
+from labrig.needle.tube import Tube
+from labrig.protocol.protocols import DesignProtocol
 
 Check = tuple[str, Callable[[], object]]
 

@@ -15,8 +15,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from labrig.analysis import TrialOrigin, insertion_settings, starting_at
-from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom, RollZero
+from labrig.analysis.insertion_settings import insertion_settings, starting_at
+from labrig.analysis.result import TrialOrigin
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
+from labrig.devices.state import RollZero
 from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
@@ -25,17 +27,12 @@ from labrig.experiments.session import Look, Session
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_sheath, look_for_tip, require_light
 from labrig.experiments.stance import Stance, stance_of
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
-from labrig.protocol import InsertionProtocol, RollZeroSteps
-from labrig.steering import (
-    SteeringCommand,
-    SteeringSettings,
-    SteeringState,
-    TipSighting,
-    sample_path,
-    start_steering,
-    step_steering,
-)
-from labrig.vision import DrawnPlan, Picture, draw_plan
+from labrig.protocol.insertion import InsertionProtocol, RollZeroSteps
+from labrig.steering.planner import sample_path
+from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.vision.overlay import DrawnPlan, draw_plan
+from labrig.vision.picture import Picture
 
 _HOLD_S = 1.0
 _SAME_MM = 0.005

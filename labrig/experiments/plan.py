@@ -4,32 +4,21 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from labrig.analysis import insertion_settings
-from labrig.devices import (
-    CheckStatus,
-    RigDescription,
-    check_axis_move,
-    check_calibration,
-    rig_state,
-    unknown_entries,
-)
+from labrig.analysis.insertion_settings import insertion_settings
+from labrig.devices.check import check_calibration
+from labrig.devices.check_result import CheckStatus
+from labrig.devices.rig_file import RigDescription, check_axis_move, unknown_entries
+from labrig.devices.state import rig_state
 from labrig.errors import LabrigError, LimitError, Problem
 from labrig.experiments.aim import aim_of, aim_problems, pixel_problems
 from labrig.experiments.design import design_problems
 from labrig.experiments.insertion import roll_zero_s
 from labrig.experiments.roll_zero import order_of
 from labrig.experiments.sight import load_eye, load_plane_map
-from labrig.protocol import (
-    AnyProtocol,
-    CameraCalibrationProtocol,
-    DesignProtocol,
-    InsertionProtocol,
-    RollZeroProtocol,
-    RollZeroSteps,
-    Sheath,
-    SteerabilityProtocol,
-)
-from labrig.steering import start_steering
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol, RollZeroSteps
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.protocols import CameraCalibrationProtocol, DesignProtocol, Sheath, SteerabilityProtocol
+from labrig.steering.step import start_steering
 
 MovingProtocol = SteerabilityProtocol | InsertionProtocol | RollZeroProtocol
 

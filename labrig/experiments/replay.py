@@ -10,24 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.devices import (
-    Comparison,
-    Recording,
-    ReplayDifference,
-    ReplayedPlant,
-    RigDescription,
-    open_replayed,
-    recorded_rig,
-    recording_without_rig,
-    recordings,
-)
+from labrig.devices.replayed.comparison import Comparison, ReplayDifference
+from labrig.devices.replayed.opening import open_replayed, recorded_rig
+from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.experiments.conduct import conduct, conduct_rest, conduct_without_rig
 from labrig.experiments.plan import estimate
 from labrig.experiments.resumption import past_of
 from labrig.experiments.session import Progress, Session
-from labrig.protocol import DesignProtocol, ImportProtocol, SteerabilityProtocol
-from labrig.record import Event, Run, as_recorded
+from labrig.protocol.protocols import DesignProtocol, ImportProtocol, SteerabilityProtocol
+from labrig.record.events import Event
+from labrig.record.json_lines import as_recorded
+from labrig.record.reader import Run
 
 _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
 

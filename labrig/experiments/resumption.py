@@ -7,15 +7,17 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.devices import ConfirmNeedleOut, PastInsertion, WithdrawNeedle
+from labrig.devices.operator import ConfirmNeedleOut, WithdrawNeedle
+from labrig.devices.past import PastInsertion
 from labrig.errors import InputError
 from labrig.experiments.schedule import BegunTrial, PlannedTrial, rest_of_sweep
 from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance
 from labrig.experiments.steerability import make_insertions, mount_and_reference
 from labrig.experiments.withdrawal import recorded_path, withdraw
-from labrig.protocol import ImportProtocol, SteerabilityProtocol
-from labrig.record import Run, TrialStop
+from labrig.protocol.protocols import ImportProtocol, SteerabilityProtocol
+from labrig.record.events import TrialStop
+from labrig.record.reader import Run
 
 INTERRUPTED = "interrupted"
 """How a trial ended that a later session found without an end."""

@@ -6,23 +6,21 @@ How far is told from the sheath, as it was found in each hole before the needle 
 import math
 from dataclasses import asdict, dataclass
 
-from labrig.analysis import TrialOrigin, aside_mm
-from labrig.devices import (
-    ConfirmAxesAtZero,
-    MountNeedle,
-    PlaceSpecimen,
-    RollZero,
-    ShiftToHole,
-)
+from labrig.analysis.origin import aside_mm
+from labrig.analysis.result import TrialOrigin
+from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.devices.state import RollZero
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
 from labrig.experiments.session import Session
 from labrig.experiments.sight import load_plane_map, look_for_sheath
 from labrig.experiments.stance import Stance
 from labrig.experiments.withdrawal import WithdrawalSpeeds, withdraw
-from labrig.protocol import Advance, GridSentinel, Needle, RollZeroProtocol, RollZeroSteps, Sheath
-from labrig.steering import fit_roll_zero
-from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature
+from labrig.protocol.insertion import Advance, RollZeroProtocol, RollZeroSteps
+from labrig.protocol.protocols import GridSentinel, Needle, Sheath
+from labrig.steering.roll_zero import fit_roll_zero
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.plane import PlaneMap
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from labrig.errors import InputError
-from labrig.protocol import Specimen, SteerabilityProtocol
+from labrig.protocol.protocols import Specimen, SteerabilityProtocol
 
 
 @dataclass(frozen=True)

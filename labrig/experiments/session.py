@@ -5,11 +5,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
-from labrig.devices import Answer, AxisReadback, OperatorRequest, Rig, request_details
+from labrig.devices.axis import AxisReadback
+from labrig.devices.operator import Answer, OperatorRequest, request_details
+from labrig.devices.rig import Rig
 from labrig.errors import SafetyStopError
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Event, Journal, Move, MoveDone, OperatorQuestion, picture_file
-from labrig.vision import Picture
+from labrig.record.events import Event, Move, MoveDone, OperatorQuestion
+from labrig.record.journal import Journal
+from labrig.record.layout import picture_file
+from labrig.vision.picture import Picture
 
 
 class Progress(Protocol):

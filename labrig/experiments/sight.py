@@ -7,25 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis import TrialOrigin, sheath_origin, unseen_origin
-from labrig.devices import RigDescription
+from labrig.analysis.origin import sheath_origin, unseen_origin
+from labrig.analysis.result import TrialOrigin
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import CameraError, InputError, MeasurementRefusedError
-from labrig.protocol import Sheath
-from labrig.steering import TipState
-from labrig.vision import (
-    Mask,
-    Picture,
-    PlaneMap,
-    TipFix,
-    TipTemplate,
-    load_intrinsics,
-    load_mask,
-    load_plane,
-    load_template,
-    locate_tip,
-    measure_sheath,
-    next_region_px,
-)
+from labrig.protocol.protocols import Sheath
+from labrig.steering.tip import TipState
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.mask import Mask, load_mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.sheath import measure_sheath
+from labrig.vision.template_file import load_template
+from labrig.vision.tip import TipFix, locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
 
 _DARKEST_GREY = 12.0
 _SIGMAS = 4.0

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from labrig.devices import AxisReadback
+from labrig.devices.axis import AxisReadback
 
 
 @dataclass(frozen=True)

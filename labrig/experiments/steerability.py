@@ -2,18 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-from labrig.devices import (
-    AxisReadback,
-    ConfirmAxesAtZero,
-    MountNeedle,
-    PlaceSpecimen,
-    ShiftToHole,
-)
+from labrig.devices.axis import AxisReadback
+from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, watch_grid
 from labrig.experiments.plan import planned_moves
 from labrig.experiments.schedule import PlannedTrial, whole_sweep
 from labrig.experiments.session import Session
-from labrig.protocol import Specimen, SteerabilityProtocol
+from labrig.protocol.protocols import Specimen, SteerabilityProtocol
 
 
 def run_steerability(protocol: SteerabilityProtocol, session: Session) -> int:

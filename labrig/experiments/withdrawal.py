@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from labrig.devices import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
+from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.experiments.session import Session
 from labrig.experiments.stance import Stance, stance_of
-from labrig.record import Run, WithdrawalStart, WithdrawalStop, open_run
+from labrig.record.events import WithdrawalStart, WithdrawalStop
+from labrig.record.reader import Run, open_run
 
 _SAME_DEPTH_MM = 0.02
 """Readings that differ by less are of one depth: servos at rest dither."""

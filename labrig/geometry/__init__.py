@@ -37,7 +37,6 @@ rotating angles (equations 1 to 3); {w} the world frame, {ib}, {ic} and {ie} the
 of the i-th arc.
 """
 
-from labrig.geometry.arcs import Arc, ArcPath, fit_arcs
-from labrig.geometry.circle import Circle, CircleMethod, fit_circle
+from labrig.geometry.circle import fit_circle
 
-__all__ = ["Arc", "ArcPath", "Circle", "CircleMethod", "fit_arcs", "fit_circle"]
+__all__ = ["fit_circle"]

@@ -19,7 +19,3 @@ Decided here:
 An experiment is added by a `Protocol` subclass in `protocols.py` and its name in `load.py`; then
 `labrig schema > protocols/protocol.schema.json`.
 """
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -20,8 +20,9 @@ from labrig.protocol.protocols import (
 from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.tree import Position, Tree, file_format_error
-from labrig.protocol.yaml_file import model_of_tree, require_kind, tree_of_file
+from labrig.protocol.yaml_file import model_of_tree
 from labrig.protocol.yaml_text import read_tree
+from labrig.protocol.yaml_tree import require_kind, tree_of_file
 
 AnyProtocol: TypeAlias = (
     SteerabilityProtocol

@@ -46,6 +46,12 @@ Decided here:
   `Recorder.reopen`. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.
 """
 
-import lazy_loader
+import importlib
+from typing import Any
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+def __getattr__(name: str) -> Any:
+    """Import the reader, and pandas with it, once `open_run` is asked for: `labrig runs` starts without."""
+    if name == "open_run":
+        return importlib.import_module("labrig.record.reader").open_run
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.errors import RecordError
-from labrig.protocol import yaml_values
+from labrig.protocol.yaml_tree import yaml_values
 from labrig.record.condition import Value
 from labrig.record.layout import CALIBRATION, PROTOCOL, RIG, inside
 from labrig.record.manifest import read_manifest

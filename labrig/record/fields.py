@@ -5,8 +5,8 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
-from labrig import protocol
 from labrig.errors import FileFormatError, RecordError
+from labrig.protocol.yaml_tree import yaml_values
 from labrig.record.annotations import Annotations
 from labrig.record.condition import Value
 from labrig.record.layout import PROTOCOL, inside
@@ -56,7 +56,7 @@ def file_fields(run: Path) -> Leaves:
     """Return the values of protocol.yaml and of the newest result; of a file that cannot be read none."""
     fields: Leaves = {}
     with suppress(FileFormatError, RecordError):
-        fields |= leaves(protocol.yaml_values(inside(run, PROTOCOL)), "protocol.", _LEFT_OUT)
+        fields |= leaves(yaml_values(inside(run, PROTOCOL)), "protocol.", _LEFT_OUT)
     with suppress(RecordError):
         fields |= leaves(latest_result(run) or {}, "result.", _LEFT_OUT_OF_RESULTS)
     return fields

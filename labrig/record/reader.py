@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
-from labrig.protocol import AnyProtocol, load_protocol
+from labrig.protocol.load import AnyProtocol, load_protocol
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.durable import disk_errors

@@ -19,11 +19,6 @@ What is decided here:
   marker too.
 """
 
-from labrig.report.design_figure import hinge_figure
-from labrig.report.export import FORMATS
-from labrig.report.lens_figure import write_lens_figure
-from labrig.report.page import write_report
-from labrig.report.plan_figure import write_plan_figure
 from labrig.report.tables import run_tables
 
-__all__ = ["FORMATS", "hinge_figure", "run_tables", "write_lens_figure", "write_plan_figure", "write_report"]
+__all__ = ["run_tables"]

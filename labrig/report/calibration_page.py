@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from labrig.analysis import AnalysisResult, CalibrationResult
-from labrig.record import Run
+from labrig.analysis.result import AnalysisResult, CalibrationResult
+from labrig.record.reader import Run
 from labrig.report.figures import coverage_figure, residual_figure
 from labrig.report.pictures import PLATE, data_uri, jpeg
 

@@ -7,29 +7,27 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from labrig.analysis import (
-    PAPER_GELS,
-    PAPER_MEAN_RADIUS_MM,
+from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
+from labrig.analysis.result import (
     AnalysisResult,
     CentreLines,
     CurvatureResult,
-    PaperGel,
     PictureResult,
     SpecimenResult,
     SpecimenTruth,
     load_centre_lines,
-    load_lens,
-    load_mapping,
 )
-from labrig.protocol import SteerabilityProtocol
-from labrig.record import Run
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.record.reader import Run
 from labrig.report.figures import Design, GelSeries, steerability_figure
 from labrig.report.palette import Mark, mark
 from labrig.report.pictures import CameraView, DrawnPicture, draw_camera_view, draw_thumbnail
 from labrig.report.provenance import Rows
 from labrig.report.sheath_view import draw_sheath_view, worth_showing
 from labrig.report.words import count_of, number, signed
-from labrig.vision import Intrinsics, PlaneMap
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.plane import PlaneMap
 
 _SHEATHS_SHOWN = 3
 

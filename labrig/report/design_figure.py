@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labrig.needle import EQUATION_3, Cell, RotationPlane
+from labrig.needle.equations import EQUATION_3, RotationPlane
+from labrig.needle.study import Cell
 
 _SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "labrig",

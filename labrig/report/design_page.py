@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from labrig.analysis import AnalysisResult, DesignResult, design_basis
-from labrig.needle import STEEPEST_CUT_DEG, Cell, RotationPlane
+from labrig.analysis.design import design_basis
+from labrig.analysis.result import AnalysisResult, DesignResult
+from labrig.needle.equations import RotationPlane
+from labrig.needle.study import STEEPEST_CUT_DEG, Cell
 from labrig.report.design_figure import hinge_figure
 from labrig.report.pictures import data_uri
 from labrig.report.words import count_of, interval, number

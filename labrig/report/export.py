@@ -14,7 +14,8 @@ import pandas as pd
 import scipy.io
 
 from labrig.errors import InputError
-from labrig.record import Run, encode_document
+from labrig.record.json_lines import encode_document
+from labrig.record.reader import Run
 from labrig.report.tables import is_unknown
 
 Files = dict[str, bytes]

@@ -8,18 +8,17 @@ from datetime import datetime
 from markupsafe import Markup
 
 from labrig import __version__
-from labrig.analysis import AnalysisResult
+from labrig.analysis.result import AnalysisResult
 from labrig.errors import RecordError
-from labrig.protocol import (
+from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
     DesignProtocol,
     ImportProtocol,
-    InsertionProtocol,
     Needle,
-    RollZeroProtocol,
     SteerabilityProtocol,
 )
-from labrig.record import Run
+from labrig.record.reader import Run
 from labrig.report.words import UNKNOWN, count_of, interval, joined, moment, shown
 
 _EYEBROWS = {

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri
 
-from labrig.analysis import InsertionTrial
+from labrig.analysis.result import InsertionTrial
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.palette import DESIGN, mark
 

@@ -8,14 +8,16 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from labrig.analysis import AnalysisResult, InsertionPlan, InsertionResult, InsertionTrial, load_mapping
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.result import AnalysisResult, InsertionPlan, InsertionResult, InsertionTrial
 from labrig.errors import RecordError
-from labrig.record import Run
+from labrig.record.reader import Run
 from labrig.report.insertion_figure import insertion_figure
 from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_view, worth_showing
 from labrig.report.words import count_of, number
-from labrig.vision import PlaneMap, size_of
+from labrig.vision.picture import size_of
+from labrig.vision.plane import PlaneMap
 
 # So many insertions are shown picture by picture: those that missed first.
 _SHOWN = 4

@@ -12,7 +12,8 @@ from scipy.ndimage import zoom
 
 from labrig.report.figures import SETTINGS
 from labrig.report.palette import mark
-from labrig.vision import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN, Intrinsics
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MARGIN
 
 _DOTS_PER_INCH = 130
 _LEVELS_PX = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)

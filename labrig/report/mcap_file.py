@@ -17,7 +17,7 @@ import pandas as pd
 from mcap.writer import CompressionType, Writer
 
 from labrig.errors import RecordError
-from labrig.record import Run
+from labrig.record.reader import Run
 
 MCAP_FILE = "run.mcap"
 

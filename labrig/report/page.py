@@ -9,8 +9,15 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from labrig.analysis import AnalysisResult, CalibrationResult, DesignResult, InsertionResult, RollZeroResult
-from labrig.record import Run, write_atomically
+from labrig.analysis.result import (
+    AnalysisResult,
+    CalibrationResult,
+    DesignResult,
+    InsertionResult,
+    RollZeroResult,
+)
+from labrig.record.durable import write_atomically
+from labrig.record.reader import Run
 from labrig.report.calibration_page import calibration_page, calibration_verdict
 from labrig.report.curvature_page import calibration_rows, curvature_page, curvature_verdict
 from labrig.report.design_page import design_page, design_verdict

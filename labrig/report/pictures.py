@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis import CentreLines, PictureResult
+from labrig.analysis.result import CentreLines, PictureResult
 from labrig.errors import RecordError
-from labrig.record import Run
-from labrig.vision import Picture, PlaneMap, size_of
+from labrig.record.reader import Run
+from labrig.vision.picture import Picture, size_of
+from labrig.vision.plane import PlaneMap
 
 FloatArray = NDArray[np.float64]
 Pixel = tuple[float, float]

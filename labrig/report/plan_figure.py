@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from labrig.errors import InputError
 from labrig.report.figures import NO_METADATA, SETTINGS
 from labrig.report.palette import DESIGN, mark
-from labrig.steering import Plan, PlanProblem, sample_path
+from labrig.steering.planner import Plan, sample_path
+from labrig.steering.problem import PlanProblem
 
 FloatArray = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from labrig.analysis import AnalysisResult
-from labrig.record import Run
+from labrig.analysis.result import AnalysisResult
+from labrig.record.reader import Run
 from labrig.report.words import UNKNOWN, flattened, moment
 
 _CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from labrig.analysis import InsertionResult, InsertionStep, InsertionTrial
-from labrig.vision import PlaneMap
+from labrig.analysis.result import InsertionResult, InsertionStep, InsertionTrial
+from labrig.vision.plane import PlaneMap
 
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
 _OBSTACLE, _TARGET, _PLAN, _TAKEN = (213, 94, 0), (0, 158, 115), (255, 166, 0), (86, 180, 233)

@@ -17,16 +17,17 @@ import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 
-from labrig.analysis import (
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.result import (
     AnalysisResult,
     CentreLines,
     CurvatureResult,
     InsertionResult,
     load_centre_lines,
-    load_mapping,
 )
 from labrig.errors import MachineError
-from labrig.record import Run, require_free_bytes, write_atomically
+from labrig.record.durable import require_free_bytes, write_atomically
+from labrig.record.reader import Run
 from labrig.report.pictures import JpegSize, jpeg
 from labrig.report.rerun_insertion import send_insertion
 

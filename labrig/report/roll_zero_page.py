@@ -9,8 +9,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from labrig.analysis import RollZeroResult
-from labrig.record import Run
+from labrig.analysis.result import RollZeroResult
+from labrig.record.reader import Run
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.palette import DESIGN, mark
 from labrig.report.pictures import THUMBNAIL, data_uri, jpeg

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis import TrialOrigin
+from labrig.analysis.result import TrialOrigin
 from labrig.errors import RecordError
-from labrig.record import Run
+from labrig.record.reader import Run
 from labrig.report.pictures import Arrow, JpegSize, data_uri, jpeg, pixel
-from labrig.vision import PlaneMap, size_of
+from labrig.vision.picture import size_of
+from labrig.vision.plane import PlaneMap
 
 # What is shown to each side of the tip, and how long the arrows are; their names stand aside of their ends.
 _AROUND_MM, _FOUND_MM, _COMMANDED_MM, _ASIDE_MM = 6.0, 4.6, 3.6, 0.8

@@ -8,8 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.analysis import AnalysisResult
-from labrig.record import Annotations, Run, with_numbers_apart
+from labrig.analysis.result import AnalysisResult
+from labrig.record.annotations import Annotations
+from labrig.record.reader import Run
+from labrig.record.tables import with_numbers_apart
 
 Tables = dict[str, pd.DataFrame]
 _Known = Sequence[Mapping[str, object]]

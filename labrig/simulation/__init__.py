@@ -19,29 +19,3 @@ What is decided here
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
   made from the one holds for the other), depth of field, motion blur, friction and wind-up of the needle.
 """
-
-from labrig.simulation.description import (
-    DesignDescription,
-    DisturbancesDescription,
-    GelDescription,
-    LensDescription,
-    LightDescription,
-    NeedleDescription,
-    SheathDescription,
-    WorldDescription,
-)
-from labrig.simulation.gel import Ball
-from labrig.simulation.world import World
-
-__all__ = [
-    "Ball",
-    "DesignDescription",
-    "DisturbancesDescription",
-    "GelDescription",
-    "LensDescription",
-    "LightDescription",
-    "NeedleDescription",
-    "SheathDescription",
-    "World",
-    "WorldDescription",
-]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from labrig.protocol import Conflict, Model, NonNegativeMm, PixelUv, PositiveMm
+from labrig.protocol.model import Conflict, Model, NonNegativeMm, PixelUv, PositiveMm
 
 _SAFE_SDS = 6  # a radius that many standard deviations below its mean must still be a radius
 

@@ -8,7 +8,7 @@ turn and then back; each until it passes the target at its nearest, which is kno
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import path_frames
+from labrig.needle.kinematics import path_frames
 from labrig.steering.clearance import path_distances
 from labrig.steering.problem import Surroundings
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from labrig.needle import rotation_x, rotation_z
+from labrig.needle.kinematics import rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm
 from labrig.steering.tip import FloatArray, frozen
 

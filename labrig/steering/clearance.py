@@ -7,7 +7,7 @@ if that ray meets the arc, and is one of the arc's ends otherwise.
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import Frames, path_frames, rotation_z
+from labrig.needle.kinematics import Frames, path_frames, rotation_z
 
 FloatArray = NDArray[np.float64]
 

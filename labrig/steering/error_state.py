@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from labrig.needle import cross_matrix, rotation_x, rotation_z
+from labrig.needle.kinematics import cross_matrix, rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm, step_position_slope, turned
 from labrig.steering.tip import (
     CURVATURE,

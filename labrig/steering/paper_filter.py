@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from labrig.needle import cross_matrix, rotation_x, rotation_z
+from labrig.needle.kinematics import cross_matrix, rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm
 from labrig.steering.tip import (
     ERRORS,

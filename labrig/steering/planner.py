@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import path_frames, path_points
+from labrig.needle.kinematics import path_frames, path_points
 from labrig.steering.clearance import path_distances
 from labrig.steering.planar_search import search_plane
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings

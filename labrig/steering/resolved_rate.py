@@ -13,7 +13,7 @@ Kept for comparison, with what it takes to make it work (errata and failure mode
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import control_jacobians, control_points, path_frames, path_jacobian
+from labrig.needle.kinematics import control_jacobians, control_points, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
 from labrig.steering.score import best_feasible
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import Frames, path_frames
+from labrig.needle.kinematics import Frames, path_frames
 from labrig.steering.clearance import arc_distances
 from labrig.steering.problem import Surroundings
 

@@ -7,7 +7,7 @@ more or less, and are long enough together to reach the target. Rounds are added
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle import path_frames, path_jacobian
+from labrig.needle.kinematics import path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
 from labrig.steering.score import best_feasible
 

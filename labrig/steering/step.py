@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from labrig.errors import InputError
-from labrig.needle import path_frames
+from labrig.needle.kinematics import path_frames
 from labrig.steering.approach import nearest_approach
 from labrig.steering.bending import Stretch, Turn, advanced, stretches
 from labrig.steering.cavities import TipBelief, advance_belief, start_belief, step_belief

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.geometry import Arc, Circle, fit_arcs, fit_circle
+from labrig.geometry.arcs import Arc, fit_arcs
+from labrig.geometry.circle import Circle, fit_circle
 from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis import AnalysisResult, CurvatureResult, analyze_run
-from labrig.record import Run, open_run
+from labrig.analysis.result import AnalysisResult, CurvatureResult
+from labrig.analysis.run import analyze_run
+from labrig.record import open_run
+from labrig.record.reader import Run
 from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
 
 SWEEP = Sweep(without_needle=frozenset({3}))

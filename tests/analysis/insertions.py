@@ -6,8 +6,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis import InsertionResult, analyze_run
-from labrig.record import Run, open_run
+from labrig.analysis.result import InsertionResult
+from labrig.analysis.run import analyze_run
+from labrig.record import open_run
+from labrig.record.reader import Run
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.test_insertion import conducted, insertion
 

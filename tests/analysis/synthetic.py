@@ -13,10 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.protocol import dump_yaml, parse_protocol
-from labrig.record import Recorder, Run, open_run
-from labrig.simulation import World, WorldDescription
-from labrig.vision import PlaneMap, save_plane
+from labrig.protocol.load import parse_protocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
+from labrig.simulation.description import WorldDescription
+from labrig.simulation.world import World
+from labrig.vision.calibration_file import save_plane
+from labrig.vision.plane import PlaneMap
 
 NOW = datetime(2026, 11, 21, 9, 30, tzinfo=UTC)
 PX_PER_MM = 10.0

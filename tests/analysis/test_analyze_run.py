@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.analysis import CurvatureResult, analyze_run, load_centre_lines, load_result
+from labrig.analysis.result import CurvatureResult, load_centre_lines, load_result
+from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, InputError, RecordError
 from labrig.record import open_run
-from labrig.vision import load_mask
+from labrig.vision.mask import load_mask
 from tests.analysis.conftest import Measured, measure
 from tests.analysis.synthetic import LENGTH_MM, NOW, PROVENANCE, Sweep, aborted, record_import, record_sweep
 

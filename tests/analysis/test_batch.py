@@ -3,10 +3,13 @@
 import shutil
 from pathlib import Path
 
-from labrig.analysis import AnalysisResult, analyze_run, analyze_runs, first_divergence, load_result
+from labrig.analysis.batch import analyze_runs
+from labrig.analysis.divergence import first_divergence
+from labrig.analysis.result import AnalysisResult, load_result
+from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError
 from labrig.record import open_run
-from labrig.vision import load_mask
+from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
 
 FIRST = Path(__file__).parents[2] / "data" / "first-record"

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.analysis import CalibrationResult, analyze_run, first_divergence, load_result
-from labrig.record import Run
-from labrig.vision import Gel, load_intrinsics, load_plane
+from labrig.analysis.divergence import first_divergence
+from labrig.analysis.result import CalibrationResult, load_result
+from labrig.analysis.run import analyze_run
+from labrig.record.reader import Run
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.refraction import Gel
 from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 
 

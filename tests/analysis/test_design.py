@@ -2,9 +2,10 @@
 
 import pytest
 
-from labrig.analysis import design_file, hinge_table
+from labrig.analysis.design import design_file, hinge_table
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle import EQUATION_3, Cell
+from labrig.needle.equations import EQUATION_3
+from labrig.needle.study import Cell
 
 CELLS = tuple(
     Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from labrig.analysis import Divergence, first_divergence
+from labrig.analysis.divergence import Divergence, first_divergence
 
 
 def _document(**changes: Any) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from labrig.analysis import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PictureResult
 from labrig.analysis.grouping import Trial, mean_of_means, summarise_specimens
+from labrig.analysis.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
+from labrig.analysis.result import PictureResult
 from labrig.analysis.truth import compare_with_truth
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from labrig.analysis.origin import find_origins, from_origins, refused_by_origin, told_from
 from labrig.analysis.result import PictureResult, TrialOrigin
-from labrig.protocol import Sheath, SheathOrigin
-from labrig.vision import PlaneMap
+from labrig.protocol.protocols import Sheath, SheathOrigin
+from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import ORIGIN_PX, PX_PER_MM, SIZE, needle_picture
 
 PLANE = PlaneMap.from_scale(PX_PER_MM, ORIGIN_PX, "right", SIZE)

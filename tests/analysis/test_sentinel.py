@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from labrig.analysis.result import PictureResult, Sentinel
 from labrig.analysis.sentinel import watch, watched
-from labrig.vision import PlaneMap
+from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
 
 PX_PER_MM = 16.0

@@ -5,7 +5,9 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis import InsertionResult, compare_steering, first_divergence, steered
+from labrig.analysis.divergence import first_divergence
+from labrig.analysis.result import InsertionResult
+from labrig.analysis.what_if import compare_steering, steered
 from tests.analysis.insertions import analysed, observations, recorded
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
-from labrig.record import find_runs, list_runs
+from labrig.record.catalogue import find_runs, list_runs
 from tests.benchmarks.table import print_rows
 from tests.record.runs import STARTED, closed_run
 

@@ -14,16 +14,13 @@ from functools import partial
 
 import numpy as np
 
-from labrig.simulation import Ball, World, WorldDescription
-from labrig.steering import (
-    EstimatorSettings,
-    PlanProblem,
-    SteeringPolicy,
-    SteeringSettings,
-    TipSighting,
-    start_steering,
-    step_steering,
-)
+from labrig.simulation.description import WorldDescription
+from labrig.simulation.gel import Ball
+from labrig.simulation.world import World
+from labrig.steering.policy import SteeringPolicy, SteeringSettings, TipSighting
+from labrig.steering.problem import PlanProblem
+from labrig.steering.step import start_steering, step_steering
+from labrig.steering.tip import EstimatorSettings
 from tests.benchmarks.planning_problems import RADIUS_MM, planar_problem
 from tests.benchmarks.table import print_rows
 

@@ -17,10 +17,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
 
-from labrig.analysis import analyze_run
-from labrig.devices import open_rig
-from labrig.experiments import Session, conduct_rest, past_of, trials_left
-from labrig.record import Recorder, Run, check_run, open_run
+from labrig.analysis.run import analyze_run
+from labrig.devices.rig import open_rig
+from labrig.experiments.conduct import conduct_rest
+from labrig.experiments.resumption import past_of, trials_left
+from labrig.experiments.session import Session
+from labrig.record import open_run
+from labrig.record.check import check_run
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, UNKILLED, never, rig, short_sweep
 from tests.benchmarks.table import print_rows
 from tests.devices.rigs import Person

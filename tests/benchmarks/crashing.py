@@ -12,10 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.devices import RigDescription, open_rig
-from labrig.experiments import Session, conduct
-from labrig.protocol import SteerabilityProtocol, dump_yaml, load_protocol
-from labrig.record import Recorder
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import RigDescription
+from labrig.experiments.conduct import conduct
+from labrig.experiments.session import Session
+from labrig.protocol.load import load_protocol
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.writer import Recorder
 from tests.devices.rigs import CALIBRATION, Person, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"

@@ -8,14 +8,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from labrig.analysis import insertion_settings
+from labrig.analysis.insertion_settings import insertion_settings
 from labrig.experiments.aim import aim_of
 from labrig.experiments.sight import Eye, look_for_tip
-from labrig.protocol import InsertionProtocol, load_protocol
-from labrig.simulation import Ball, LensDescription, World, WorldDescription
+from labrig.protocol.insertion import InsertionProtocol
+from labrig.protocol.load import load_protocol
+from labrig.simulation.description import LensDescription, WorldDescription
+from labrig.simulation.gel import Ball
 from labrig.simulation.lens import plane_to_pixels
-from labrig.steering import TipSighting, start_steering, step_steering
-from labrig.vision import PlaneMap, cut_template
+from labrig.simulation.world import World
+from labrig.steering.policy import TipSighting
+from labrig.steering.step import start_steering, step_steering
+from labrig.vision.plane import PlaneMap
+from labrig.vision.tip_template import cut_template
 from tests.benchmarks.table import print_rows
 
 PROTOCOL = Path(__file__).parents[2] / "protocols" / "insertion.yaml"

@@ -3,7 +3,8 @@
 import statistics
 import time
 
-from labrig.steering import EstimatorMethod, step_tip
+from labrig.steering.estimator import step_tip
+from labrig.steering.tip import EstimatorMethod
 from tests.benchmarks.table import print_rows
 from tests.steering.insertions import (
     RADIUS_MM,

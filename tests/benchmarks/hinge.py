@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from labrig.needle import HingeView, largest_rotation
+from labrig.needle.hinge import HingeView
+from labrig.needle.search import largest_rotation
 from tests.benchmarks.table import measure, print_rows
 from tests.needle.no_fit import LargestFree
 from tests.needle.test_search import random_hinge

@@ -4,14 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision import (
-    BoardSearch,
-    Intrinsics,
-    calibrate_from_pictures,
-    calibrate_intrinsics,
-    projection_sigma_px,
-    read_picture,
-)
+from labrig.vision import calibrate_intrinsics
+from labrig.vision.boards import BoardSearch
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.picture import read_picture
+from labrig.vision.projection import projection_sigma_px
+from labrig.vision.zhang import calibrate_from_pictures
 from tests.benchmarks.table import print_rows
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -4,7 +4,7 @@ import math
 
 from ompl import base, control, util
 
-from labrig.steering import PlanProblem
+from labrig.steering.problem import PlanProblem
 
 STEP_MM = 1.0
 SHORTEST, LONGEST = 2, 40

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.steering import Obstacle, PlanProblem, plan_path
+from labrig.steering import plan_path
+from labrig.steering.problem import Obstacle, PlanProblem
 from tests.benchmarks.oracle import integrated_path
 
 RADIUS_MM, DIAMETER_MM, CLEARANCE_MM, TOLERANCE_MM = 27.6, 1.2, 0.6, 2.0

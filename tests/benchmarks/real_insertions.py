@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision import read_picture, size_of
 from labrig.vision.graph_paper import find_crossings
+from labrig.vision.picture import read_picture, size_of
 from labrig.vision.plane_fit import PlaneFit, fit_plane
 from tests.benchmarks.table import print_rows
 

@@ -13,10 +13,13 @@ from pathlib import Path
 
 import psutil
 
-from labrig.devices import SystemClock, load_rig
-from labrig.record import Recorder, check_run, open_run
+from labrig.devices.clocks import SystemClock
+from labrig.devices.rig_file import load_rig
+from labrig.record import open_run
+from labrig.record.check import check_run
 from labrig.record.pictures import Picture, Store
-from labrig.simulation import World
+from labrig.record.writer import Recorder
+from labrig.simulation.world import World
 from tests.benchmarks.table import print_rows
 from tests.record.runs import ENDED, begin
 

@@ -6,7 +6,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from labrig.record import list_runs, open_run
+from labrig.record import open_run
+from labrig.record.catalogue import list_runs
 from labrig.record.pictures import Store
 from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from labrig.vision import calibrate_plane, read_picture
+from labrig.vision.picture import read_picture
+from labrig.vision.plane_calibration import calibrate_plane
 from tests.benchmarks.table import print_rows
 
 PHOTOGRAPHS = Path(__file__).parents[3] / "shared" / "data" / "ruled_paper"

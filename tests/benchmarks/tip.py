@@ -8,7 +8,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from labrig.vision import locate_tip
+from labrig.vision.tip import locate_tip
 from tests.benchmarks.table import print_rows
 from tests.vision.tips import tip
 

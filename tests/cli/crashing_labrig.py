@@ -6,10 +6,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from labrig.devices import Answer, Opening, OperatorRequest, load_rig, open_rig
-from labrig.experiments import Session
-from labrig.protocol import dump_yaml, load_protocol
-from labrig.record import Recorder
+from labrig.devices.operator import Answer, OperatorRequest
+from labrig.devices.rig import Opening, open_rig
+from labrig.devices.rig_file import load_rig
+from labrig.experiments.session import Session
+from labrig.protocol.load import load_protocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.writer import Recorder
 
 SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 

@@ -4,8 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from labrig.record import encode_document
-from labrig.record.json_lines import checksum
+from labrig.record.json_lines import checksum, encode_document
 
 
 def cut_short(run: Path, to: Path, after_s: float) -> Path:

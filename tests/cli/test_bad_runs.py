@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record import encode_document
-from labrig.record.json_lines import checksum, encode_line
+from labrig.record.json_lines import checksum, encode_document, encode_line
 from tests.cli.conftest import Labrig
 from tests.record.faults import full_run
 

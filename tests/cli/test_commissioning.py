@@ -12,10 +12,12 @@ from typing import Any
 
 import pytest
 
-from labrig.devices import SystemClock
+from labrig.devices.clocks import SystemClock
 from labrig.devices.simulated.drive import SimulatedDrive
-from labrig.protocol import dump_yaml, load_protocol
-from labrig.record import Recorder, open_run
+from labrig.protocol.load import load_protocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.writer import Recorder
 from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives
 

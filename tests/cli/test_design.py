@@ -12,8 +12,8 @@ import pytest
 
 from labrig.cli.design_study import print_design
 from labrig.cli.main import run_command
-from labrig.needle import TABLE_1, Tube
-from labrig.protocol import load_design
+from labrig.needle.tube import TABLE_1, Tube
+from labrig.protocol.design_file import load_design
 from tests.cli.conftest import Labrig, Sweep
 
 

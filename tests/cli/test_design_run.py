@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from labrig.protocol import load_design
+from labrig.protocol.design_file import load_design
 from labrig.record import open_run
 from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
 from tests.protocol.designs import sweep_with

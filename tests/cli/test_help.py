@@ -20,7 +20,7 @@ COMMANDS = (
     "measure",
     "devices",
 )
-HEAVY = ("numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "ruamel")
+HEAVY = ("numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "labrig.experiments")
 
 
 def _python(code: str, columns: int = 80) -> str:

@@ -6,7 +6,9 @@ import pytest
 
 from labrig.cli.lens import board_search, draw_beside, gel_above, picture_beside
 from labrig.errors import DiskError, InputError
-from labrig.vision import BoardSearch, Charuco, Gel, Intrinsics
+from labrig.vision.boards import BoardSearch, Charuco
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.refraction import Gel
 
 
 def test_charuco_board_is_described_by_dictionary_and_marker() -> None:

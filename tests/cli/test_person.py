@@ -10,7 +10,7 @@ import pytest
 
 from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote
-from labrig.devices import OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
+from labrig.devices.operator import OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 REQUEST = PlaceSpecimen("gel 10 %", 10)

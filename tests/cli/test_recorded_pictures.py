@@ -16,7 +16,7 @@ import cv2
 import pytest
 
 from labrig.record.json_lines import decode_line
-from labrig.vision import read_picture
+from labrig.vision.picture import read_picture
 from tests.cli.conftest import ROOT, Labrig
 
 RECORD = ROOT / "tests" / "records" / "steerability"

@@ -4,8 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from labrig.record import encode_document
-from labrig.record.json_lines import checksum, decode_line, encode_line
+from labrig.record.json_lines import checksum, decode_line, encode_document, encode_line
 from tests.cli.conftest import ROOT, Labrig, Sweep
 
 

@@ -7,8 +7,12 @@ from typing import Any
 
 import pytest
 
-from labrig.protocol import dump_yaml, load_protocol
-from labrig.record import FileLock, Recorder, check_run, open_run
+from labrig.protocol.load import load_protocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.check import check_run
+from labrig.record.lock import FileLock
+from labrig.record.writer import Recorder
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, Sweep
 from tests.cli.cut_runs import cut_short
 from tests.record.faults import killed_run

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record import FileLock
+from labrig.record.lock import FileLock
 from tests.cli.conftest import Labrig, Sweep
 from tests.record.runs import begin
 

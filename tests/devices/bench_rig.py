@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.devices import Operator, RigDescription, SystemClock, load_rig
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.clocks import SystemClock
+from labrig.devices.operator import Operator
 from labrig.devices.rig import Interrupted, Rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from tests.devices.rigs import BENCH, Person, Signal
 
 SCREW = ("encoder_pulses_per_turn=500", "gear_ratio=4", "limits=[-2, 120]", "acceleration=50")

@@ -5,10 +5,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from labrig.devices import Answer, OperatorRequest, RigDescription, SimulatedClock, load_rig
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.epos2 import Epos2
+from labrig.devices.operator import Answer, OperatorRequest
 from labrig.devices.plant import Plant
 from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.plant import SimulatedPlant

@@ -6,9 +6,10 @@ from pathlib import Path
 import can
 import pytest
 
-from labrig.devices import load_rig, open_rig
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import load_rig
 from labrig.errors import DriveError, FileFormatError, InputError
-from labrig.protocol import dump_yaml
+from labrig.protocol.yaml_file import dump_yaml
 from tests.devices.bench_rig import bench_description, bench_rig
 from tests.devices.rigs import Person, Signal
 

@@ -7,16 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.devices import Camera, SimulatedClock, load_rig
-from labrig.devices.camera import Exposure, Picture
+from labrig.devices.camera import Camera, Exposure, Picture
 from labrig.devices.camera_kind import CameraContext
 from labrig.devices.camera_settings import Setting
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
 from labrig.devices.uvc import CAMERA as UVC
 from labrig.devices.uvc.settings import UvcCameraDescription
 from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
 from labrig.errors import CameraError
-from labrig.simulation import World
+from labrig.simulation.world import World
 from tests.devices.rigs import BENCH, simulated_rig
 
 CAMERA = simulated_rig().camera

@@ -6,28 +6,21 @@ from pathlib import Path
 import can
 import pytest
 
-from labrig.devices import (
-    AxisDescription,
-    CheckResult,
-    CheckStatus,
-    SimulatedClock,
-    SystemClock,
-    check_rig,
-    load_rig,
-    open_rig,
-    stop_rig,
-)
 from labrig.devices.bus import open_can
 from labrig.devices.camera import Camera, PictureSource
 from labrig.devices.camera_kind import rate_result
-from labrig.devices.check import check_axis, check_calibration
+from labrig.devices.check import check_axis, check_calibration, check_rig
+from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.cia402 import DriveState, decode_state
+from labrig.devices.clocks import SimulatedClock, SystemClock
 from labrig.devices.epos2 import Epos2
-from labrig.devices.rig_file import CanDescription
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import AxisDescription, CanDescription, load_rig
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.stop import stop_drives
+from labrig.devices.stop import stop_drives, stop_rig
 from labrig.errors import BusError, SafetyStopError
-from labrig.vision import Intrinsics, save_intrinsics
+from labrig.vision.calibration_file import save_intrinsics
+from labrig.vision.intrinsics import Intrinsics
 from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
 
 

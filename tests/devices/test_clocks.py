@@ -6,8 +6,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices import SimulatedClock, SystemClock
-from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.clocks import MAX_STEP_S, SimulatedClock, SystemClock
 
 
 @given(st.lists(st.floats(0, 3), max_size=20))

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import Rig, RigDescription, StopReport, load_rig, open_rig, stop_rig
 from labrig.devices.control import ask_to_stop, lock_paths, owner_of
+from labrig.devices.rig import Rig, open_rig
+from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.stop import StopReport, stop_rig
 from labrig.errors import LockedError, SafetyStopError
 from labrig.posix import call
 from tests.devices.rigs import BENCH, Person, Signal, simulated_rig

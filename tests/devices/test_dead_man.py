@@ -2,8 +2,8 @@
 
 import pytest
 
-from labrig.devices import AxisReadback
 from labrig.devices import epos2_objects as od
+from labrig.devices.axis import AxisReadback
 from labrig.devices.cia402 import DriveState
 from labrig.errors import (
     BusError,

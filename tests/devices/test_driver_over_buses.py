@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import pytest
 
 from labrig.clock import Clock
-from labrig.devices import DriveState, SystemClock
 from labrig.devices import epos2_objects as od
 from labrig.devices.bus import open_can
 from labrig.devices.cia402 import (
@@ -15,9 +14,11 @@ from labrig.devices.cia402 import (
     HOMING_ATTAINED,
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
+    DriveState,
     Goal,
     decode_state,
 )
+from labrig.devices.clocks import SystemClock
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.epos2 import Epos2
 from labrig.devices.homing import HOMING_HERE, Homing

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices import DriveState
 from labrig.devices import epos2_objects as od
 from labrig.devices.cia402 import (
     ENABLE,
@@ -17,6 +16,7 @@ from labrig.devices.cia402 import (
     NEW_SETPOINT,
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
+    DriveState,
     Goal,
     decode_state,
 )

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import RigDescription, load_rig
 from labrig.devices import epos2_objects as od
 from labrig.devices.fault_script import FaultDescription
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import FileFormatError
 from tests.devices.rigs import rig_text, simulated_rig

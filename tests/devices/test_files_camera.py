@@ -7,13 +7,16 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.devices import Camera, RigDescription, SimulatedClock, load_rig
+from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import CameraContext
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import CameraError, FileFormatError
-from labrig.protocol import dump_yaml, mask_passwords
+from labrig.protocol.words import mask_passwords
+from labrig.protocol.yaml_file import dump_yaml
 from tests.devices.captures import SIZE_PX, Computer, ComputerClock, EndlessStream, FedStream
 from tests.devices.recorded import number_in, numbered_picture, write_film, write_pictures, write_sidecar
 from tests.devices.rigs import SIMULATED

@@ -16,7 +16,7 @@ from pathlib import Path
 import can
 import pytest
 
-from labrig.devices import SystemClock
+from labrig.devices.clocks import SystemClock
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.journal import DriveEvent
 from tests.devices.mover import HEARTBEAT_S, QUICK_STOP_MM_S2, SPEED_MM_S

@@ -6,12 +6,13 @@ from queue import SimpleQueue
 
 import pytest
 
-from labrig.devices import Comparison, Recording, RigState
 from labrig.devices.replayed.bus import RecordedBus, ReplayedLink, attach
 from labrig.devices.replayed.commands import CommandWords
-from labrig.devices.replayed.recording import Span
+from labrig.devices.replayed.comparison import Comparison
+from labrig.devices.replayed.recording import Recording, Span
+from labrig.devices.state import RigState
 from labrig.errors import RecordEndsError, ReplayDiffersError
-from labrig.record import CanFrame
+from labrig.record.can_log import CanFrame
 from tests.devices.rigs import simulated_rig
 
 READ_STATUS, STATUS = bytes.fromhex("4041600000000000"), bytes.fromhex("4B41600037020000")

@@ -6,17 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import (
-    DriveState,
-    MountNeedle,
-    PlaceSpecimen,
-    RigDescription,
-    ShiftToHole,
-    load_rig,
-    open_rig,
-)
-from labrig.devices.cia402 import decode_state
+from labrig.devices.cia402 import DriveState, decode_state
 from labrig.devices.epos2 import wait_for_all
+from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.devices.rig import open_rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
 from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig

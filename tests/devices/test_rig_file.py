@@ -4,13 +4,20 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import RigDescription, check_axis_move, load_rig, rig_schema
-from labrig.devices.rig_file import require_complete, unknown_entries
+from labrig.devices.rig_file import (
+    RigDescription,
+    check_axis_move,
+    load_rig,
+    require_complete,
+    rig_schema,
+    unknown_entries,
+)
 from labrig.errors import FileFormatError, InputError, LimitError
-from labrig.protocol import Needle, NeedleDesignSection, dump_yaml, schema_text
-from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.protocols import Needle, NeedleDesignSection
+from labrig.protocol.schema import schema_text
+from labrig.protocol.yaml_file import dump_yaml, model_of_tree
 from labrig.protocol.yaml_text import read_tree
-from labrig.simulation import DesignDescription
+from labrig.simulation.description import DesignDescription
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from labrig.devices import SimulatedClock
 from labrig.devices import epos2_objects as od
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.drive import SimulatedDrive
 

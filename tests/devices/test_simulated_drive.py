@@ -7,8 +7,8 @@ import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError
 
-from labrig.devices import SimulatedClock
 from labrig.devices import epos2_objects as od
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire, attach
 from labrig.devices.simulated.drive import SimulatedDrive
 from tests.devices.rigs import ANSWER_TIMEOUT_S

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labrig.devices import SimulatedClock
 from labrig.devices import epos2_objects as od
+from labrig.devices.clocks import SimulatedClock
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.homing import METHODS

@@ -8,19 +8,25 @@ from pathlib import Path
 
 import can
 
-from labrig.devices import DriveState, OperatorRequest, PlaceSpecimen, RigDescription, ShiftToHole
 from labrig.devices import epos2_objects as od
 from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.cia402 import DriveState
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.homing import Homing
+from labrig.devices.operator import OperatorRequest, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import Rig
+from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import MachineError, SafetyStopError, WireError
-from labrig.experiments import Outcome, Session, conduct
-from labrig.protocol import AnyProtocol, dump_yaml
-from labrig.record import Recorder, Run, open_run
+from labrig.experiments.conduct import Outcome, conduct
+from labrig.experiments.session import Session
+from labrig.protocol.load import AnyProtocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, simulated_rig
 from tests.experiments.sessions import Told, Watched, sweep

@@ -5,10 +5,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from labrig.devices import Answer, Operator, OperatorRequest
-from labrig.experiments import Outcome, Session, conduct
-from labrig.protocol import AnyProtocol, dump_yaml, load_protocol
-from labrig.record import Recorder, Run, open_run
+from labrig.devices.operator import Answer, Operator, OperatorRequest
+from labrig.experiments.conduct import Outcome, conduct
+from labrig.experiments.session import Session
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"

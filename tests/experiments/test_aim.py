@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import RollZero
-from labrig.devices.state import StateStore
+from labrig.devices.state import RollZero, StateStore
 from labrig.errors import FileFormatError
-from labrig.experiments import find_problems, foreseen_refusal
-from labrig.protocol import AnyProtocol, InsertionProtocol, load_protocol
+from labrig.experiments.plan import find_problems, foreseen_refusal
+from labrig.protocol.insertion import InsertionProtocol
+from labrig.protocol.load import AnyProtocol, load_protocol
 from tests.devices.rigs import load_rig, simulated_rig
 from tests.experiments.sessions import PROTOCOLS
 

@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis import AnalysisResult, InsertionResult, RollZeroResult, analyze_run
-from labrig.devices import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
+from labrig.analysis.result import AnalysisResult, InsertionResult, RollZeroResult
+from labrig.analysis.run import analyze_run
+from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
-from labrig.experiments import Outcome
-from labrig.protocol import AnyProtocol, load_protocol
-from labrig.record import Run, open_run
-from labrig.report import write_report
+from labrig.experiments.conduct import Outcome
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.report.page import write_report
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
 from tests.experiments.test_insertion import EVEN, certified, insertion

@@ -7,18 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import (
-    ConfirmFaultReset,
-    ConfirmFree,
-    ConfirmHere,
-    Opening,
-    RigDescription,
-    check_rig,
-    open_rig,
-)
 from labrig.devices import epos2_objects as od
+from labrig.devices.check import check_rig
 from labrig.devices.motion_log import last_motion
-from labrig.devices.rig import Rig
+from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
+from labrig.devices.rig import Opening, Rig, open_rig
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import (
     DiskError,
     DriveError,
@@ -28,7 +22,7 @@ from labrig.errors import (
     LimitError,
     SafetyStopError,
 )
-from labrig.experiments import (
+from labrig.experiments.commissioning import (
     check_backlash,
     check_limits,
     check_travel,
@@ -37,7 +31,7 @@ from labrig.experiments import (
     judge_backlash,
     judge_travel,
 )
-from labrig.record import decode_line
+from labrig.record.json_lines import decode_line
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 from tests.experiments.sessions import Watched
 

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labrig.devices import ConfirmPlan, ConfirmStopped, PickTarget, RollZero
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
+from labrig.devices.state import RollZero
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
-from labrig.experiments import Outcome, Session, conduct
-from labrig.protocol import AnyProtocol, load_protocol
-from labrig.record import Run, open_run
+from labrig.experiments.conduct import Outcome, conduct
+from labrig.experiments.session import Session
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.record import open_run
+from labrig.record.reader import Run
 from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")

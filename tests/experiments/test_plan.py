@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from labrig.experiments import estimate, find_problems, planned_moves, trials_planned
-from labrig.protocol import SteerabilityProtocol, load_protocol
+from labrig.experiments.plan import estimate, find_problems, planned_moves, trials_planned
+from labrig.protocol.load import load_protocol
+from labrig.protocol.protocols import SteerabilityProtocol
 from tests.devices.rigs import BENCH, load_rig, simulated_rig
 from tests.experiments.sessions import PROTOCOLS, bench, sweep
 

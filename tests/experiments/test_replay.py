@@ -7,21 +7,22 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import ShiftToHole, SimulatedClock, recorded_rig, recordings
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.operator import ShiftToHole
+from labrig.devices.replayed.opening import recorded_rig
+from labrig.devices.replayed.recording import recordings
 from labrig.errors import InputError
-from labrig.experiments import (
-    Replay,
-    Session,
-    conduct,
-    conduct_rest,
-    conduct_without_rig,
-    past_of,
-    replay_run,
-)
-from labrig.experiments.replay import _replay_session
-from labrig.protocol import AnyProtocol, DesignProtocol, SteerabilityProtocol, dump_yaml, load_protocol
-from labrig.record import Recorder, Run, as_recorded, open_run
-from labrig.record.json_lines import decode_line, encode_line
+from labrig.experiments.conduct import conduct, conduct_rest, conduct_without_rig
+from labrig.experiments.replay import Replay, _replay_session, replay_run
+from labrig.experiments.resumption import past_of
+from labrig.experiments.session import Session
+from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
+from labrig.protocol.yaml_file import dump_yaml
+from labrig.record import open_run
+from labrig.record.json_lines import as_recorded, decode_line, encode_line
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.experiments.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
 from tests.record.faults import killed_run
 

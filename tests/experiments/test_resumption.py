@@ -4,10 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, WithdrawNeedle
-from labrig.experiments import Outcome, Session, conduct, conduct_rest, past_of
-from labrig.protocol import SteerabilityProtocol
-from labrig.record import Recorder, Run, open_run
+from labrig.devices.operator import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, WithdrawNeedle
+from labrig.experiments.conduct import Outcome, conduct, conduct_rest
+from labrig.experiments.resumption import past_of
+from labrig.experiments.session import Session
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.experiments.sessions import Bench, Told, Watched, bench, sweep
 
 

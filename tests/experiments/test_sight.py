@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.analysis import insertion_settings
-from labrig.devices import load_rig
+from labrig.analysis.insertion_settings import insertion_settings
+from labrig.devices.rig_file import load_rig
 from labrig.experiments.aim import aim_of
 from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip
-from labrig.protocol import InsertionProtocol, load_protocol
-from labrig.steering import start_steering
+from labrig.protocol.insertion import InsertionProtocol
+from labrig.protocol.load import load_protocol
+from labrig.steering.step import start_steering
 from tests.experiments.sessions import PROTOCOLS
 
 SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import can
 
-from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.devices.operator import (
+    ConfirmAxesAtZero,
+    ConfirmNeedleOut,
+    MountNeedle,
+    PlaceSpecimen,
+    ShiftToHole,
+)
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
 from tests.experiments.sessions import Watched, bench, sweep
 

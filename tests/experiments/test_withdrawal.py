@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.devices.operator import (
+    ConfirmAxesAtZero,
+    ConfirmNeedleOut,
+    MountNeedle,
+    PlaceSpecimen,
+    ShiftToHole,
+)
 from labrig.errors import DriveError, SafetyStopError
-from labrig.experiments import ReverseMove, Stance, recorded_path, reverse_moves, stance_of, withdraw
+from labrig.experiments.stance import Stance, stance_of
+from labrig.experiments.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
 from labrig.record import open_run
 from tests.experiments.sessions import Bench, Watched, bench, sweep
 

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from labrig.needle import HingeView
+from labrig.needle.hinge import HingeView
 
 FloatArray = NDArray[np.float64]
 

@@ -7,16 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle import (
+from labrig.needle.equations import (
     EQUATION_3,
-    TABLE_1,
     RotationPlane,
-    Tube,
     links_in,
     radius_mm,
     radius_tolerance,
     rotation_for_radius_deg,
 )
+from labrig.needle.tube import TABLE_1, Tube
 
 CUTS_DEG = st.floats(0.0, 20.0)
 CLEARANCES_MM = st.floats(0.001, 0.08)

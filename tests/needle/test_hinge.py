@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.needle import Hinge, HingeView, Tube, interference_mm2, largest_rotation, widest_clearance_mm
+from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
+from labrig.needle.search import interference_mm2, largest_rotation
+from labrig.needle.tube import Tube
 
 PAPER = Hinge(Tube(), 0.025, 4.13)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from labrig.needle import (
+from labrig.needle.kinematics import (
     arc_jacobian,
     arc_pose,
     control_jacobians,

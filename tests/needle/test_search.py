@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from labrig.needle import (
-    FreeRotation,
-    Hinge,
-    HingeView,
-    Tube,
-    allowed_rotation,
-    interference_mm2,
-    largest_rotation,
-    widest_clearance_mm,
-)
+from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
+from labrig.needle.search import FreeRotation, allowed_rotation, interference_mm2, largest_rotation
+from labrig.needle.tube import Tube
 from tests.needle.no_fit import LargestFree, NoFit
 
 PAPER = Hinge(Tube(), 0.025, 4.13)

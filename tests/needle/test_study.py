@@ -5,17 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.needle import (
-    EQUATION_3,
-    Cell,
-    RotationPlane,
-    Tube,
-    allowed_rotation,
-    fit_plane,
-    grid_of_hinges,
-    search_cells,
-    search_design,
-)
+from labrig.needle.equations import EQUATION_3, RotationPlane
+from labrig.needle.search import allowed_rotation
+from labrig.needle.study import Cell, fit_plane, grid_of_hinges, search_cells, search_design
+from labrig.needle.tube import Tube
 
 
 @pytest.fixture(scope="module")

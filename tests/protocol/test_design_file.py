@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError
-from labrig.protocol import SteerabilityProtocol, dump_yaml, load_design, load_protocol, parse_protocol
+from labrig.protocol.design_file import load_design
+from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.protocol.yaml_file import dump_yaml
 from tests.protocol.designs import sweep_with, write_design
 
 LINE = "  design_file: ../designs/n2.json\n"

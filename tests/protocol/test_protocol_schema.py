@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from labrig.protocol import Model, model_schema, protocol_schema, schema_text
+from labrig.protocol.load import protocol_schema
+from labrig.protocol.model import Model
+from labrig.protocol.schema import model_schema, schema_text
 
 COMMITTED = Path(__file__).parents[2] / "protocols" / "protocol.schema.json"
 

@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from labrig.errors import FileFormatError
-from labrig.protocol import (
+from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.protocols import (
     CameraCalibrationProtocol,
     GelAbove,
     GraphPaper,
     ImportProtocol,
     SteerabilityProtocol,
-    load_protocol,
-    parse_protocol,
 )
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"

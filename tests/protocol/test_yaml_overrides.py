@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError, Problem
-from labrig.protocol import SteerabilityProtocol, load_protocol, load_yaml_model
+from labrig.protocol.load import load_protocol
+from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.protocol.yaml_file import load_yaml_model
 
 STEERABILITY = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 

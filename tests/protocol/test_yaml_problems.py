@@ -8,17 +8,9 @@ import pytest
 from pydantic import Field
 
 from labrig.errors import FileFormatError, Problem
-from labrig.protocol import (
-    Conflict,
-    Model,
-    Name,
-    Notes,
-    PixelUv,
-    load_protocol,
-    model_of_values,
-    parse_protocol,
-)
-from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
+from labrig.protocol.yaml_file import model_of_tree, model_of_values
 from labrig.protocol.yaml_text import read_tree
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"

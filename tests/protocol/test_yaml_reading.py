@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, Problem
-from labrig.protocol import Model, load_yaml_model
-from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.model import Model
+from labrig.protocol.yaml_file import load_yaml_model, model_of_tree
 from labrig.protocol.yaml_text import MAX_DEPTH, MAX_VALUES, read_tree
 
 

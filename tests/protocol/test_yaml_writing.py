@@ -6,17 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.protocol import (
-    AnalysisWindow,
-    ImportedNeedle,
-    ImportProtocol,
-    Model,
-    Scale,
-    dump_yaml,
-    load_protocol,
-    parse_protocol,
-)
-from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.model import Model
+from labrig.protocol.protocols import AnalysisWindow, ImportedNeedle, ImportProtocol, Scale
+from labrig.protocol.yaml_file import dump_yaml, model_of_tree
 from labrig.protocol.yaml_text import read_tree
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"

@@ -7,7 +7,7 @@ from itertools import count
 from pathlib import Path
 
 from labrig.errors import DiskError
-from labrig.record import Recorder
+from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, begin, picture
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.record import Recorder
 from labrig.record.pictures import Store
+from labrig.record.writer import Recorder
 
 STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 ENDED = datetime(2026, 3, 2, 9, 45, tzinfo=UTC)

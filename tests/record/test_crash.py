@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.record import Run, open_run
+from labrig.record import open_run
+from labrig.record.reader import Run
 from tests.record.runs import picture
 
 ROOT = Path(__file__).parents[2]

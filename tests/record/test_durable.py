@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import DiskError
-from labrig.record import require_free_bytes, write_atomically
+from labrig.record.durable import require_free_bytes, write_atomically
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:

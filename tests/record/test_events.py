@@ -7,7 +7,9 @@ from typing import ClassVar
 import pytest
 
 from labrig.errors import Fault, RecordError
-from labrig.record import Event, Recorder, RunStop, TrialStart, TrialStop, open_run
+from labrig.record import open_run
+from labrig.record.events import Event, RunStop, TrialStart, TrialStop
+from labrig.record.writer import Recorder
 from tests.record.runs import begin, closed_run
 
 

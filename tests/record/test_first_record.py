@@ -8,9 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis import CurvatureResult, analyze_run, load_result
-from labrig.record import check_run, compare_runs, list_runs, open_run
-from labrig.report import write_report
+from labrig.analysis.result import CurvatureResult, load_result
+from labrig.analysis.run import analyze_run
+from labrig.record import open_run
+from labrig.record.catalogue import list_runs
+from labrig.record.check import check_run
+from labrig.record.difference import compare_runs
+from labrig.report.page import write_report
 from tests.analysis.synthetic import NOW, PROVENANCE
 
 ROOT = Path(__file__).parents[2]

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError, RecordError
-from labrig.record import encode_document
-from labrig.record.json_lines import check_lines, decode_line, encode_line, read_lines
+from labrig.record.json_lines import check_lines, decode_line, encode_document, encode_line, read_lines
 
 # Any text that Python can hold: lone surrogates stand for file names that are no UTF-8.
 TEXTS = st.text(st.characters(exclude_categories=()), max_size=12)

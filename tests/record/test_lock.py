@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import DiskError, LockedError
-from labrig.record import FileLock, lock_owner
+from labrig.record.lock import FileLock, lock_owner
 
 HOLDER = """
 import sys

@@ -12,9 +12,12 @@ import pandas as pd
 import pytest
 
 from labrig.errors import InputError, RecordError
-from labrig.protocol import ImportProtocol
-from labrig.record import Recorder, Run, check_run, encode_document, open_run
-from labrig.record.json_lines import encode_line, read_lines
+from labrig.protocol.protocols import ImportProtocol
+from labrig.record import open_run
+from labrig.record.check import check_run
+from labrig.record.json_lines import encode_document, encode_line, read_lines
+from labrig.record.reader import Run
+from labrig.record.writer import Recorder
 from tests.record.runs import begin, closed_run, interrupted_run, picture
 
 RAW_FILES = [

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 import labrig
-from labrig.record import collect_code_diff, collect_provenance
-from labrig.record.provenance import _git_state
+from labrig.record.provenance import _git_state, collect_code_diff, collect_provenance
 
 
 def test_provenance_names_code_packages_and_computer() -> None:

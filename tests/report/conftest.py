@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis import AnalysisResult, analyze_run
-from labrig.record import Run, open_run
-from labrig.report import write_report
+from labrig.analysis.result import AnalysisResult
+from labrig.analysis.run import analyze_run
+from labrig.record import open_run
+from labrig.record.reader import Run
+from labrig.report.page import write_report
 from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
 
 HOSTILE = "<script>alert('x')</script> --> $x$ & \"gel\""

@@ -9,9 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from labrig.analysis import load_result
-from labrig.record import Run, judge_run, note_on_run, open_run, tag_run, with_numbers_apart
-from labrig.report import FORMATS, run_tables
+from labrig.analysis.result import load_result
+from labrig.record import open_run
+from labrig.record.annotations import judge_run, note_on_run, tag_run
+from labrig.record.reader import Run
+from labrig.record.tables import with_numbers_apart
+from labrig.report.export import FORMATS
+from labrig.report.tables import run_tables
 from tests.analysis.insertions import analysed, observations, recorded
 from tests.analysis.synthetic import NOW
 from tests.record.runs import closed_run

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from labrig.analysis import analyze_run
+from labrig.analysis.run import analyze_run
 from labrig.record import open_run
-from labrig.report import write_report
+from labrig.report.page import write_report
 from labrig.report.rerun_view import write_view
 from tests.analysis.insertions import recorded
 from tests.analysis.synthetic import NOW, PROVENANCE

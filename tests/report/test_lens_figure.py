@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.report import write_lens_figure
-from labrig.vision import Intrinsics, ViewResidual, read_picture
+from labrig.report.lens_figure import write_lens_figure
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.picture import read_picture
 
 VIEWS = (
     ViewResidual("a.png", 0.1, True, None, ((10.0, 10.0), (500.0, 300.0)), ((0.1, 0.0), (0.0, -0.1))),

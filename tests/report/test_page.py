@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis import analyze_run
-from labrig.record import judge_run, note_on_run, open_run, tag_run
-from labrig.report import write_report
+from labrig.analysis.run import analyze_run
+from labrig.record import open_run
+from labrig.record.annotations import judge_run, note_on_run, tag_run
+from labrig.report.page import write_report
 from tests.analysis.synthetic import (
     NOW,
     PROVENANCE,

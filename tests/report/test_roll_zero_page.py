@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis import RollZeroResult
+from labrig.analysis.result import RollZeroResult
 from labrig.report.roll_zero_page import roll_zero_page
 from tests.analysis.synthetic import record_roll_zero
 from tests.report.conftest import Page, make_page

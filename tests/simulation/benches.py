@@ -1,6 +1,7 @@
 """A simulated bench in the states that the tests start from."""
 
-from labrig.simulation import World, WorldDescription
+from labrig.simulation.description import WorldDescription
+from labrig.simulation.world import World
 
 QUIET = WorldDescription(noise_sd=0.0, bubbles_per_specimen=0)
 

@@ -5,10 +5,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from labrig.simulation import World
 from labrig.simulation.bench import Board, board_pose
 from labrig.simulation.lens import plane_to_pixels, project
 from labrig.simulation.seeds import stream
+from labrig.simulation.world import World
 from tests.simulation.benches import QUIET
 
 BOARD = Board(9, 6, 25.0)

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.simulation import DesignDescription, GelDescription, NeedleDescription, World, WorldDescription
+from labrig.simulation.description import (
+    DesignDescription,
+    GelDescription,
+    NeedleDescription,
+    WorldDescription,
+)
 from labrig.simulation.gel import Specimen, make_hole, needle_scale, radius_law_mm
+from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench
 
 PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0: (27.13, 0.473)}

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.simulation import LensDescription
+from labrig.simulation.description import LensDescription
 from labrig.simulation.lens import (
     Pose,
     distort,

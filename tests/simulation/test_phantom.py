@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from labrig.simulation import Ball, DisturbancesDescription, World, WorldDescription
+from labrig.simulation.description import DisturbancesDescription, WorldDescription
+from labrig.simulation.gel import Ball
 from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.track import Bending, Track
 from labrig.simulation.unevenness import NODE_MM, Unevenness, even, uneven
+from labrig.simulation.world import World
 
 BENDING = Bending(28.0, 3.0, 1.5)
 SEEDS = range(200)

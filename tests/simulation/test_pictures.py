@@ -5,8 +5,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from labrig.simulation import LightDescription, World, WorldDescription
+from labrig.simulation.description import LightDescription, WorldDescription
 from labrig.simulation.lens import pixel_plane, plane_to_pixels
+from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench, insert, withdraw
 
 Floats = npt.NDArray[np.float64]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.simulation import SheathDescription, World, WorldDescription
+from labrig.simulation.description import SheathDescription, WorldDescription
+from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench, insert, withdraw
 
 

@@ -11,14 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from labrig.steering import (
-    SteeringCommand,
-    SteeringSettings,
-    SteeringState,
-    TipSighting,
-    start_steering,
-    step_steering,
-)
+from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.step import SteeringState, start_steering, step_steering
 
 Floats = NDArray[np.float64]
 STEP_MM = 0.05

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from labrig.steering import EstimatorSettings, TipObservation, TipState, start_tip, step_tip
+from labrig.steering.estimator import start_tip, step_tip
+from labrig.steering.tip import EstimatorSettings, TipObservation, TipState
 
 Floats = NDArray[np.float64]
 

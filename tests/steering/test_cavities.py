@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering import EstimatorSettings, PlanProblem, SteeringSettings, TipObservation, step_tip
 from labrig.steering.cavities import advance_belief, start_belief, step_belief
+from labrig.steering.estimator import step_tip
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.problem import PlanProblem
+from labrig.steering.tip import EstimatorSettings, TipObservation
 from tests.steering.driven_needle import DrivenNeedle, drive
 from tests.steering.insertions import insert, settings
 

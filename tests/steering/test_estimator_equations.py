@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from labrig.needle import arc_pose, cross_matrix
+from labrig.needle.kinematics import arc_pose, cross_matrix
 from labrig.steering.motion import step_position_mm, step_position_slope, turned
 from labrig.steering.paper_filter import body_rates, euler_angles, position_jacobian, rotation_of
 

@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
-from labrig.needle import path_points
-from labrig.steering import Obstacle, PlanMethod, PlanProblem, plan_path, sample_path
+from labrig.needle.kinematics import path_points
+from labrig.steering import plan_path
 from labrig.steering.clearance import arc_distances, path_distances
+from labrig.steering.planner import sample_path
+from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem
 from tests.benchmarks.oracle import integrated_path
 from tests.benchmarks.planner import oracle
 from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.steering import fit_roll_zero
+from labrig.steering.roll_zero import fit_roll_zero
 
 RADIUS_MM, LENGTH_MM = 28.0, 20.0
 BEND_MM = RADIUS_MM * (1.0 - math.cos(LENGTH_MM / RADIUS_MM))

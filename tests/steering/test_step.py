@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering import (
-    EstimatorSettings,
-    Obstacle,
-    PlanProblem,
-    SteeringPolicy,
-    SteeringSettings,
-    TipSighting,
-    start_steering,
-    step_steering,
-)
+from labrig.steering.policy import SteeringPolicy, SteeringSettings, TipSighting
+from labrig.steering.problem import Obstacle, PlanProblem
+from labrig.steering.step import start_steering, step_steering
+from labrig.steering.tip import EstimatorSettings
 from tests.steering.driven_needle import DrivenNeedle, drive
 
 RADIUS_MM = 27.6

@@ -5,15 +5,15 @@ from typing import Literal
 
 import pytest
 
-from labrig.devices import SimulatedClock, SystemClock
 from labrig.devices.camera_kind import CameraContext
+from labrig.devices.clocks import SimulatedClock, SystemClock
 from labrig.devices.files import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource
 from labrig.devices.simulated.camera import CAMERA as SIMULATED
 from labrig.devices.simulated.camera import SimulatedCameraDescription
 from labrig.devices.uvc.source import UvcSource
-from labrig.simulation import World
+from labrig.simulation.world import World
 from labrig.testing.cameras import CameraConformance, OpenedCamera
 from tests.devices.captures import (
     SIZE_PX,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from labrig.vision import Intrinsics
+from labrig.vision.intrinsics import Intrinsics
 
 # Half widths [pitches] and densities of the lines of 1, 5 and 10 pitches.
 LINES = ((1, 0.05, 0.3), (5, 0.08, 0.45), (10, 0.11, 0.55))

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from labrig.vision import Intrinsics, PlaneMap
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.plane import PlaneMap
 
 FloatArray = NDArray[np.float64]
 

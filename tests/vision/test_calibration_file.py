@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, FileFormatError, InputError
-from labrig.vision import (
-    Gel,
-    Intrinsics,
-    PlaneMap,
-    ViewResidual,
-    load_intrinsics,
-    load_plane,
-    save_intrinsics,
-    save_plane,
-)
-from labrig.vision.plane import Bend, Radial, Variation
+from labrig.vision.calibration_file import load_intrinsics, load_plane, save_intrinsics, save_plane
+from labrig.vision.intrinsics import Intrinsics, ViewResidual
+from labrig.vision.plane import Bend, PlaneMap, Radial, Variation
+from labrig.vision.refraction import Gel
 
 LENS = Intrinsics(
     image_size=(1280, 720),

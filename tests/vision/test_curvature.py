@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from labrig.errors import InputError
-from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.plane import PlaneMap
 from tests.vision.rendering import Bench, Gel, Lens, Needle
 
 LENS = Lens()

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import CalibrationRefusedError, PictureError
-from labrig.vision import calibrate_plane, check_grid, compare_grids
+from labrig.vision.grid_check import check_grid, compare_grids
+from labrig.vision.plane_calibration import calibrate_plane
 
 from .graph_paper_pictures import draw_paper, make_bench
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import FileFormatError, InputError, PictureError
-from labrig.vision import CurvatureSettings, load_mask, measure_curvature
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.mask import load_mask
 
 from .rendering import Bench, Gel, Lens, Needle
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError, PictureError
-from labrig.vision import as_grey, read_picture, require_size, size_of
+from labrig.vision.picture import as_grey, read_picture, require_size, size_of
 
 
 @pytest.fixture

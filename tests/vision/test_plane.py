@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 
 from labrig.errors import CalibrationRefusedError, InputError, PictureError
 from labrig.geometry import fit_circle
-from labrig.vision import Gel, PlaneMap, calibrate_plane, read_picture
 from labrig.vision.graph_paper import find_crossings
+from labrig.vision.picture import read_picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.plane_fit import fit_plane
+from labrig.vision.refraction import Gel
 
 from .graph_paper_pictures import LINES, draw_paper, make_bench
 

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature, read_picture
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.graph_paper import find_crossings
+from labrig.vision.picture import read_picture
+from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_fit import fit_plane
 
 PICTURES = Path(__file__).parents[2].parent / "shared" / "data" / "real_insertions"

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from labrig.errors import MeasurementRefusedError, PictureError
-from labrig.vision import CurvatureSettings, PlaneMap, measure_curvature, measure_sheath
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.plane import PlaneMap
+from labrig.vision.sheath import measure_sheath
 from tests.vision.rendering import Bench, Gel, Lens, Needle
 
 LENS = Lens()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labrig.vision import calibrate_plane
+from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.plane_fit import fit_plane
 from labrig.vision.sheet_bend import find_bend
 

@@ -11,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, InputError, PictureError
-from labrig.vision import TipTemplate, load_template, locate_tip, next_region_px, save_template
+from labrig.vision.template_file import load_template, save_template
+from labrig.vision.tip import locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
 from tests.vision.rendering import Gel
 from tests.vision.tips import bench, tip
 

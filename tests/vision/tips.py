@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision import Insertion, TipTemplate
+from labrig.vision.plane import Insertion
+from labrig.vision.tip_template import TipTemplate
 from tests.vision.rendering import Bench, Gel, Lens, Needle
 
 PLAIN = Gel(bubbles=0, tracks_mm=(), unevenness=0.1)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from labrig.devices.camera import Picture
 from labrig.errors import CameraError, PictureError
-from labrig.vision import PICTURE_SUFFIXES, number_order, read_picture, size_of
+from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture, size_of
 
 SIDECAR = "times.csv"
 _COLUMNS = ["picture", "t_s"]

@@ -13,7 +13,7 @@ from labrig.devices.replayed.clock import ReplayedClock
 from labrig.devices.replayed.commands import CommandWords
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.record import CanFrame
+from labrig.record.can_log import CanFrame
 
 _SYNC, _UPLOAD = 0x080, 0x40
 _CONTROLWORD = od.CONTROLWORD.index.to_bytes(2, "little") + b"\0"

@@ -11,7 +11,7 @@ from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.state import StateStore
 from labrig.errors import InputError
-from labrig.record import Run
+from labrig.record.reader import Run
 
 
 def recorded_rig(run: Run) -> RigDescription:

@@ -12,7 +12,8 @@ from labrig.devices.camera import Exposure
 from labrig.devices.operator import Answer
 from labrig.devices.state import NEW, RigState, RollZero
 from labrig.errors import RecordError
-from labrig.record import CanFrame, Run
+from labrig.record.can_log import CanFrame
+from labrig.record.reader import Run
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from labrig.devices.camera import Exposure
 from labrig.devices.camera_kind import CameraContext, CameraKind
 from labrig.devices.camera_settings import ControlledCameraDescription, RigKind, Setting
 from labrig.errors import CameraError
-from labrig.simulation import World
+from labrig.simulation.world import World
 
 REFERENCE_EXPOSURE_US = 8000.0
 """Exposure at gain 0 with which clear gel is as bright as the world's light says."""

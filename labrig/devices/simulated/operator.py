@@ -17,7 +17,8 @@ from labrig.devices.operator import (
     ReadScale,
     ShiftToHole,
 )
-from labrig.simulation import Ball, World
+from labrig.simulation.gel import Ball
+from labrig.simulation.world import World
 
 _WHO = "simulated operator"
 

@@ -14,7 +14,8 @@ from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.units import AxisScale
-from labrig.simulation import World, WorldDescription
+from labrig.simulation.description import WorldDescription
+from labrig.simulation.world import World
 
 _STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
 """How far beyond the limits of an axis that travels its hard stops and limit switches stand [mm]."""

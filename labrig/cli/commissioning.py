@@ -8,7 +8,7 @@ from pathlib import Path
 from labrig.cli.options import rig_file
 from labrig.cli.output import tell_checks
 from labrig.cli.rigs import remark_on_yes, rig_for_person
-from labrig.devices.homing import HOME_ORDER, HOMING_DIRECTIONS
+from labrig.devices.homing import HOME_ORDER
 from labrig.devices.rig import AXES, Opening, Rig
 from labrig.devices.rig_file import load_rig
 from labrig.errors import InputError
@@ -37,13 +37,20 @@ def home_and_tell(
     careful: Careful, names: Sequence[str] | None, method: int | None, *, needle_mounted: bool
 ) -> int:
     """Home axes and print where they stand."""
-    if method is not None and method not in HOMING_DIRECTIONS:
-        known = ", ".join(map(str, HOMING_DIRECTIONS))
-        raise InputError(f"--method {method} is none that labrig uses", f"use one of {known}")
     chosen = _checked(names or HOME_ORDER)
+    if method is not None:
+        _check_method(careful, chosen, method)
     with _opened(careful, chosen, "labrig devices home") as rig:
         findings = home_axes(rig, method, needle_mounted=needle_mounted)
     return _tell(findings, as_json=careful.as_json)
+
+
+def _check_method(careful: Careful, axes: Sequence[str], method: int) -> None:
+    """Refuse a homing method that the drive of one of these axes does not have. Raises `InputError`."""
+    for name, axis in load_rig(rig_file(careful.rig)).axes.items():
+        if name in axes and method not in axis.homing_directions:
+            known = ", ".join(map(str, axis.homing_directions))
+            raise InputError(f"--method {method} is none that labrig uses", f"use one of {known}")
 
 
 def jog_and_tell(

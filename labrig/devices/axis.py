@@ -1,17 +1,14 @@
-"""One axis of the rig, in mm or rad: limits, conversion and what a move is, over the driver of its drive."""
+"""One axis of the rig: limits, reference, and what a move is, whatever drives it."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from labrig.clock import Clock
-from labrig.devices import epos2_objects as od
-from labrig.devices.cia402 import TARGET_REACHED, DriveState, Goal, decode_state
-from labrig.devices.drive_settings import drive_settings, fingerprint
-from labrig.devices.epos2 import Epos2, Identity
-from labrig.devices.homing import HOMING_DIRECTIONS, Homing
-from labrig.devices.rig_file import AxisDescription, HeartbeatDescription, HomingDescription, check_move
-from labrig.errors import DriveError, DriveFaultError, MachineError, SafetyStopError
+from labrig.devices.axis_description import AxisDescription, HomingDescription
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.cia402 import DriveState
+from labrig.devices.drive import Drive, Homing, Identity
+from labrig.errors import DriveError, DriveFaultError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
@@ -26,18 +23,22 @@ class Setpoint:
     ----------
     asked_position, asked_speed : float
         What was asked [mm or rad, per s].
-    sent_quadcounts, sent_rpm : int
-        What went over the wire.
+    sent : mapping of str to int
+        What went over the wire, by the names that its drive gives it.
     position, speed : float
         What that is [mm or rad, per s]; off by rounding.
     """
 
     asked_position: float
     asked_speed: float
-    sent_quadcounts: int
-    sent_rpm: int
+    sent: Mapping[str, int]
     position: float
     speed: float
+
+    def document(self) -> dict[str, float]:
+        """Return it as an event of the record has it."""
+        asked = {"asked_position": self.asked_position, "asked_speed": self.asked_speed}
+        return {**asked, **self.sent, "position": self.position, "speed": self.speed}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +56,6 @@ class AxisReadback:
     target_reached: bool
 
 
-def raise_together(failures: Sequence[MachineError]) -> None:
-    """Raise the first failure with the messages of all, if there are any."""
-    if failures:
-        raise failures[0].reworded("; ".join(failure.message for failure in failures))
-
-
 class Axis:
     """One axis; made by `open_rig`.
 
@@ -70,7 +65,7 @@ class Axis:
         insertion, rotation or linear.
     description : AxisDescription
         Its section of the rig file; complete.
-    drive : Epos2
+    drive : Drive
         Its drive.
     clock : Clock
         Whose time bounds moves.
@@ -84,7 +79,7 @@ class Axis:
         self,
         name: str,
         description: AxisDescription,
-        drive: Epos2,
+        drive: Drive,
         clock: Clock,
         heartbeat: HeartbeatDescription,
         *,
@@ -97,21 +92,16 @@ class Axis:
         self.lag_s = description.lag_s
         self.referenced = False
         self.believed = False
-        self._offset_quadcounts = 0
         self._description = description
-        self._scale = description.scale()
-        self._window_quadcounts = self._scale.to_distance_quadcounts(description.position_window)
         self._drive = drive
         self._clock = clock
-        self._target: int | None = None
-        self._then: tuple[int, int] | None = None
+        self._moves = False
+        self._then: tuple[float, float] | None = None
         self._due_s: float | None = None
         self._inside_since_s: float | None = None
         self._last: tuple[float, float] | None = None
         self._heartbeat = heartbeat
         self._max_current_ma = max_current_ma
-        self._own_current_ma: int | None = None
-        self.written: tuple[str, ...] = ()
 
     # Moving
 
@@ -122,11 +112,12 @@ class Axis:
         ------
         LimitError
         """
-        check_move(self.name, self._description, position, speed)
+        self._description.check_move(self.name, position, speed)
 
     def nearest_speed(self, speed: float) -> float:
-        """Return the fastest speed of this axis, in integer rpm of its motor, that is no faster than `speed`."""
-        return self._scale.to_speed(max(1, math.floor(speed * self._scale.rpm_per_speed)))
+        """Return the fastest speed that the drive of this axis can be told and that is no faster than `speed`."""
+        scale = self._description.scale()
+        return scale.to_speed(scale.speed_units_below(speed))
 
     def start_move(self, position: float, speed: float) -> Setpoint:
         """Start a move and return at once; `read` and `Rig.read_states` say when it is done.
@@ -152,11 +143,10 @@ class Axis:
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 f"first: labrig devices home --axis {self.name} --rig FILE",
             )
-        target, rpm = self._counter(position), self._scale.to_rpm(speed)
-        achieved = self._scale.to_speed(rpm)
-        self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
-        self._go(target, rpm, self._beyond(position))
-        return Setpoint(position, speed, target, rpm, self._position(target), achieved)
+        move = self._drive.round_move(position, speed)
+        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed)
+        self._go(position, speed, self._beyond(position))
+        return Setpoint(position, speed, move.sent, move.position, move.speed)
 
     def start_jog(self, distance: float, speed: float) -> float:
         """Start a move by a distance from where the axis stands, referenced or not; `read` says when it is done.
@@ -181,40 +171,31 @@ class Axis:
             Before anything is sent.
         DriveError, BusError
         """
-        counter = self._drive.position()
+        position = self._drive.position()
         achieved = self.nearest_speed(min(speed, self.max_speed))
+        target = position + distance
         if self.referenced:
-            self.check_move(self._position(counter) + distance, achieved)
-        target = self._counter(self._position(counter) + distance)
+            self.check_move(target, achieved)
         self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
-        self._go(target, self._scale.to_rpm(achieved), None)
+        self._go(target, achieved, None)
         return achieved
 
-    def _beyond(self, position: float) -> int | None:
+    def _beyond(self, position: float) -> float | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
-        here = self._position(self._drive.position())
+        here = self._drive.position()
         if not self._description.backlash or position >= here:
             return None
-        return self._counter(max(position - self._description.backlash, self.limits[0]))
+        return max(position - self._description.backlash, self.limits[0])
 
-    def _counter(self, position: float) -> int:
-        """Return what the drive's counter reads at a position."""
-        return self._scale.to_quadcounts(position) - self._offset_quadcounts
-
-    def _position(self, counter: int) -> float:
-        """Return the position at which the drive's counter reads this."""
-        return self._scale.to_position(counter + self._offset_quadcounts)
-
-    def _go(self, target: int, rpm: int, beyond: int | None) -> None:
+    def _go(self, target: float, speed: float, beyond: float | None) -> None:
         self._inside_since_s = None
-        self._target = target if beyond is None else beyond
-        self._then = None if beyond is None else (target, rpm)
-        self._drive.start_move(self._target, rpm)
+        self._moves = True
+        self._then = None if beyond is None else (target, speed)
+        self._drive.start_move(target if beyond is None else beyond, speed)
 
-    def _longest_s(self, target: int, speed: float) -> float:
+    def _longest_s(self, target: float, speed: float) -> float:
         """Return after how long a move must be done: its own time, window time and a margin."""
-        distance = abs(self._scale.to_position(target - self._drive.position()))
-        distance += 2 * self._description.backlash
+        distance = abs(target - self._drive.position()) + 2 * self._description.backlash
         ramps_s = 4 * speed / self._description.acceleration
         window_s = self._description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
@@ -235,30 +216,28 @@ class Axis:
             On a fault, a restart, silence, lost power, or a move that is not done long after it should be.
         BusError
         """
-        statusword, quadcounts = self._drive.report()
-        self._drive.refuse_unless_enabled(statusword)
-        reached = self._has_arrived(statusword, quadcounts)
+        read = self._drive.read()
+        reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
-            target, rpm = self._then
-            self._go(target, rpm, None)
+            target, speed = self._then
+            self._go(target, speed, None)
             reached = False
         if reached:
             self._due_s = None
         elif self._due_s is not None and self._clock.now_s() > self._due_s:
             raise DriveError(
-                f"axis {self.name} stands at {self._position(quadcounts):.4g} {self.unit} "
+                f"axis {self.name} stands at {read.position:.4g} {self.unit} "
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        position = self._position(quadcounts)
-        return AxisReadback(position, self._speed(position), statusword, decode_state(statusword), reached)
+        return AxisReadback(read.position, self._speed(read.position), read.statusword, read.state, reached)
 
-    def _has_arrived(self, statusword: int, quadcounts: int) -> bool:
-        """Tell whether the drive says so, and every position read for the window time was inside the window."""
-        if self._target is None:
+    def _has_arrived(self, *, arrived: bool) -> bool:
+        """Tell whether the drive said so each time that it was read for the window time, its position in the window."""
+        if not self._moves:
             return True
         now_s = self._clock.now_s()
-        if not statusword & TARGET_REACHED or abs(quadcounts - self._target) > self._window_quadcounts:
+        if not arrived:
             self._inside_since_s = None
             return False
         if self._inside_since_s is None:
@@ -274,18 +253,18 @@ class Axis:
 
     def check(self) -> None:
         """Raise the `DriveError` of a fault or restart that the drive has reported by itself; ask nothing."""
-        self._drive.raise_if_reported()
+        self._drive.check()
 
     # Stopping
 
     def call_halt(self) -> None:
         """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
-        self._drive.call_halt()
+        self._drive.send_stop()
 
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
-        self._drive.halt()
+        self._drive.stop()
 
     def looks_until_still(self) -> Iterator[None]:
         """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
@@ -297,11 +276,11 @@ class Axis:
         BusError
         """
         try:
-            yield from self._drive.looks_until_still(self._stop_time_s(self._description.acceleration))
+            yield from self._drive.wait_until_still(self._stop_time_s(self._description.acceleration))
         except DriveError:
             self._drive.quick_stop()
             again_s = self._stop_time_s(self._description.quick_stop_deceleration)
-            yield from self._drive.looks_until_still(again_s)
+            yield from self._drive.wait_until_still(again_s)
 
     def _stop_time_s(self, deceleration: float) -> float:
         return self.max_speed / deceleration + _STOP_MARGIN_S
@@ -315,44 +294,15 @@ class Axis:
         ------
         DriveError, BusError
         """
-        identity = self._drive.identify()
-        failures = []
-        try:
-            self._drive.require_encoder(self._scale.encoder_pulses_per_turn)
-        except DriveError as error:
-            failures.append(error)
-        try:
-            self._require_fingerprint()
-        except DriveError as error:
-            failures.append(error)
-        raise_together(failures)
-        return identity
-
-    def _require_fingerprint(self) -> None:
-        if self._description.configuration_fingerprint is not None:
-            self._drive.require_fingerprint(self._description.configuration_fingerprint)
+        return self._drive.identify()
 
     def configure(self) -> None:
         """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
-        self._drive.hold_off()
-        self._drive.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-        self.written = self._configure(self._settings() | self._gentle())
-        self._drive.let_report()
+        self._drive.configure(self._heartbeat, self._max_current_ma)
 
-    def _gentle(self) -> dict[od.Entry, int]:
-        """Return the current limit of this opening, where it has one below the drive's own."""
-        if self._max_current_ma is None:
-            return {}
-        self._own_current_ma = self._drive.read(od.MAX_CURRENT)
-        return {od.MAX_CURRENT: min(self._max_current_ma, self._own_current_ma)}
-
-    def _configure(self, settings: dict[od.Entry, int]) -> tuple[str, ...]:
-        ours = fingerprint(self._settings())
-        return self._drive.configure(settings, self._description.configuration_fingerprint or ours)
-
-    def reported_fault(self) -> DriveFaultError | None:
-        """Return the fault in which its drive is; None when it is in none. Raises `DriveError`, `BusError`."""
-        return self._drive.reported_fault()
+    def fault(self) -> DriveFaultError | None:
+        """Return the newest fault in which its drive is; None when it is in none. Raises `DriveError`, `BusError`."""
+        return next(iter(self._drive.faults()), None)
 
     def reset_fault(self) -> None:
         """Reset the fault of its drive, as a person has confirmed. Raises `DriveError`, `BusError`."""
@@ -360,18 +310,15 @@ class Axis:
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
-        return self._drive.pdo_cob_ids(), self._drive.command_cob_ids()
+        return self._drive.cob_ids()
 
     def enable(self) -> None:
         """Switch the power stage on; the axis holds where it is. Raises `DriveError`, `BusError`."""
         self._drive.enable()
 
     def release(self) -> None:
-        """Switch the power stage off, and give the drive its current limit back. Raises `DriveError`, `BusError`."""
-        self._drive.go_to(Goal.POWER_OFF)
-        if self._own_current_ma is not None:
-            self._drive.adjust({od.MAX_CURRENT: self._own_current_ma})
-        self._drive.unwatch()
+        """Switch the power stage off, and take back what was limited. Raises `DriveError`, `BusError`."""
+        self._drive.close()
 
     def is_referenced_in_drive(self) -> bool:
         """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
@@ -379,7 +326,11 @@ class Axis:
 
     def homing_direction(self, method: int) -> int:
         """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
-        return -HOMING_DIRECTIONS[method] if self._description.reversed else HOMING_DIRECTIONS[method]
+        return self._description.homing_direction(method)
+
+    def homing_current_ma(self, method: int) -> int | None:
+        """Return the current by which a method feels its stop [mA]; None for one that does not."""
+        return self._description.homing_current_ma(method)
 
     @property
     def homing(self) -> HomingDescription:
@@ -387,19 +338,9 @@ class Axis:
         return self._description.homing
 
     def homing_by(self, method: int) -> Homing:
-        """Return a homing by this method as the rig file has it, in the units of the drive."""
-        described, scale = self._description.homing, self._scale
-        offset = round(described.offset * scale.quadcounts_per_unit)
-        return Homing(
-            method,
-            offset=-HOMING_DIRECTIONS[method] * offset,
-            position=scale.to_quadcounts(described.position),
-            switch_rpm=scale.to_rpm(described.speed),
-            index_rpm=max(1, scale.to_rpm(described.speed) // 10),
-            rpm_per_s=scale.to_rpm_per_s(self._description.acceleration),
-            current_threshold_ma=described.current_threshold_ma,
-            timeout_s=described.timeout_s,
-        )
+        """Return a homing by this method as the rig file has it."""
+        said = self._description.homing
+        return Homing(method, said.position, said.offset, said.speed, said.timeout_s)
 
     def start_homing(self, homing: Homing) -> None:
         """Begin to look for home, without a reference and its limits until `finish_homing`.
@@ -409,9 +350,8 @@ class Axis:
         DriveError, BusError
         """
         self.referenced = self.believed = False
-        self._offset_quadcounts = 0
         self._due_s = self._then = None
-        self._free_limits()
+        self._drive.set_limits(None)
         self._drive.start_homing(homing)
 
     def has_homed(self) -> bool:
@@ -434,7 +374,7 @@ class Axis:
         """
         self._drive.finish_homing(homing)
         self.referenced = True
-        self._target = None
+        self._moves = False
         self.set_limits()
 
     def believe_position(self, position: float) -> None:
@@ -447,29 +387,20 @@ class Axis:
         ------
         DriveError, BusError
         """
-        self._free_limits()
-        self._offset_quadcounts = self._scale.to_quadcounts(position) - self._drive.position()
-        self._target = self._then = self._due_s = None
+        self._drive.set_limits(None)
+        self._drive.assume_position(position)
+        self._moves = False
+        self._then = self._due_s = None
         self.believed = True
 
-    def _settings(self) -> dict[od.Entry, int]:
-        return drive_settings(self._description, self._heartbeat)
-
-    def _free_limits(self) -> None:
-        """Take limits of an earlier reference off the drive: they would refer to another zero."""
-        self._drive.adjust({entry: entry.default for entry in (od.LOWER_LIMIT, od.UPPER_LIMIT)})
-
     def set_limits(self) -> None:
-        """Give the drive the limits of the rig file, wider by the position window: one count beyond is a fault to it.
+        """Give the drive the limits of the rig file; they mean something only while the axis is referenced.
 
-        They mean something only while the axis is referenced. Raises `DriveError`, `BusError`.
+        Raises
+        ------
+        DriveError, BusError
         """
-        low, high = sorted(map(self._scale.to_quadcounts, self.limits))
-        limits = {
-            od.LOWER_LIMIT: low - self._window_quadcounts,
-            od.UPPER_LIMIT: high + self._window_quadcounts,
-        }
-        self._configure(limits)
+        self._drive.set_limits(self.limits)
 
     def counts(self) -> dict[str, int]:
         """Return how often the drive had to be asked again, and answers of it that nobody had asked for."""
@@ -477,16 +408,4 @@ class Axis:
 
     def describe(self) -> dict[str, object]:
         """Return how the axis converts, for the record."""
-        return {
-            "unit": self.unit,
-            "node_id": self._drive.node_id,
-            "quadcounts_per_unit": self._scale.quadcounts_per_unit,
-            "rpm_per_speed": self._scale.rpm_per_speed,
-            "position_window_quadcounts": self._window_quadcounts,
-            # Each was read back when the drive was configured; those that the drive had otherwise were written.
-            "drive_settings": {
-                entry.place: value for entry, value in (self._settings() | self._gentle()).items()
-            },
-            "settings_written": list(self.written),
-            **self.counts(),
-        }
+        return {"unit": self.unit, **self._drive.describe()}

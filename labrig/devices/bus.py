@@ -15,7 +15,7 @@ import can
 import canopen
 
 from labrig.clock import Clock
-from labrig.devices.rig_file import CanDescription
+from labrig.devices.can_description import CanDescription
 from labrig.errors import BusError, BusOffError, BusPassiveError
 
 _NOTIFIER_CYCLE_S = 0.1

@@ -9,24 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.devices import epos2_objects as od
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import camera_kind
-from labrig.devices.check_result import CheckResult, CheckStatus
-from labrig.devices.cia402 import REFERENCED, decode_state
+from labrig.devices.can_description import ONLY_SIMULATED
+from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
 from labrig.devices.control import owner_of
-from labrig.devices.drive_settings import drive_settings, fingerprint
-from labrig.devices.epos2 import Epos2
+from labrig.devices.drive import find_drive_kind
 from labrig.devices.motion_log import last_motion, motion_log_path
 from labrig.devices.plant import Plant, make_plant
-from labrig.devices.rig_file import (
-    ONLY_SIMULATED,
-    AxisDescription,
-    HeartbeatDescription,
-    RigDescription,
-    unknown_entries,
-)
+from labrig.devices.rig_file import RigDescription, unknown_entries
 from labrig.devices.state import StateStore
 from labrig.errors import InputError, LabrigError
 from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
@@ -65,14 +57,10 @@ def _device_results(rig: RigDescription) -> list[CheckResult]:
     try:
         plant = make_plant(rig, seed=0)
     except LabrigError as error:
-        return [_failed("rig", error)]
+        return [failed("rig", error)]
     with ExitStack() as stack:
         stack.callback(plant.close)
         return [*_bus_results(rig, plant, stack), *_camera_results(rig, plant, stack)]
-
-
-def _failed(check: str, error: LabrigError) -> CheckResult:
-    return CheckResult(check, CheckStatus.FAIL, error.message, error.hint)
 
 
 def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterator[CheckResult]:
@@ -80,116 +68,15 @@ def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterato
     try:
         link = plant.open_link()
     except LabrigError as error:
-        yield _failed("bus", error)
+        yield failed("bus", error)
         for name, axis in rig.axes.items():
-            yield CheckResult(
-                f"drive {name}", CheckStatus.FAIL, f"node {axis.node_id} not reached", "see bus"
-            )
+            nodes = ", ".join(f"node {node}" for node in axis.nodes)
+            yield CheckResult(f"drive {name}", CheckStatus.FAIL, f"{nodes} not reached".strip(), "see bus")
         return
     stack.callback(link.close)
     yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from check_axis(
-            name,
-            axis,
-            Epos2(link, axis.node_id, name, plant.clock, axis.encoder_pulses_per_turn),
-            rig.can.heartbeat,
-        )
-
-
-def check_axis(
-    name: str, axis: AxisDescription, drive: Epos2, heartbeat: HeartbeatDescription
-) -> Iterator[CheckResult]:
-    """Check what an axis and its drive say of each other."""
-    try:
-        identity = drive.identify()
-        yield CheckResult(
-            f"drive {name}",
-            CheckStatus.PASS,
-            f"node {axis.node_id}: {identity.model}, hardware 0x{identity.hardware_version:04X}, "
-            f"software 0x{identity.software_version:04X}, serial {identity.serial_number}",
-        )
-        drive.raise_if_faulted()
-        yield _encoder_result(name, axis, drive)
-        if not axis.unknown:
-            yield _configuration_result(name, axis, drive, heartbeat)
-        yield _reference_result(name, drive)
-        yield _limits_result(name, axis, drive)
-    except LabrigError as error:
-        yield _failed(f"drive {name}", error)
-
-
-def _configuration_result(
-    name: str, axis: AxisDescription, drive: Epos2, heartbeat: HeartbeatDescription
-) -> CheckResult:
-    """Compare the fingerprint in the drive (0x1020) with that of the settings of the rig file."""
-    found, said = drive.fingerprint(), axis.configuration_fingerprint
-    check, value = f"configuration {name}", f"fingerprint 0x{found[0]:08X}:{found[1]} (0x1020)"
-    if found == (said or fingerprint(drive_settings(axis, heartbeat))):
-        return CheckResult(check, CheckStatus.PASS, f"{value}, as the rig file has it")
-    if said is not None:
-        solution = "power the drive off and on; else compare it in EPOS Studio and enter the new fingerprint"
-        return CheckResult(
-            check, CheckStatus.FAIL, f"{value}, the rig file says 0x{said[0]:08X}:{said[1]}", solution
-        )
-    if found == (0, 0):
-        return CheckResult(check, CheckStatus.PASS, "not set up since power on; a run does so when it begins")
-    return CheckResult(
-        check,
-        CheckStatus.WARN,
-        f"{value}: set up for other settings than those of the rig file",
-        "if somebody else uses this drive, ask; the next run writes what differs",
-    )
-
-
-def _limits_result(name: str, axis: AxisDescription, drive: Epos2) -> CheckResult:
-    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
-    low, high = axis.limits
-    value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
-    if axis.unknown or not drive.is_referenced():
-        return CheckResult(
-            f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
-        )
-    scale = axis.scale()
-    margin = scale.to_distance_quadcounts(axis.position_window)
-    lower, upper = sorted(map(scale.to_quadcounts, axis.limits))
-    found = (drive.read(od.LOWER_LIMIT), drive.read(od.UPPER_LIMIT))
-    if found == (lower - margin, upper + margin):
-        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}, also in the drive")
-    return CheckResult(
-        f"limits {name}",
-        CheckStatus.WARN,
-        f"{value}; the drive holds {found[0]} to {found[1]} quadcounts",
-        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
-    )
-
-
-def _encoder_result(name: str, axis: AxisDescription, drive: Epos2) -> CheckResult:
-    found, said = drive.read(od.ENCODER_PULSES), axis.encoder_pulses_per_turn
-    if said is None:
-        value = f"the drive is set to {found} pulses a turn, the rig file says nothing"
-        return CheckResult(
-            f"encoder {name}", CheckStatus.WARN, value, "compare with the encoder's data sheet"
-        )
-    if found != said:
-        value = f"the drive is set to {found} pulses a turn, the rig file says {said}"
-        return CheckResult(
-            f"encoder {name}", CheckStatus.FAIL, value, "correct the rig file, or the drive in EPOS Studio"
-        )
-    return CheckResult(f"encoder {name}", CheckStatus.PASS, f"{found} pulses a turn")
-
-
-def _reference_result(name: str, drive: Epos2) -> CheckResult:
-    statusword = drive.statusword()
-    state = decode_state(statusword).name
-    if statusword & REFERENCED:
-        return CheckResult(f"reference {name}", CheckStatus.PASS, f"referenced, {state}")
-    return CheckResult(
-        f"reference {name}",
-        CheckStatus.WARN,
-        f"not referenced, {state}",
-        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
-    )
+        yield from find_drive_kind(axis.driver).check(link, axis, name, plant.clock, rig.can.heartbeat)
 
 
 def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterator[CheckResult]:
@@ -204,7 +91,7 @@ def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iter
         )
         yield from camera_kind(rig.camera).check(rig.camera, camera)
     except LabrigError as error:
-        yield _failed("camera", error)
+        yield failed("camera", error)
 
 
 def check_calibration(rig: RigDescription, now: datetime | None = None) -> Iterator[CheckResult]:

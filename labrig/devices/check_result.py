@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from labrig.errors import LabrigError
+
 
 class CheckStatus(StrEnum):
     """How a check came out."""
@@ -20,3 +22,8 @@ class CheckResult:
     status: CheckStatus
     value: str
     solution: str = ""
+
+
+def failed(check: str, error: LabrigError) -> CheckResult:
+    """Return the result of a check that an error has ended."""
+    return CheckResult(check, CheckStatus.FAIL, error.message, error.hint)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
+from labrig.devices.can_description import ONLY_SIMULATED
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import DiskError, LockedError
 from labrig.posix import Conversation, call, listen, user
 from labrig.record.lock import FileLock, lock_owner
@@ -109,7 +110,7 @@ def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
         return own
     said = (rig.can.interface, rig.can.channel, *map(str, sorted(rig.can.options.items())))
     bus = "-".join("".join(filter(str.isalnum, word)) for word in said if word)
-    nodes = (axis.node_id for _, axis in rig.axes.items())
+    nodes = (node_id for _, axis in rig.axes.items() for node_id in axis.nodes)
     return (*own, *(_folder_of_locks() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
 
 

@@ -10,7 +10,7 @@ from datetime import datetime
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
-from labrig.devices.rig_file import HeartbeatDescription
+from labrig.devices.can_description import HeartbeatDescription
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6

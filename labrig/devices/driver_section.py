@@ -34,11 +34,14 @@ class DriverSection:
         Entry-point group of the drivers.
     base : type of Model
         What the models of all of them have in common.
+    default : str or None
+        Driver of a section that names none; None requires the key.
     """
 
-    def __init__(self, group: str, base: type[Model]) -> None:
+    def __init__(self, group: str, base: type[Model], default: str | None = None) -> None:
         self._group = group
         self._base = base
+        self._default = default
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return how a section is read and written."""
@@ -64,14 +67,14 @@ class DriverSection:
             return value
         if not isinstance(value, dict):
             raise PydanticCustomError("model_type", "expected a section")
-        name = str(value.get(_KEY))
+        name = str(value.get(_KEY, self._default))
         if name not in installed(self._group):
             raise PydanticCustomError("union_tag_invalid", "unknown driver")
         try:
             model = _model_of(find_plugin(self._group, name))
         except InputError as error:
             raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
-        made: Model = _validator(name, model).validate_json(json.dumps(value))
+        made: Model = _validator(name, model).validate_json(json.dumps({**value, _KEY: name}))
         return made
 
 

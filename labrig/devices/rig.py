@@ -6,14 +6,14 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 
-from labrig.devices.axis import Axis, AxisReadback, raise_together
+from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
 from labrig.devices.control import StopRequests, possessed
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import POLL_S, Epos2, Identity, wait_for_all
-from labrig.devices.homing import BY_CURRENT, HOMING_HERE, Homing, require_homing_allowed
+from labrig.devices.drive import Homing, Identity, open_drive, raise_together, wait_for_all
+from labrig.devices.homing import HOMING_HERE, require_homing_allowed
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
@@ -37,6 +37,7 @@ Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
 
 _SYNC = 0x080
+_HOMING_LOOK_S = 0.005
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Rig:
             name: Axis(
                 name,
                 axis,
-                Epos2(link, axis.node_id, name, self._dead_man, axis.encoder_pulses_per_turn),
+                open_drive(link, axis, name, self._dead_man),
                 self._dead_man,
                 description.can.heartbeat,
                 max_current_ma=opening.max_current_ma,
@@ -192,7 +193,7 @@ class Rig:
             "kind": self.description.kind,
             "bus": self.description.can.model_dump(),
             "axes": {
-                axis.name: {**axis.describe(), "drive": asdict(self._identities[axis.name])}
+                axis.name: {**axis.describe(), "drive": self._identities[axis.name].document()}
                 for axis in self.axes
             },
             "camera": None if self._camera is None else self._describe_camera(self._camera),
@@ -392,7 +393,7 @@ class Rig:
         try:
             axis.start_homing(homing)
             while not axis.has_homed():
-                self.clock.sleep(POLL_S)
+                self.clock.sleep(_HOMING_LOOK_S)
                 self.look_after()
             axis.finish_homing(homing)
         except (InterruptedRunError, MachineError) as error:
@@ -420,8 +421,8 @@ class Rig:
             needle_mounted=needle_mounted,
             referenced=self.state.referenced,
         )
-        threshold_ma, limit_ma = self.axis(name).homing.current_threshold_ma, self._opening.max_current_ma
-        if method in BY_CURRENT and limit_ma is not None and threshold_ma >= limit_ma:
+        threshold_ma, limit_ma = self.axis(name).homing_current_ma(method), self._opening.max_current_ma
+        if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
             raise LimitError(
                 f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
                 f"{limit_ma} mA",
@@ -514,7 +515,7 @@ class Rig:
 
     def _offer_fault_reset(self, axis: Axis) -> None:
         """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
-        fault = axis.reported_fault()
+        fault = axis.fault()
         if fault is None:
             return
         if not self._opening.reset_faults:

@@ -4,241 +4,36 @@ What is not known of a bench is written as `null`; such a file loads, so that it
 open.
 """
 
-import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-import can
 from pydantic import Field, PrivateAttr
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.camera_settings import CameraDescription, RigKind
+from labrig.devices.can_description import ONLY_SIMULATED, CanDescription
+from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.driver_section import DriverSection
 from labrig.devices.fault_script import FaultDescription
-from labrig.devices.units import TURN_RAD, AxisScale
-from labrig.errors import InputError, LimitError
-from labrig.plugins import CAMERAS
+from labrig.errors import InputError
+from labrig.plugins import CAMERAS, DRIVES
 from labrig.protocol.model import Conflict, Model, Name
 from labrig.protocol.protocols import Needle
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.yaml_file import load_yaml_model, model_of_values
 from labrig.simulation.description import WorldDescription
 
-Positive = Annotated[float, Field(gt=0)]
-NodeId = Annotated[int, Field(ge=1, le=127)]
 FileName = Annotated[str, Field(min_length=1, max_length=200)]
-
-ONLY_SIMULATED = "simulated"
-"""Name of the in-process CAN interface, and of a kind of rig."""
-
-_WHERE_TO_FIND = {
-    "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
-    "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
-    "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
-}
-_INT32 = 2**31
-
-
-class HeartbeatDescription(Model):
-    """Heartbeats: the drives stop when the computer's stops, and the computer stops them when one of theirs does."""
-
-    computer_node_id: NodeId = Field(127, description="Node id under which the computer beats.")
-    period_ms: Annotated[int, Field(ge=10, le=1000)] = Field(100, description="A beat this often [ms].")
-    timeout_ms: Annotated[int, Field(ge=100, le=10_000)] = Field(
-        500,
-        description="Silence after which the drives stop by themselves, and the computer stops them [ms].",
-    )
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield a timeout that one late beat would trip."""
-        if self.timeout_ms < 3 * self.period_ms:
-            yield Conflict(
-                "timeout_ms",
-                f"timeout_ms is {self.timeout_ms}, below three periods of {self.period_ms}",
-                f"write {3 * self.period_ms} or more, or beat more often",
-            )
-
-
-class CanDescription(Model):
-    """The CAN bus on which the drives stand."""
-
-    interface: Annotated[str, Field(min_length=1, max_length=40)] = Field(
-        description="Interface of python-can (socketcan, pcan, kvaser, ixxat, slcan, ...); "
-        "simulated stands for a bus inside the process."
-    )
-    channel: Annotated[str, Field(max_length=200)] = Field(
-        "", description="Channel of the interface, such as can0."
-    )
-    bitrate: Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] = Field(
-        1_000_000, description="Bit rate; the drives must be set to the same [bit/s]."
-    )
-    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = Field(
-        120,
-        description="How long a drive may take to answer before it is asked once more; with the default a silent "
-        "drive is found out, and every axis stopped, within half a second [ms].",
-    )
-    options: dict[str, str | int | float | bool] = Field(
-        default_factory=dict, description="Further arguments of the python-can interface, by name."
-    )
-    heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription, description="Heartbeats.")
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield an interface that python-can does not know."""
-        known = sorted({ONLY_SIMULATED, *can.VALID_INTERFACES})
-        if self.interface not in known:
-            near = get_close_matches(self.interface, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
-            yield Conflict("interface", f"unknown interface {self.interface}", hint)
-
-
-class HomingDescription(Model):
-    """How an axis gets its reference."""
-
-    method: Literal[35, -1, -2, -3, -4, 1, 2, 17, 18] = Field(
-        35,
-        description="maxon's homing method. 35: where it stands, on confirmation. -1, -3: into the stop in the motor's "
-        "positive direction, -2, -4: in its negative one, by current, -1 and -2 then to the index. 1, 2, 17, 18: limit "
-        "switches.",
-    )
-    position: float = Field(0.0, description="What the position is once home is found [mm or rad].")
-    offset: Annotated[float, Field(ge=0)] = Field(
-        0.0, description="How far to move off the stop or switch before [mm or rad]."
-    )
-    speed: Positive = Field(1.0, description="Speed of the search [mm/s or rad/s].")
-    current_threshold_ma: Annotated[int, Field(ge=1, le=65535)] = Field(
-        500, description="Current at which a stop is believed to be reached [mA]."
-    )
-    timeout_s: Annotated[float, Field(gt=0, le=600)] = Field(
-        60.0, description="When the search is given up [s]."
-    )
-
-
-class AxisDescription(Model):
-    """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad."""
-
-    node_id: NodeId = Field(description="CANopen node id of the drive, as its DIP switches are set.")
-    unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
-    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] | None = Field(
-        description="Lines of the encoder a turn of the motor; a quadcount is a quarter. null: unknown [-]."
-    )
-    gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
-        description="Turns of the motor a turn of the screw or shaft. null: unknown [-]."
-    )
-    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        description="Travel a turn of the screw; null: unknown, or an axis that turns [mm]."
-    )
-    reversed: bool = Field(
-        default=False, description="Whether the axis goes backwards when the motor's counter goes up."
-    )
-    limits: tuple[float, float] = Field(
-        description="Lowest and highest position that a move may have [mm or rad]."
-    )
-    max_speed: Positive = Field(description="Highest speed that a move may have [mm/s or rad/s].")
-    acceleration: Positive = Field(description="Acceleration and deceleration of moves [mm/s^2 or rad/s^2].")
-    quick_stop_deceleration: Positive = Field(
-        description="Deceleration of a quick stop and after a fault [mm/s^2 or rad/s^2]."
-    )
-    speed_tolerance_fraction: Annotated[float, Field(gt=0, le=0.5)] = Field(
-        0.01,
-        description="The drive takes integer rpm; a move whose speed this changes by more is refused [-].",
-    )
-    position_window: Positive = Field(
-        description="A move is done when the axis stands within this [mm or rad]."
-    )
-    position_window_time_ms: Annotated[int, Field(ge=0, le=10_000)] = Field(
-        20, description="... for this long [ms]."
-    )
-    max_following_error: Positive = Field(
-        description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
-    )
-    backlash: Annotated[float, Field(ge=0)] = Field(
-        0.0,
-        description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
-        "back, so that every move ends from the same side [mm or rad].",
-    )
-    homing: HomingDescription = Field(default_factory=HomingDescription, description="How it is referenced.")
-    configuration_fingerprint: (
-        tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None
-    ) = Field(
-        None,
-        description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed: a drive with "
-        "others is refused. null: not compared [-].",
-    )
-    lag_s: Annotated[float, Field(ge=0, le=30)] = Field(
-        0.0,
-        description="Measured time by which what the axis moves follows later than its drive: a needle winds up while "
-        "it is turned in gel. A turn of the bevel waits for it before the needle goes on [s].",
-    )
-    limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
-        (), description="Limit switches that are wired and must stop the drive; by default it ignores them."
-    )
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Names of the entries that are unknown."""
-        needed = ("encoder_pulses_per_turn", "gear_ratio", *(("lead_mm",) if self.unit == "mm" else ()))
-        return tuple(name for name in needed if getattr(self, name) is None)
-
-    def scale(self) -> AxisScale:
-        """Return the conversion to quadcounts and rpm.
-
-        Raises
-        ------
-        InputError
-            When an entry that it needs is unknown.
-        """
-        travel = self.lead_mm if self.unit == "mm" else TURN_RAD
-        if self.encoder_pulses_per_turn is None or self.gear_ratio is None or travel is None:
-            raise InputError(f"unknown: {', '.join(self.unknown)}", "enter them in the rig file")
-        return AxisScale(self.encoder_pulses_per_turn, self.gear_ratio, travel, self.reversed)
-
-    def conflicts(self) -> Iterable[Conflict]:
-        """Yield limits in the wrong order, a lead where there is none, and what a drive cannot hold."""
-        low, high = self.limits
-        if low >= high:
-            yield Conflict(
-                "limits", f"limits are [{low:g}, {high:g}], expected the lower one first", "exchange them"
-            )
-        elif self.backlash >= high - low:
-            yield Conflict(
-                "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
-            )
-        if self.unit == "rad" and self.lead_mm is not None:
-            yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
-        if not self.unknown:
-            yield from self._scale_conflicts(self.scale())
-
-    def _scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
-        farthest = max(map(abs, self.limits)) * scale.quadcounts_per_unit
-        if farthest >= _INT32:
-            yield Conflict(
-                "limits",
-                f"limits reach {farthest:.3g} quadcounts, the drive's counter holds {_INT32}",
-                "check encoder, gear_ratio, lead_mm and limits",
-            )
-        if self.max_speed * scale.rpm_per_speed < 0.5:
-            slowest = scale.to_speed(1)
-            yield Conflict(
-                "max_speed",
-                f"max_speed is {self.max_speed:g}, below 1 rpm of the motor, {slowest:.3g}",
-                "check gear_ratio, lead_mm and max_speed",
-            )
-        if self.max_speed * scale.rpm_per_speed > 25_000:
-            rpm = self.max_speed * scale.rpm_per_speed
-            yield Conflict(
-                "max_speed",
-                f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is 25000 rpm",
-                f"write {scale.to_speed(25_000):.4g} or less, or check gear_ratio and lead_mm",
-            )
+_Axis = Annotated[AxisDescription, DriverSection(DRIVES, AxisDescription, DEFAULT_DRIVER)]
 
 
 class AxesDescription(Model):
     """The three axes of the instrument."""
 
-    insertion: AxisDescription = Field(description="Screw that pushes the needle out of the sheath.")
-    rotation: AxisDescription = Field(description="Turns the needle about its axis.")
-    linear: AxisDescription = Field(description="Linear module that carries the instrument with the sheath.")
+    insertion: _Axis = Field(description="Screw that pushes the needle out of the sheath.")
+    rotation: _Axis = Field(description="Turns the needle about its axis.")
+    linear: _Axis = Field(description="Linear module that carries the instrument with the sheath.")
 
     def items(self) -> tuple[tuple[str, AxisDescription], ...]:
         """Return the axes with their names, in the order in which they are connected."""
@@ -248,13 +43,14 @@ class AxesDescription(Model):
         """Yield node ids that two axes share, and units that do not fit the axis."""
         owners: dict[int, str] = {}
         for name, axis in self.items():
-            other = owners.setdefault(axis.node_id, name)
-            if other != name:
-                yield Conflict(
-                    f"{name}.node_id",
-                    f"node_id {axis.node_id} is also that of axis {other}",
-                    "give every drive a node id of its own, by its DIP switches",
-                )
+            for node_id in axis.nodes:
+                other = owners.setdefault(node_id, name)
+                if other != name:
+                    yield Conflict(
+                        f"{name}.node_id",
+                        f"node_id {node_id} is also that of axis {other}",
+                        "give every drive a node id of its own, by its DIP switches",
+                    )
             expected = "rad" if name == "rotation" else "mm"
             if axis.unit != expected:
                 yield Conflict(f"{name}.unit", f"unit of axis {name} is {axis.unit}, expected {expected}")
@@ -341,7 +137,7 @@ class RigDescription(Model):
             yield Conflict("faults", "faults are for simulated rigs, a bench has its own")
         computer = self.can.heartbeat.computer_node_id
         for name, axis in self.axes.items():
-            if axis.node_id == computer:
+            if computer in axis.nodes:
                 yield Conflict(
                     f"axes.{name}.node_id",
                     f"node_id {computer} is that under which the computer beats",
@@ -461,7 +257,7 @@ def rig_schema() -> JsonSchema:
 def unknown_entries(rig: RigDescription) -> dict[str, str]:
     """Return each entry that is null because nobody has entered it yet -> where to find it."""
     return {
-        f"axes.{name}.{entry}": _WHERE_TO_FIND[entry]
+        f"axes.{name}.{entry}": axis.where_to_find[entry]
         for name, axis in rig.axes.items()
         for entry in axis.unknown
     }
@@ -500,37 +296,4 @@ def check_axis_move(rig: RigDescription, axis_name: str, position: float, speed:
         Names axis, value and limit. A speed is also refused when integer rpm of the motor miss it by more
         than the tolerance; that part is left out while gear, lead or encoder are unknown.
     """
-    axis = dict(rig.axes.items())[axis_name]
-    check_move(axis_name, axis, position, speed)
-
-
-def check_move(name: str, axis: AxisDescription, position: float, speed: float) -> None:
-    """Refuse a move that an axis may not make, as `check_axis_move` does."""
-    low, high = axis.limits
-    if not low <= position <= high:
-        raise LimitError(
-            f"axis {name}: {position:g} {axis.unit} is beyond its limits [{low:g}, {high:g}] {axis.unit}",
-            "ask for less, or widen axes limits in the rig file where the mechanics allow it",
-        )
-    if not 0 < speed <= axis.max_speed:
-        raise LimitError(
-            f"axis {name}: speed {speed:g} {axis.unit}/s is not within 0 to {axis.max_speed:g} {axis.unit}/s",
-            "ask for a slower move, or raise max_speed in the rig file where the mechanics allow it",
-        )
-    if not axis.unknown:
-        _check_rounding(name, axis, speed)
-
-
-def _check_rounding(name: str, axis: AxisDescription, speed: float) -> None:
-    scale = axis.scale()
-    rpm = scale.to_rpm(speed)
-    error = abs(scale.to_speed(rpm) - speed) / speed
-    if error > axis.speed_tolerance_fraction:
-        below = max(1, math.floor(speed * scale.rpm_per_speed))
-        raise LimitError(
-            f"axis {name}: {speed:g} {axis.unit}/s is {speed * scale.rpm_per_speed:.2f} rpm of the motor; "
-            f"the drive takes {rpm}, off by {100 * error:.1f} %, and the tolerance is "
-            f"{100 * axis.speed_tolerance_fraction:g} %",
-            f"ask for {scale.to_speed(below):.4g} or {scale.to_speed(below + 1):.4g} {axis.unit}/s, "
-            "or raise speed_tolerance_fraction",
-        )
+    dict(rig.axes.items())[axis_name].check_move(axis_name, position, speed)

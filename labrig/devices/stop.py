@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
+from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.clocks import SystemClock
 from labrig.devices.control import Reply, ask_to_stop, owner_of
-from labrig.devices.epos2 import Epos2, wait_for_all
-from labrig.devices.rig_file import ONLY_SIMULATED, RigDescription
+from labrig.devices.drive import open_drive, wait_for_all
+from labrig.devices.rig_file import RigDescription
 from labrig.errors import BusError, MachineError, SafetyStopError
 
 _STOP_TIME_S = 3.0
@@ -76,10 +77,7 @@ def _unstopped(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
 
 def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:
     """Do what `stop_rig` does over an open bus; return a sentence for each thing that was done."""
-    drives = [
-        Epos2(link, axis.node_id, name, clock, axis.encoder_pulses_per_turn)
-        for name, axis in rig.axes.items()
-    ]
+    drives = [open_drive(link, axis, name, clock) for name, axis in rig.axes.items()]
     done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
     failures = []
     for drive in drives:
@@ -87,7 +85,7 @@ def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, 
             drive.quick_stop()
         except MachineError as error:
             failures.append(error.message)
-    moving = wait_for_all({drive.name: drive.looks_until_still(_STOP_TIME_S) for drive in drives}, clock)
+    moving = wait_for_all({drive.name: drive.wait_until_still(_STOP_TIME_S) for drive in drives}, clock)
     done += [f"{drive.name} stands still" for drive in drives if drive.name not in moving]
     failures += moving.values()
     link.send(0x000, _NMT_STOP_ALL)

@@ -8,6 +8,7 @@ the emergency stop and confirms each motion before it begins.
 import math
 from dataclasses import dataclass
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.homing import HOME_ORDER, HOMING_HERE, ZEROS
 from labrig.devices.operator import (
     ConfirmFree,
@@ -18,7 +19,6 @@ from labrig.devices.operator import (
     ReadScale,
 )
 from labrig.devices.rig import Rig
-from labrig.devices.rig_file import AxisDescription
 from labrig.errors import InputError, SafetyStopError
 
 SLOW = {"mm": 1.0, "rad": 0.2}

@@ -146,7 +146,7 @@ class Session:
         LimitError, SafetyStopError, DriveError, BusError
         """
         setpoint = self.rig.axis(axis_name).start_move(position, speed)
-        self.record(Move(axis=axis_name, **asdict(setpoint)))
+        self.record(Move(axis=axis_name, **setpoint.document()))
 
     def watch(self) -> Mapping[str, AxisReadback]:
         """Let one period of the recorded states pass, record the states of all axes, and return them.

@@ -120,15 +120,20 @@ class OperatorQuestion(Event):
 
 
 class Move(Event):
-    """A move that an axis began: as it was asked [mm or rad, per s], as it was sent, and what that is."""
+    """A move that an axis began: as it was asked [mm or rad, per s], as it was sent, and what that is.
+
+    What was sent stands in quadcounts and rpm where the drive has these, else in counts and speeds of the drive.
+    """
 
     kind: ClassVar[str] = "move"
 
     axis: str
     asked_position: float
     asked_speed: float
-    sent_quadcounts: int
-    sent_rpm: int
+    sent_quadcounts: int | None = None
+    sent_rpm: int | None = None
+    sent_counts: int | None = None
+    sent_speed_units: int | None = None
     position: float
     speed: float
 

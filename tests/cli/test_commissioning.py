@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from labrig.devices.clocks import SystemClock
-from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.cli.conftest import ROOT, SWEEP, Labrig, sweep_command
 from tests.devices.served import Served, served_drives

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.epos2 import Epos2
+from labrig.devices.epos2.driver import Epos2
+from labrig.devices.epos2.settings import Epos2Axis
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.operator import Answer, OperatorRequest
 from labrig.devices.plant import Plant
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
-from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.plant import SimulatedPlant
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
@@ -35,6 +36,13 @@ def rig_text(replacements: Mapping[str, str]) -> str:
         assert old in text
         text = text.replace(old, new, 1)
     return text
+
+
+def epos2_axis(**changes: object) -> Epos2Axis:
+    """Return the section of the simulated insertion axis, 4000 quadcounts a mm, with changes."""
+    axis = simulated_rig().axes.insertion.model_copy(update=changes)
+    assert isinstance(axis, Epos2Axis)
+    return axis
 
 
 @dataclass
@@ -78,7 +86,7 @@ def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
     drive = SimulatedDrive(wire, 1, clock, **drive_settings)
     clock.on_advance(drive.tick)
-    driver = Epos2(link, 1, "insertion", clock, encoder_pulses=500)
+    driver = Epos2(link, epos2_axis(), "insertion", clock)
     yield OneDrive(clock, wire, drive, driver)
     link.close()
     drive.unplug()

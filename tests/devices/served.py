@@ -10,8 +10,8 @@ from queue import Empty, SimpleQueue
 import can
 import pytest
 
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.serving import ServedBus, ServedDrives
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
 from labrig.errors import BusError

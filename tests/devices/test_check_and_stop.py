@@ -6,16 +6,19 @@ from pathlib import Path
 import can
 import pytest
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
 from labrig.devices.camera import Camera, PictureSource
 from labrig.devices.camera_kind import rate_result
-from labrig.devices.check import check_axis, check_calibration, check_rig
+from labrig.devices.can_description import CanDescription
+from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.cia402 import DriveState, decode_state
 from labrig.devices.clocks import SimulatedClock, SystemClock
-from labrig.devices.epos2 import Epos2
+from labrig.devices.epos2.check import check_axis
+from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.rig import open_rig
-from labrig.devices.rig_file import AxisDescription, CanDescription, load_rig
+from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.stop import stop_drives, stop_rig
 from labrig.errors import BusError, SafetyStopError
@@ -29,8 +32,9 @@ def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
 
 
 def _axis_results(opened: OpenedRig, axis: AxisDescription) -> list[CheckResult]:
-    drive = Epos2(opened.plant.open_link(), axis.node_id, "linear", opened.plant.clock)
-    return list(check_axis("linear", axis, drive, simulated_rig().can.heartbeat))
+    assert isinstance(axis, Epos2Axis)
+    heartbeat = simulated_rig().can.heartbeat
+    return list(check_axis(opened.plant.open_link(), axis, "linear", opened.plant.clock, heartbeat))
 
 
 def test_the_simulated_rig_is_in_order() -> None:

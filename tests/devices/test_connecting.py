@@ -5,21 +5,25 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import epos2_objects as od
-from labrig.devices.homing import HOMING_DIRECTIONS, HOMING_HERE, Homing
-from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.drive import Homing
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.homing import HOMING_DIRECTIONS
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 QUADCOUNTS_PER_MM = 4000
 READ_BACK = (
-    od.LOWER_LIMIT,
-    od.UPPER_LIMIT,
-    od.MAX_FOLLOWING_ERROR,
-    od.POSITION_WINDOW,
-    od.POSITION_WINDOW_TIME,
-    od.QUICK_STOP_DECELERATION,
-    od.CONSUMER_HEARTBEAT,
+    co.LOWER_LIMIT,
+    co.UPPER_LIMIT,
+    co.MAX_FOLLOWING_ERROR,
+    co.POSITION_WINDOW,
+    co.POSITION_WINDOW_TIME,
+    co.QUICK_STOP_DECELERATION,
+    co.CONSUMER_HEARTBEAT,
     od.LIMIT_EXECUTION_MASK,
 )
 
@@ -37,7 +41,7 @@ def _connect_and_reference(opened: OpenedRig) -> None:
     opened.rig.reference_axes()
 
 
-def _value(opened: OpenedRig, entry: od.Entry) -> int:
+def _value(opened: OpenedRig, entry: Entry) -> int:
     return opened.plant.drives["insertion"].node.objects.value(entry)
 
 
@@ -45,23 +49,23 @@ def test_the_drive_holds_what_the_rig_file_says() -> None:
     """Windows, decelerations, heartbeat and switches after connecting; software limits once the axis is referenced."""
     with _rig() as opened:
         opened.rig.connect()
-        assert (_value(opened, od.LOWER_LIMIT), _value(opened, od.UPPER_LIMIT)) == (-(2**31), 2**31 - 1)
+        assert (_value(opened, co.LOWER_LIMIT), _value(opened, co.UPPER_LIMIT)) == (-(2**31), 2**31 - 1)
         opened.rig.reference_axes()
         window = round(0.005 * QUADCOUNTS_PER_MM)
         assert {entry: _value(opened, entry) for entry in READ_BACK} == {
-            od.LOWER_LIMIT: -2 * QUADCOUNTS_PER_MM - window,
-            od.UPPER_LIMIT: 120 * QUADCOUNTS_PER_MM + window,
-            od.MAX_FOLLOWING_ERROR: round(0.4 * QUADCOUNTS_PER_MM),
-            od.POSITION_WINDOW: window,
-            od.POSITION_WINDOW_TIME: 20,
-            od.QUICK_STOP_DECELERATION: 200 * 120,
-            od.CONSUMER_HEARTBEAT: 127 << 16 | 500,
+            co.LOWER_LIMIT: -2 * QUADCOUNTS_PER_MM - window,
+            co.UPPER_LIMIT: 120 * QUADCOUNTS_PER_MM + window,
+            co.MAX_FOLLOWING_ERROR: round(0.4 * QUADCOUNTS_PER_MM),
+            co.POSITION_WINDOW: window,
+            co.POSITION_WINDOW_TIME: 20,
+            co.QUICK_STOP_DECELERATION: 200 * 120,
+            co.CONSUMER_HEARTBEAT: 127 << 16 | 500,
             od.LIMIT_EXECUTION_MASK: 0x0008 | 3,
         }
 
 
 @pytest.mark.parametrize("entry", READ_BACK, ids=lambda entry: entry.place)
-def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: od.Entry) -> None:
+def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None:
     """Each is read back after it has been written, and the object is named."""
     with _rig() as opened:
         opened.plant.drives["insertion"].node.objects._live[entry] = lambda: entry.default
@@ -69,12 +73,17 @@ def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: od.Entry) -> N
             _connect_and_reference(opened)
 
 
+def _written(opened: OpenedRig) -> object:
+    return opened.rig.insertion.describe()["settings_written"]
+
+
 def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
     """A second connection writes no setting; the first ends with both halves of 0x1020."""
     with _rig() as opened:
         opened.rig.connect()
-        written = opened.rig.insertion.written
-        assert od.POSITION_WINDOW.place in written
+        written = _written(opened)
+        assert isinstance(written, list)
+        assert co.POSITION_WINDOW.place in written
         requests = [
             data for _, can_id, data, way in opened.rig.take_can_frames() if can_id == 0x601 and way == "T"
         ]
@@ -82,7 +91,7 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
         settings = [place for place in places if place not in {0x6040, 0x607A, 0x6060}]
         assert settings[-2:] == [0x1020, 0x1020]
         opened.rig.connect()
-        assert opened.rig.insertion.written == ()
+        assert _written(opened) == []
 
 
 def test_all_failures_of_all_drives_are_told_at_once() -> None:
@@ -93,7 +102,7 @@ def test_all_failures_of_all_drives_are_told_at_once() -> None:
         drives = opened.plant.drives
         drives["insertion"].unplug()
         drives["rotation"].set_encoder(500)
-        drives["rotation"].node.objects.put(od.RECEIVE_PDO_COB_IDS[0], 0x203)
+        drives["rotation"].node.objects.put(co.RECEIVE_PDO_COB_IDS[0], 0x203)
         with pytest.raises(DriveError) as refusal:
             opened.rig.connect()
         for words in (
@@ -112,10 +121,10 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
         opened.rig.mark_needle_out()
         opened.rig.reference_axes()
         drive = opened.plant.drives["insertion"]
-        drive.node.objects.put(od.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
+        drive.node.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
         opened.rig.connect()
         assert opened.rig.insertion.referenced
-        assert _value(opened, od.UPPER_LIMIT) == 120 * QUADCOUNTS_PER_MM + 20
+        assert _value(opened, co.UPPER_LIMIT) == 120 * QUADCOUNTS_PER_MM + 20
     assert not list(tmp_path.iterdir())
 
 
@@ -132,14 +141,7 @@ def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
         opened.plant.clock.on_advance(lambda: went.append(drive.shaft_quadcounts))
         opened.rig.home(
             "insertion",
-            Homing(
-                method,
-                offset=-1000 * HOMING_DIRECTIONS[method],
-                switch_rpm=2000,
-                index_rpm=500,
-                rpm_per_s=20_000,
-                timeout_s=60.0,
-            ),
+            Homing(method, offset=0.25, speed=16.0, timeout_s=60.0),
         )
         first = next(place for place in went if place)
         assert first * HOMING_DIRECTIONS[method] > 0

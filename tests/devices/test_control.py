@@ -48,7 +48,7 @@ def test_a_rig_is_had_by_one_labrig_at_a_time(tmp_path: Path) -> None:
 def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
     """A process that was killed with the rig open keeps nobody out."""
     code = (
-        "import os,sys;from pathlib import Path;from labrig.record import FileLock\n"
+        "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
         f"FileLock(Path({str(lock_paths(_kept(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
 from labrig.devices.cia402 import DriveState
 from labrig.errors import (
@@ -101,8 +101,8 @@ def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
 def test_two_drives_that_share_a_cob_id_are_refused() -> None:
     """Both would obey one frame; connecting names both axes."""
     with opened_rig() as opened:
-        first = od.RECEIVE_PDO_COB_IDS[0]
-        opened.rig.rotation._drive.write(first, opened.rig.insertion._drive.read(first))
+        first = co.RECEIVE_PDO_COB_IDS[0]
+        opened.rig.rotation._drive.download(first, opened.rig.insertion._drive.upload(first))
         with pytest.raises(DriveError, match=r"insertion and rotation share the COB-ID 0x201"):
             opened.rig.connect()
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import pytest
 
 from labrig.clock import Clock
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.devices.bus import open_can
+from labrig.devices.can_description import CanDescription, HeartbeatDescription
 from labrig.devices.cia402 import (
     HALT,
     HOMING_ATTAINED,
@@ -20,10 +21,10 @@ from labrig.devices.cia402 import (
 )
 from labrig.devices.clocks import SystemClock
 from labrig.devices.dead_man import DeadManClock
-from labrig.devices.epos2 import Epos2
-from labrig.devices.homing import HOMING_HERE, Homing
-from labrig.devices.rig_file import CanDescription, HeartbeatDescription
-from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.drive import Homing
+from labrig.devices.epos2.driver import Epos2
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.homing import HOMING_HERE
 from labrig.errors import (
     DriveError,
     DriveFaultError,
@@ -31,17 +32,17 @@ from labrig.errors import (
     DriveRestartedError,
     DriveSilentError,
 )
-from tests.devices.rigs import one_drive
+from tests.devices.rigs import epos2_axis, one_drive
 from tests.devices.served import INTERFACES, served_drives
 
 PATIENCE_S = 60.0
 ANSWER_TIMEOUT_MS = 5000
 SETTINGS = {
-    od.POSITION_WINDOW: 20,
-    od.POSITION_WINDOW_TIME: 20,
-    od.PROFILE_ACCELERATION: 20_000,
-    od.PROFILE_DECELERATION: 20_000,
-    od.QUICK_STOP_DECELERATION: 100_000,
+    co.POSITION_WINDOW: 20,
+    co.POSITION_WINDOW_TIME: 20,
+    co.PROFILE_ACCELERATION: 20_000,
+    co.PROFILE_DECELERATION: 20_000,
+    co.QUICK_STOP_DECELERATION: 100_000,
 }
 FAST_RPM, FAR = 600, 1_000_000
 
@@ -71,7 +72,7 @@ class OnABus:
 
         def told() -> bool:
             try:
-                self.driver.raise_if_reported()
+                self.driver.check()
             except error as reported:
                 return words in reported.message
             return False
@@ -92,7 +93,7 @@ def _served(interface: str) -> Iterator[OnABus]:
         )
         link = open_can(description, clock)
         stack.callback(link.close)
-        yield OnABus(Epos2(link, 1, "insertion", clock), served.drives[1], clock, served.do)
+        yield OnABus(Epos2(link, epos2_axis(), "insertion", clock), served.drives[1], clock, served.do)
 
 
 @contextmanager
@@ -110,73 +111,78 @@ def _bare(request: pytest.FixtureRequest) -> Iterator[OnABus]:
 @pytest.fixture(name="ready")
 def _ready(bare: OnABus) -> OnABus:
     bare.driver.hold_off()
-    bare.driver.configure(SETTINGS, (1, 2))
+    bare.driver.vouch((1, 2))
+    bare.driver.write_settings(SETTINGS)
     bare.driver.enable()
     return bare
 
 
 def test_connecting_verifies_writes_and_reads_back(bare: OnABus) -> None:
     """Identity, encoder, COB-IDs; only settings that differ are written, and the fingerprint last."""
-    identity = bare.driver.identify()
+    identity = bare.driver.read_identity()
     assert (identity.model, identity.serial_number) == ("EPOS2 24/5", 1001)
+    bare.driver.section = epos2_axis(encoder_pulses_per_turn=512)
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
-        bare.driver.require_encoder(512)
+        bare.driver.require_encoder()
     bare.driver.hold_off()
-    assert set(bare.driver.configure(SETTINGS, (1, 2))) == {entry.place for entry in SETTINGS}
-    assert bare.driver.configure(SETTINGS, (1, 2)) == ()
-    assert {entry: bare.driver.read(entry) for entry in SETTINGS} == SETTINGS
-    bare.driver.require_fingerprint((1, 2))
+    bare.driver.vouch((1, 2))
+    assert set(bare.driver.write_settings(SETTINGS)) == {entry.place for entry in SETTINGS}
+    assert bare.driver.write_settings(SETTINGS) == ()
+    assert {entry: bare.driver.upload(entry) for entry in SETTINGS} == SETTINGS
+    bare.driver.section = epos2_axis(configuration_fingerprint=(1, 2))
+    bare.driver.require_fingerprint()
+    bare.driver.section = epos2_axis(configuration_fingerprint=(1, 3))
     with pytest.raises(DriveError, match="parameters have been changed"):
-        bare.driver.require_fingerprint((1, 3))
+        bare.driver.require_fingerprint()
 
 
 def test_enabling_moves_nothing(bare: OnABus) -> None:
     """A stale target is replaced by the actual position, with Halt, before power comes on."""
     bare.driver.hold_off()
-    bare.driver.write(od.TARGET_POSITION, FAR)
+    bare.driver.download(co.TARGET_POSITION, FAR)
     bare.driver.enable()
-    assert bare.driver.read(od.TARGET_POSITION) == 0
-    assert bare.driver.read(od.CONTROLWORD) & HALT
+    assert bare.driver.upload(co.TARGET_POSITION) == 0
+    assert bare.driver.upload(co.CONTROLWORD) & HALT
     assert bare.drive.shaft_quadcounts == 0
 
 
 def test_moves_arrive_and_can_be_changed_on_their_way(ready: OnABus) -> None:
     """Both edges of the handshake are seen, and a second set-point replaces the first at once, also backwards."""
-    ready.driver.start_move(FAR, FAST_RPM)
+    ready.driver.start_profile(FAR, FAST_RPM)
     assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
-    ready.driver.start_move(-1000, 2 * FAST_RPM)
+    ready.driver.start_profile(-1000, 2 * FAST_RPM)
     ready.arrive()
-    assert ready.driver.position() == ready.drive.shaft_quadcounts == -1000
+    assert ready.driver.counter() == ready.drive.shaft_quadcounts == -1000
 
 
 def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
     """Each ends with the axis standing still, as its position reads."""
     for stop, state in (
-        (ready.driver.halt, DriveState.OPERATION_ENABLED),
+        (ready.driver.stop, DriveState.OPERATION_ENABLED),
         (ready.driver.quick_stop, DriveState.QUICK_STOP_ACTIVE),
     ):
-        before = ready.driver.position()
-        ready.driver.start_move(FAR, FAST_RPM)
-        ready.wait_until(lambda before=before: ready.driver.position() > before)
+        before = ready.driver.counter()
+        ready.driver.start_profile(FAR, FAST_RPM)
+        ready.wait_until(lambda before=before: ready.driver.counter() > before)
         stop()
-        ready.driver.wait_until_still(PATIENCE_S)
+        ready.driver.settle(PATIENCE_S)
         assert decode_state(ready.driver.statusword()) is state
         assert 0 < ready.drive.shaft_quadcounts < FAR
 
 
 def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
     """Method 35 makes the position zero; a search without a stop is ended by Halt, and attains nothing."""
-    ready.driver.start_move(2000, FAST_RPM)
+    ready.driver.start_profile(2000, FAST_RPM)
     ready.arrive()
     ready.driver.start_homing(Homing(HOMING_HERE))
     ready.wait_until(ready.driver.has_homed)
     ready.driver.finish_homing(Homing(HOMING_HERE))
-    assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 2000)
+    assert (ready.driver.counter(), ready.drive.shaft_quadcounts) == (0, 2000)
     assert ready.driver.is_referenced()
     ready.driver.start_homing(Homing(-3, timeout_s=PATIENCE_S))
     assert not ready.driver.has_homed()
-    ready.driver.halt()
-    ready.driver.wait_until_still(PATIENCE_S)
+    ready.driver.stop()
+    ready.driver.settle(PATIENCE_S)
     assert not ready.driver.statusword() & HOMING_ATTAINED
     homing = ready.drive.journal.last("homing")
     assert homing is not None
@@ -196,13 +202,13 @@ def test_a_homing_that_takes_too_long_is_given_up(ready: OnABus) -> None:
 def test_a_refusal_carries_its_code(bare: OnABus) -> None:
     """An SDO abort becomes a typed error."""
     with pytest.raises(DriveRefusedError, match="the value is too low") as refusal:
-        bare.driver.write(od.PROFILE_VELOCITY, 0)
+        bare.driver.download(co.PROFILE_VELOCITY, 0)
     assert refusal.value.code == 0x06090032
 
 
 def test_an_emergency_names_code_register_text_and_remedy(ready: OnABus) -> None:
     """The axis brakes by itself, and the driver knows why without asking; nothing enables it again."""
-    ready.driver.start_move(FAR, FAST_RPM)
+    ready.driver.start_profile(FAR, FAST_RPM)
     ready.do(lambda: ready.drive.fail(0x4210))
     ready.raises_in_time(DriveFaultError, "error 0x4210, over-temperature")
     with pytest.raises(DriveFaultError) as fault:
@@ -211,15 +217,15 @@ def test_an_emergency_names_code_register_text_and_remedy(ready: OnABus) -> None
     assert fault.value.text
     assert fault.value.remedy
     ready.wait_until(lambda: decode_state(ready.driver.statusword()) is DriveState.FAULT)
-    ready.driver.wait_until_still(PATIENCE_S)
+    ready.driver.settle(PATIENCE_S)
 
 
 def test_passing_a_limit_is_a_fault(ready: OnABus) -> None:
     """0xFF09, told by the drive."""
-    ready.driver.write(od.UPPER_LIMIT, 2000)
-    ready.driver.start_move(FAR, FAST_RPM)
+    ready.driver.download(co.UPPER_LIMIT, 2000)
+    ready.driver.start_profile(FAR, FAST_RPM)
     ready.raises_in_time(DriveFaultError, "0xFF09")
-    ready.driver.wait_until_still(PATIENCE_S)
+    ready.driver.settle(PATIENCE_S)
     assert ready.drive.shaft_quadcounts < FAR
 
 
@@ -231,7 +237,7 @@ def test_a_restart_is_noticed(ready: OnABus) -> None:
 
 def test_heartbeats_are_watched_both_ways(ready: OnABus) -> None:
     """The drive gives up a computer that has beaten and falls silent; the driver a drive that falls silent."""
-    ready.driver.write(od.CONSUMER_HEARTBEAT, 127 << 16 | 100)
+    ready.driver.download(co.CONSUMER_HEARTBEAT, 127 << 16 | 100)
     heartbeat = HeartbeatDescription(period_ms=10, timeout_ms=100)
     DeadManClock(ready.clock, ready.driver._link, heartbeat).beat()
     ready.raises_in_time(DriveFaultError, "error 0x8130")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.devices.cia402 import (
     ENABLE,
     FAULT_RESET,
@@ -20,24 +20,28 @@ from labrig.devices.cia402 import (
     Goal,
     decode_state,
 )
-from labrig.devices.epos2 import STILL_COUNTS, still_time_s
-from labrig.devices.homing import HOMING_HERE, Homing
+from labrig.devices.cia402_drive import STILL_COUNTS
+from labrig.devices.drive import Homing
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.driver import still_time_s
+from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
-from tests.devices.rigs import OneDrive, one_drive
+from tests.devices.rigs import OneDrive, epos2_axis, one_drive
 
 SETTINGS = {
-    od.POSITION_WINDOW: 20,
-    od.POSITION_WINDOW_TIME: 20,
-    od.PROFILE_ACCELERATION: 6000,
-    od.PROFILE_DECELERATION: 6000,
-    od.QUICK_STOP_DECELERATION: 24_000,
+    co.POSITION_WINDOW: 20,
+    co.POSITION_WINDOW_TIME: 20,
+    co.PROFILE_ACCELERATION: 6000,
+    co.PROFILE_DECELERATION: 6000,
+    co.QUICK_STOP_DECELERATION: 24_000,
 }
 COUNTS_PER_S_AT_120_RPM = 4000
 
 
 def _configure(one: OneDrive) -> None:
     one.driver.hold_off()
-    one.driver.configure(SETTINGS, (1, 2))
+    one.driver.vouch((1, 2))
+    one.driver.write_settings(SETTINGS)
 
 
 @pytest.fixture(name="one")
@@ -72,43 +76,49 @@ def _run_until_done(one: OneDrive) -> float:
 
 def test_identity_is_read(one: OneDrive) -> None:
     """Model, versions and serial number are what the drive says."""
-    identity = one.driver.identify()
-    assert (identity.model, identity.hardware_version, identity.serial_number) == ("EPOS2 24/5", 0x6220, 1001)
+    identity = one.driver.read_identity()
+    assert identity.document() == {
+        "model": "EPOS2 24/5",
+        "hardware_version": 0x6220,
+        "software_version": 0x2110,
+        "serial_number": 1001,
+    }
 
 
 @pytest.mark.parametrize(("version", "name"), [(0x6210, "EPOS 24/5"), (0x6552, "unknown to labrig")])
 def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
     """An EPOS of the first generation, or one that nobody knows, is no EPOS2."""
     with one_drive(hardware_version=version) as one, pytest.raises(DriveError, match=name):
-        one.driver.identify()
+        one.driver.read_identity()
 
 
 def test_a_wrong_encoder_is_refused_and_never_written(one: OneDrive) -> None:
     """The drive's encoder resolution is compared with the rig file, and left alone."""
+    one.driver.section = epos2_axis(encoder_pulses_per_turn=512)
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
-        one.driver.require_encoder(512)
-    assert one.driver.read(od.ENCODER_PULSES) == 500
+        one.driver.identify()
+    assert one.driver.upload(od.ENCODER_PULSES) == 500
 
 
 def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
     """After configuring, each object holds its setting."""
-    assert {entry: ready.driver.read(entry) for entry in SETTINGS} == SETTINGS
+    assert {entry: ready.driver.upload(entry) for entry in SETTINGS} == SETTINGS
 
 
 def test_enabling_moves_nothing(one: OneDrive) -> None:
     """A target left over from another program is not driven at: the actual position is the target, Halt is set."""
     _configure(one)
-    one.driver.write(od.TARGET_POSITION, 1_000_000)
+    one.driver.download(co.TARGET_POSITION, 1_000_000)
     one.driver.enable()
-    assert one.driver.read(od.TARGET_POSITION) == 0
-    assert one.driver.read(od.CONTROLWORD) & HALT
+    assert one.driver.upload(co.TARGET_POSITION) == 0
+    assert one.driver.upload(co.CONTROLWORD) & HALT
     one.clock.sleep(1.0)
     assert one.drive.shaft_quadcounts == 0
 
 
 def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
     """A drive that a crashed program left moving is halted and stands still before it is configured."""
-    ready.driver.start_move(100_000, 120)
+    ready.driver.start_profile(100_000, 120)
     ready.clock.sleep(2.0)
     _configure(ready)
     stopped_at = ready.drive.shaft_quadcounts
@@ -122,41 +132,41 @@ def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
 
 def test_a_move_ends_at_its_target_in_its_time(ready: OneDrive) -> None:
     """40 000 quadcounts at 120 rpm: ten seconds, ramps and window time."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     ramps_s = COUNTS_PER_S_AT_120_RPM / 200_000
     assert _run_until_done(ready) == pytest.approx(10.0 + ramps_s + 0.02, abs=0.011)
-    assert ready.driver.position() == ready.drive.shaft_quadcounts == 40_000
+    assert ready.driver.counter() == ready.drive.shaft_quadcounts == 40_000
 
 
 def test_a_move_can_be_changed_on_its_way(ready: OneDrive) -> None:
     """A second set-point replaces the first at once, also backwards."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(2.0)
-    ready.driver.start_move(-1000, 240)
+    ready.driver.start_profile(-1000, 240)
     _run_until_done(ready)
-    assert ready.driver.position() == -1000
+    assert ready.driver.counter() == -1000
 
 
 def test_both_edges_of_the_handshake_are_seen(ready: OneDrive) -> None:
     """After a move has been started, the acknowledge is gone again and the next set-point can be taken."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
 
 
 def test_a_stale_acknowledge_is_no_success(ready: OneDrive) -> None:
     """A set-point bit left high by somebody else would swallow the next move; the driver notices."""
-    ready.driver.write(od.CONTROLWORD, ENABLE | NEW_SETPOINT)
+    ready.driver.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
     with pytest.raises(DriveError, match="get ready for a set-point"):
-        ready.driver.start_move(1000, 120)
+        ready.driver.start_profile(1000, 120)
 
 
 def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
     """Halting takes v / a, covers v^2 / 2a, and leaves the axis powered."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(5.0)
     before = ready.drive.shaft_quadcounts
-    ready.driver.halt()
-    ready.driver.wait_until_still(0.5)
+    ready.driver.stop()
+    ready.driver.settle(0.5)
     distance = COUNTS_PER_S_AT_120_RPM**2 / (2 * 200_000)
     assert ready.drive.shaft_quadcounts - before == pytest.approx(distance, rel=1e-6)
     assert decode_state(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
@@ -166,41 +176,41 @@ def test_halting_a_drive_without_power_does_not_switch_it_on(one: OneDrive) -> N
     """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
     _configure(one)
     one.driver.go_to(Goal.POWER_OFF)
-    one.driver.halt()
+    one.driver.stop()
     assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
 def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
     """A quick stop uses its own deceleration and leaves operation enabled."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(5.0)
     before = ready.drive.shaft_quadcounts
     ready.driver.quick_stop()
-    ready.driver.wait_until_still(0.5)
+    ready.driver.settle(0.5)
     assert ready.drive.shaft_quadcounts - before == pytest.approx(COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000))
     assert decode_state(ready.driver.statusword()) is DriveState.QUICK_STOP_ACTIVE
 
 
 def test_an_axis_that_does_not_stop_is_told(ready: OneDrive) -> None:
     """Standing still is read from the position, so that a drive that ignores a halt is found out."""
-    ready.driver.start_move(400_000, 120)
+    ready.driver.start_profile(400_000, 120)
     with pytest.raises(DriveError, match="still moves"):
-        ready.driver.wait_until_still(0.5)
+        ready.driver.settle(0.5)
 
 
 @pytest.mark.parametrize("rpm", [1, -1, 2])
 def test_a_creep_is_no_standing_still(rpm: int, ready: OneDrive) -> None:
     """1 rpm is the slowest that the drive can be told, 1.7 quadcounts in 50 ms; it is found out."""
-    ready.driver.start_move(int(math.copysign(4000, rpm)), abs(rpm))
+    ready.driver.start_profile(int(math.copysign(4000, rpm)), abs(rpm))
     ready.clock.sleep(1.0)
     with pytest.raises(DriveError, match="still moves"):
-        ready.driver.wait_until_still(2.0)
+        ready.driver.settle(2.0)
 
 
 def test_standing_still_is_seen_in_time(ready: OneDrive) -> None:
     """With 500 pulses a turn a standing axis is known to stand within 0.2 s, so that a stop keeps its deadline."""
     before_s = ready.clock.now_s()
-    ready.driver.wait_until_still(0.5)
+    ready.driver.settle(0.5)
     assert 0.15 <= ready.clock.now_s() - before_s <= 0.2
 
 
@@ -214,13 +224,13 @@ def test_a_creep_moves_farther_than_a_servo_at_rest(pulses: int, phase: float) -
 
 def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
     """Method 35 moves nothing; the counter becomes zero and the drive knows itself referenced."""
-    ready.driver.start_move(4000, 120)
+    ready.driver.start_profile(4000, 120)
     _run_until_done(ready)
     assert not ready.driver.is_referenced()
     _home_here(ready)
-    assert (ready.driver.position(), ready.drive.shaft_quadcounts) == (0, 4000)
+    assert (ready.driver.counter(), ready.drive.shaft_quadcounts) == (0, 4000)
     assert ready.driver.is_referenced()
-    ready.driver.start_move(1000, 120)
+    ready.driver.start_profile(1000, 120)
     _run_until_done(ready)
     assert ready.drive.shaft_quadcounts == 5000
 
@@ -233,7 +243,7 @@ def test_a_refusal_names_object_value_and_reason(one: OneDrive) -> None:
     with pytest.raises(
         DriveError, match=r"profile velocity \(0x6081:00\) = 0: the value is too low .*0x06090032"
     ):
-        one.driver.write(od.PROFILE_VELOCITY, 0)
+        one.driver.download(co.PROFILE_VELOCITY, 0)
 
 
 def test_a_silent_drive_is_named(one: OneDrive) -> None:
@@ -246,14 +256,14 @@ def test_a_silent_drive_is_named(one: OneDrive) -> None:
 
 def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
     """Beyond 0x607D the drive brakes with the quick stop deceleration, switches off and says 0xFF09."""
-    ready.driver.write(od.UPPER_LIMIT, 8000)
-    ready.driver.start_move(40_000, 120)
+    ready.driver.download(co.UPPER_LIMIT, 8000)
+    ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(3.0)
     braking = COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000)
     assert ready.drive.shaft_quadcounts == pytest.approx(8000 + braking, abs=1e-3)
     assert decode_state(ready.driver.statusword()) is DriveState.FAULT
     with pytest.raises(DriveError, match="0xFF09, software position limit exceeded"):
-        ready.driver.raise_if_reported()
+        ready.driver.check()
 
 
 @pytest.mark.parametrize(
@@ -268,12 +278,12 @@ def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
 )
 def test_a_fault_while_moving_stops_the_axis_and_is_named(ready: OneDrive, code: int, words: str) -> None:
     """The drive brakes by itself; the driver tells code and meaning, from the EMCY and from the error history."""
-    ready.driver.start_move(40_000, 120)
+    ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(2.0)
     ready.drive.fail(code)
     assert decode_state(ready.driver.statusword()) is DriveState.FAULT_REACTION
     with pytest.raises(DriveError, match=words):
-        ready.driver.raise_if_reported()
+        ready.driver.check()
     ready.clock.sleep(1.0)
     stopped_at = ready.drive.shaft_quadcounts
     ready.clock.sleep(1.0)
@@ -288,15 +298,15 @@ def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:
     ready.clock.sleep(1.0)
     for action in (
         ready.driver.enable,
-        lambda: ready.driver.start_move(10, 120),
+        lambda: ready.driver.start_profile(10, 120),
         ready.driver.raise_if_faulted,
     ):
         with pytest.raises(DriveError, match="0x2310"):
             action()
     assert decode_state(ready.driver.statusword()) is DriveState.FAULT
     ready.driver.go_to(Goal.POWER_OFF)
-    ready.driver.write(od.CONTROLWORD, 0)
-    ready.driver.write(od.CONTROLWORD, FAULT_RESET)
+    ready.driver.download(co.CONTROLWORD, 0)
+    ready.driver.download(co.CONTROLWORD, FAULT_RESET)
     assert decode_state(ready.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
@@ -305,7 +315,7 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
     _home_here(ready)
     ready.drive.restart()
     with pytest.raises(DriveError, match="has restarted"):
-        ready.driver.raise_if_reported()
+        ready.driver.check()
     assert not ready.driver.is_referenced()
 
 
@@ -313,7 +323,7 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
 def test_a_drive_that_obeys_no_command_is_told(one: OneDrive, told: list[int]) -> None:
     """It stays where it is, or comes back there again and again: a second, and no longer, is waited for it."""
     words = cycle(told)
-    one.drive.node.objects._live[od.STATUSWORD] = lambda: next(words)
+    one.drive.node.objects._live[co.STATUSWORD] = lambda: next(words)
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
         one.driver.go_to(Goal.ENABLED)
     assert one.clock.now_s() == pytest.approx(1.0, abs=0.05)

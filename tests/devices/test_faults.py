@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
+from labrig.devices.epos2 import objects as od
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.plant import SimulatedPlant
@@ -21,9 +22,9 @@ def _plant(*faults: FaultDescription) -> SimulatedPlant:
 def _move(plant: SimulatedPlant) -> None:
     """Set the insertion moving, behind everybody's back."""
     objects = plant.drives["insertion"].node.objects
-    objects.put(od.TARGET_POSITION, 100_000)
+    objects.put(co.TARGET_POSITION, 100_000)
     for word in (0x06, 0x0F, 0x3F):
-        objects.put(od.CONTROLWORD, word)
+        objects.put(co.CONTROLWORD, word)
 
 
 def test_a_rig_file_scripts_faults(tmp_path: Path) -> None:
@@ -89,7 +90,7 @@ def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> No
     plant.clock.sleep(1.0)
     plant.faults.inject(fault)
     plant.clock.sleep(1.0)
-    assert drive.node.objects.value(od.LAST_ERROR) == code
+    assert drive.node.objects.value(co.LAST_ERROR) == code
     still = drive.journal.last("still")
     assert still is not None
     assert 1.0 <= still.t_s <= 1.5

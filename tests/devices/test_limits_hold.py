@@ -3,7 +3,7 @@
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.errors import LimitError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
@@ -23,7 +23,7 @@ def _beyond(opened: OpenedRig) -> list[str]:
     for name, axis in RIG.axes.items():
         position = axis.scale().to_position(opened.plant.drives[name].shaft_quadcounts)
         low, high = axis.limits
-        slack = 1 / axis.scale().quadcounts_per_unit
+        slack = 1 / axis.scale().counts_per_unit
         if not low - slack <= position <= high + slack:
             places.append(f"{name} at {position}")
     return places
@@ -52,4 +52,4 @@ def test_no_moves_at_all_take_an_axis_beyond_its_limits(
         assert beyond == []
         for drive in opened.plant.drives.values():
             assert drive.journal.last("emergency") is None
-            assert drive.node.objects.value(od.ERROR_COUNT) == 0
+            assert drive.node.objects.value(co.ERROR_COUNT) == 0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from tests.devices.rigs import OpenedRig, one_drive, opened_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
@@ -58,21 +58,21 @@ def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
     """Its map is left as it is, and its report stays off."""
     with opened_rig() as opened:
         objects = opened.plant.drives["linear"].node.objects
-        objects.put(od.TPDO_MAPS[2][0], 1)
+        objects.put(co.TPDO_MAPS[2][0], 1)
         _moving(opened)
         states = opened.rig.read_states()
         assert states["linear"].position == 0.0
         frames = _frames(opened)
         assert 0x603 in frames
         assert 0x383 not in frames
-        assert objects.value(od.TPDO_MAPS[2][0]) == 1
+        assert objects.value(co.TPDO_MAPS[2][0]) == 1
 
 
 def test_a_drive_that_refuses_to_report_is_read_by_questions() -> None:
     """The refusal keeps nobody from going on."""
     with one_drive() as one:
         one.driver.hold_off()
-        one.drive.abort_next(0x08000022, od.TPDO_TYPES[2].index)
+        one.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
         one.driver.let_report()
         one.driver.expect_report()
         assert one.driver.report() == (one.drive._statusword(), 0)

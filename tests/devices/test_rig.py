@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.cia402 import DriveState, decode_state
-from labrig.devices.epos2 import wait_for_all
+from labrig.devices.drive import wait_for_all
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -55,9 +55,8 @@ def test_a_setpoint_tells_what_was_asked_sent_and_achieved() -> None:
     """Position and speed are rounded on the wire, and the rounded ones are told."""
     with opened_rig(simulated_rig("axes.rotation.speed_tolerance_fraction=0.05")) as opened:
         setpoint = _ready(opened).rig.rotation.start_move(1.0, 1.0)
-        assert (setpoint.asked_position, setpoint.sent_quadcounts) == (1.0, 5093)
+        assert (setpoint.asked_position, setpoint.sent) == (1.0, {"sent_quadcounts": 5093, "sent_rpm": 153})
         assert setpoint.position == pytest.approx(1.0, abs=1e-4)
-        assert setpoint.sent_rpm == 153
         assert setpoint.speed == pytest.approx(153 * 2 * math.pi / 960)
 
 
@@ -113,7 +112,7 @@ def test_a_move_that_takes_far_too_long_is_told() -> None:
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(1.0, 1.0)
-        opened.rig.insertion._drive.halt()
+        opened.rig.insertion._drive.stop()
         opened.rig.wait(2.0)
         assert not opened.rig.read_states()["insertion"].target_reached
         opened.rig.wait(3.0)

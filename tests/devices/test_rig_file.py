@@ -38,7 +38,7 @@ def test_the_simulated_rig_makes_the_papers_speeds_exactly() -> None:
     rig = load_rig(SIMULATED)
     for axis in (rig.axes.insertion, rig.axes.linear):
         for speed in (1.0, 5.0):
-            assert axis.scale().to_speed(axis.scale().to_rpm(speed)) == speed
+            assert axis.scale().to_speed(axis.scale().to_speed_units(speed)) == speed
 
 
 def test_a_rig_file_survives_being_written_into_a_record() -> None:
@@ -47,6 +47,27 @@ def test_a_rig_file_survives_being_written_into_a_record() -> None:
     text = dump_yaml(rig)
     assert model_of_tree(read_tree(text, "rig.yaml"), RigDescription).placed_in(SIMULATED.parent) == rig
     assert str(SIMULATED.parent) not in text
+
+
+def test_an_axis_without_a_driver_has_an_epos2() -> None:
+    """Rig files from before there was a choice load unchanged; one that says so is the same."""
+    named = [f"axes.{axis}.driver=epos2" for axis in ("insertion", "rotation", "linear")]
+    assert load_rig(SIMULATED, named) == load_rig(SIMULATED)
+    assert [axis.driver for _, axis in load_rig(BENCH).axes.items()] == ["epos2"] * 3
+
+
+def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path) -> None:
+    """At its line, with the one that was probably meant."""
+    path = tmp_path / "rig.yaml"
+    path.write_text(rig_text({"  rotation:\n": "  rotation:\n    driver: epos3\n"}), encoding="utf-8")
+    with pytest.raises(FileFormatError) as refusal:
+        load_rig(path)
+    (problem,) = refusal.value.problems
+    assert problem.where.startswith(f"{path}:")
+    assert problem.where.endswith("axes.rotation.driver")
+    assert problem.message.startswith('driver is "epos3", expected one of ')
+    assert problem.hint == "did you mean epos2?"
+    assert refusal.value.exit_code == 2
 
 
 def test_overrides_come_before_validation() -> None:

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.drive import SimulatedDrive
 
 NODE = 5
 
@@ -45,7 +47,7 @@ class Bench:
         self.heard[:] = [message for message in self.heard if message.arbitration_id != can_id]
         return found
 
-    def write(self, entry: od.Entry, value: int) -> int:
+    def write(self, entry: Entry, value: int) -> int:
         """Write an object; return 0 or the abort code."""
         data = entry.pack(value)
         head = bytes([0x23 | (4 - len(data)) << 2]) + entry.index.to_bytes(2, "little")
@@ -53,7 +55,7 @@ class Bench:
         (answer,) = self.frames(0x580 + NODE)
         return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
-    def read(self, entry: od.Entry) -> int:
+    def read(self, entry: Entry) -> int:
         """Read an object."""
         head = b"\x40" + entry.index.to_bytes(2, "little") + bytes([entry.subindex])
         self.send(0x600 + NODE, head + bytes(4))
@@ -77,7 +79,7 @@ def _bench() -> Iterator[Bench]:
 def test_the_heartbeat_tells_the_nmt_state_at_its_period(bench: Bench) -> None:
     """Pre-operational, operational and stopped show as 127, 5 and 4."""
     bench.frames(0x705)
-    bench.write(od.PRODUCER_HEARTBEAT, 100)
+    bench.write(co.PRODUCER_HEARTBEAT, 100)
     for command, state in ((0x80, 127), (0x01, 5), (0x02, 4)):
         bench.nmt(command)
         bench.frames(0x705)
@@ -88,7 +90,7 @@ def test_the_heartbeat_tells_the_nmt_state_at_its_period(bench: Bench) -> None:
 
 def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Bench) -> None:
     """0x8130 comes 500 ms after the last beat; nothing is watched before the first one."""
-    bench.write(od.CONSUMER_HEARTBEAT, 127 << 16 | 500)
+    bench.write(co.CONSUMER_HEARTBEAT, 127 << 16 | 500)
     bench.clock.sleep(2.0)
     assert bench.frames(0x085) == []
     for _ in range(10):
@@ -100,7 +102,7 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Ben
     emergency = bench.drive.journal.last("emergency")
     assert emergency is not None
     assert emergency.t_s == pytest.approx(bench.clock.now_s() - 0.1)
-    bench.write(od.CONTROLWORD, 0x80)
+    bench.write(co.CONTROLWORD, 0x80)
     assert bench.frames(0x085) == [bytes(8)]
 
 
@@ -110,11 +112,11 @@ def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
     for _ in range(3):
         bench.send(0x705, b"\0", remote=True)
     assert bench.frames(0x705) == [b"\x7f", b"\xff", b"\x7f"]
-    bench.write(od.GUARD_TIME, 100)
-    bench.write(od.LIFE_TIME_FACTOR, 3)
+    bench.write(co.GUARD_TIME, 100)
+    bench.write(co.LIFE_TIME_FACTOR, 3)
     bench.clock.sleep(0.4)
     assert bench.frames(0x085) == [b"\x30\x81\x11\0\0\0\0\0"]
-    bench.write(od.PRODUCER_HEARTBEAT, 1000)
+    bench.write(co.PRODUCER_HEARTBEAT, 1000)
     bench.frames(0x705)
     bench.send(0x705, b"\0", remote=True)
     assert bench.frames(0x705) == []
@@ -136,20 +138,20 @@ def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> Non
 
 def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
     """Position and following error in one PDO: on SYNC with type 1, on a remote frame with type 253."""
-    mapping = od.TPDO_MAPS[2]
+    mapping = co.TPDO_MAPS[2]
     for entry, value in (
         (mapping[0], 0),
         (mapping[1], 0x60640020),
         (mapping[2], 0x20F40010),
         (mapping[0], 2),
-        (od.TPDO_TYPES[2], 1),
-        (od.TRANSMIT_PDO_COB_IDS[2], 0x385),
+        (co.TPDO_TYPES[2], 1),
+        (co.TRANSMIT_PDO_COB_IDS[2], 0x385),
     ):
         assert bench.write(entry, value) == 0
     bench.nmt(0x01)
     bench.send(0x080)
     assert bench.frames(0x385) == [bytes(6)]
-    bench.write(od.TPDO_TYPES[2], 253)
+    bench.write(co.TPDO_TYPES[2], 253)
     bench.send(0x080)
     assert bench.frames(0x385) == []
     bench.send(0x385, bytes(6), remote=True)
@@ -158,12 +160,12 @@ def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
 
 def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
     """Type 1 takes effect at the next SYNC; one that is too short is an emergency."""
-    bench.write(od.RPDO_TYPES[0], 1)
+    bench.write(co.RPDO_TYPES[0], 1)
     bench.nmt(0x01)
     bench.send(0x205, b"\x06\0")
-    assert bench.read(od.CONTROLWORD) == 0
+    assert bench.read(co.CONTROLWORD) == 0
     bench.send(0x080)
-    assert bench.read(od.CONTROLWORD) == 6
+    assert bench.read(co.CONTROLWORD) == 6
     bench.send(0x205, b"\x06")
     assert bench.frames(0x085)[0][:2] == b"\x10\x82"
 
@@ -171,26 +173,26 @@ def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("entry", "value", "code"),
     [
-        (od.TPDO_MAPS[0][1], 0x60640020, 0x08000022),  # the map is in use
-        (od.TPDO_TYPES[0], 17, 0x06090030),
-        (od.TRANSMIT_PDO_COB_IDS[0], 0x605, 0x0F00FFB9),
-        (od.STORE, 1, 0x08000020),
-        (od.HOMING_METHOD, 3, 0x06090030),
-        (od.MODE, 0, 0x06090030),
-        (od.LOWER_LIMIT, 2**31 - 1, 0),
-        (od.MAX_PROFILE_VELOCITY, 25_001, 0x06090031),
-        (od.ERROR_COUNT, 1, 0x06090031),
+        (co.TPDO_MAPS[0][1], 0x60640020, 0x08000022),  # the map is in use
+        (co.TPDO_TYPES[0], 17, 0x06090030),
+        (co.TRANSMIT_PDO_COB_IDS[0], 0x605, 0x0F00FFB9),
+        (co.STORE, 1, 0x08000020),
+        (co.HOMING_METHOD, 3, 0x06090030),
+        (co.MODE, 0, 0x06090030),
+        (co.LOWER_LIMIT, 2**31 - 1, 0),
+        (co.MAX_PROFILE_VELOCITY, 25_001, 0x06090031),
+        (co.ERROR_COUNT, 1, 0x06090031),
         (od.FOLLOWING_ERROR_ACTUAL, 1, 0x06010002),
     ],
 )
-def test_refusals_carry_maxons_codes(bench: Bench, entry: od.Entry, value: int, code: int) -> None:
+def test_refusals_carry_maxons_codes(bench: Bench, entry: Entry, value: int, code: int) -> None:
     """Each write that a drive would not take is aborted with the code for its reason."""
     assert bench.write(entry, value) == code
 
 
 def test_mapping_has_rules(bench: Bench) -> None:
     """Unmappable objects, wrong lengths, too much for a frame, and mapping outside PRE-OPERATIONAL are refused."""
-    mapping = od.TPDO_MAPS[0]
+    mapping = co.TPDO_MAPS[0]
     assert bench.write(mapping[0], 0) == 0
     assert bench.write(mapping[1], 0x10180120) == 0x06040041
     assert bench.write(mapping[1], 0x60640010) == 0x06040041
@@ -199,35 +201,35 @@ def test_mapping_has_rules(bench: Bench) -> None:
     assert bench.write(mapping[0], 3) == 0x06040042
     bench.nmt(0x01)
     assert bench.write(mapping[0], 2) == 0x0F00FFC0
-    bench.write(od.UPPER_LIMIT, 10)
-    assert bench.write(od.LOWER_LIMIT, 11) == 0x06090036
+    bench.write(co.UPPER_LIMIT, 10)
+    assert bench.write(co.LOWER_LIMIT, 11) == 0x06090036
 
 
 def test_what_is_saved_survives_power_and_what_is_not_does_not(bench: Bench) -> None:
     """0x1010 keeps settings across a reset, 0x1011 gives the defaults back; reset communication keeps the motion's."""
-    bench.write(od.PROFILE_ACCELERATION, 77)
+    bench.write(co.PROFILE_ACCELERATION, 77)
     bench.nmt(0x82)
-    assert bench.read(od.PROFILE_ACCELERATION) == 77
-    bench.write(od.STORE, 0x65766173)
-    bench.write(od.PROFILE_DECELERATION, 88)
+    assert bench.read(co.PROFILE_ACCELERATION) == 77
+    bench.write(co.STORE, 0x65766173)
+    bench.write(co.PROFILE_DECELERATION, 88)
     bench.nmt(0x81)
-    assert (bench.read(od.PROFILE_ACCELERATION), bench.read(od.PROFILE_DECELERATION)) == (77, 10000)
-    bench.write(od.RESTORE, 0x64616F6C)
+    assert (bench.read(co.PROFILE_ACCELERATION), bench.read(co.PROFILE_DECELERATION)) == (77, 10000)
+    bench.write(co.RESTORE, 0x64616F6C)
     bench.nmt(0x81)
-    assert bench.read(od.PROFILE_ACCELERATION) == 10000
-    bench.write(od.TRANSMIT_PDO_COB_IDS[0], 0x181)
-    bench.write(od.RESTORE_PDO_IDS, 0x64616F6C)
-    assert bench.read(od.TRANSMIT_PDO_COB_IDS[0]) == 0x40000185
+    assert bench.read(co.PROFILE_ACCELERATION) == 10000
+    bench.write(co.TRANSMIT_PDO_COB_IDS[0], 0x181)
+    bench.write(co.RESTORE_PDO_IDS, 0x64616F6C)
+    assert bench.read(co.TRANSMIT_PDO_COB_IDS[0]) == 0x40000185
 
 
 def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) -> None:
     """0x1020 falls to zero when a parameter changes, and stays when the same value or process data is written."""
     bench.write(od.CONFIGURATION_DATE, 7)
     bench.write(od.CONFIGURATION_TIME, 9)
-    bench.write(od.TARGET_POSITION, 100)
-    bench.write(od.PROFILE_ACCELERATION, 10000)
+    bench.write(co.TARGET_POSITION, 100)
+    bench.write(co.PROFILE_ACCELERATION, 10000)
     assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (7, 9)
-    bench.write(od.PROFILE_ACCELERATION, 10001)
+    bench.write(co.PROFILE_ACCELERATION, 10001)
     assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (0, 0)
 
 
@@ -235,21 +237,21 @@ def test_error_history_is_newest_first_and_can_be_cleared(bench: Bench) -> None:
     """0x1003 holds what happened; writing zero to its count empties it."""
     for code in (0x2310, 0x3210):
         bench.drive.fail(code)
-    assert [bench.read(entry) for entry in od.ERROR_HISTORY[:3]] == [0x3210, 0x2310, 0]
-    assert bench.read(od.ERROR_COUNT) == 2
-    bench.write(od.ERROR_COUNT, 0)
-    assert bench.read(od.LAST_ERROR) == 0
+    assert [bench.read(entry) for entry in co.ERROR_HISTORY[:3]] == [0x3210, 0x2310, 0]
+    assert bench.read(co.ERROR_COUNT) == 2
+    bench.write(co.ERROR_COUNT, 0)
+    assert bench.read(co.LAST_ERROR) == 0
 
 
 def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Bench) -> None:
     """After CAN passive a fault reset does nothing until NMT reset communication."""
     bench.drive.fail(0x8120)
-    bench.write(od.CONTROLWORD, 0x80)
-    assert bench.read(od.STATUSWORD) & 0x4F == 0x08
-    bench.write(od.CONTROLWORD, 0)
+    bench.write(co.CONTROLWORD, 0x80)
+    assert bench.read(co.STATUSWORD) & 0x4F == 0x08
+    bench.write(co.CONTROLWORD, 0)
     bench.nmt(0x82)
-    bench.write(od.CONTROLWORD, 0x80)
-    assert bench.read(od.STATUSWORD) & 0x4F == 0x40
+    bench.write(co.CONTROLWORD, 0x80)
+    assert bench.read(co.STATUSWORD) & 0x4F == 0x40
 
 
 def test_a_stopped_node_tells_no_emergency(bench: Bench) -> None:
@@ -258,7 +260,7 @@ def test_a_stopped_node_tells_no_emergency(bench: Bench) -> None:
     bench.drive.fail(0x2310)
     assert bench.frames(0x085) == []
     bench.nmt(0x80)
-    assert bench.read(od.LAST_ERROR) == 0x2310
+    assert bench.read(co.LAST_ERROR) == 0x2310
 
 
 def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
@@ -266,10 +268,10 @@ def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
     bench.send(0x605, b"\x21\x83\x60\0\x04\0\0\0")
     bench.send(0x605, b"\x07\x05\0\0\0\0\0\0")
     assert [answer[0] for answer in bench.frames(0x585)] == [0x60, 0x20]
-    assert bench.read(od.PROFILE_ACCELERATION) == 5
+    assert bench.read(co.PROFILE_ACCELERATION) == 5
     bench.send(0x605, b"\x22\x98\x60\0\x23\0\0\0")
     assert bench.frames(0x585)[0][0] == 0x60
-    assert bench.read(od.HOMING_METHOD) == 35
+    assert bench.read(co.HOMING_METHOD) == 35
     bench.send(0x605, b"\x17\0\0\0\0\0\0\0")
     assert bench.frames(0x585)[0][0] == 0x80
 

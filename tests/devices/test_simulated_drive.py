@@ -7,10 +7,11 @@ import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire, attach
-from labrig.devices.simulated.drive import SimulatedDrive
 from tests.devices.rigs import ANSWER_TIMEOUT_S
 
 
@@ -75,9 +76,9 @@ def test_refusals_carry_the_codes_that_maxon_lists(
 
 def test_every_number_reads_back_its_default(node: canopen.RemoteNode) -> None:
     """Each entry of the table is served in its own width, with the value that it has after power on."""
-    own_id = {od.NODE_ID, od.EMERGENCY_ID, od.SDO_REQUEST_ID, od.SDO_RESPONSE_ID}
-    own_id |= {*od.RECEIVE_PDO_COB_IDS, *od.TRANSMIT_PDO_COB_IDS}
-    changing = {od.STATUSWORD, od.SERIAL_NUMBER, *own_id}
+    own_id = {od.NODE_ID, co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID}
+    own_id |= {*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS}
+    changing = {co.STATUSWORD, co.SERIAL_NUMBER, *own_id}
     for entry in od.NUMBERS:
         data = node.sdo.upload(entry.index, entry.subindex)
         assert len(data) == entry.size

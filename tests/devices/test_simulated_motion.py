@@ -7,11 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.epos2.simulated_homing import METHODS
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.drive import SimulatedDrive
-from labrig.devices.simulated.homing import METHODS
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.trapezoid import Limits, running
 
@@ -33,34 +35,34 @@ class Bench:
         self.drive = SimulatedDrive(InProcessWire(), 1, self.clock, mechanics=mechanics)
         self.clock.on_advance(self.drive.tick)
         for word in (0x06, 0x0F):
-            self.write(od.CONTROLWORD, word)
+            self.write(co.CONTROLWORD, word)
 
-    def write(self, entry: od.Entry, value: int) -> None:
+    def write(self, entry: Entry, value: int) -> None:
         """Write an object as a client does."""
         self.drive.tick()
         self.drive.node.objects.write(entry.index, entry.subindex, entry.pack(value))
 
-    def read(self, entry: od.Entry) -> int:
+    def read(self, entry: Entry) -> int:
         """Read an object as a client does."""
         self.drive.tick()
         return entry.unpack(self.drive.node.objects.read(entry.index, entry.subindex))
 
     def word(self) -> int:
         """Read the statusword."""
-        return self.read(od.STATUSWORD)
+        return self.read(co.STATUSWORD)
 
     def go(self, target: int) -> None:
         """Start a move."""
-        self.write(od.TARGET_POSITION, target)
-        self.write(od.CONTROLWORD, 0x3F)
-        self.write(od.CONTROLWORD, 0x0F)
+        self.write(co.TARGET_POSITION, target)
+        self.write(co.CONTROLWORD, 0x3F)
+        self.write(co.CONTROLWORD, 0x0F)
 
     def home(self, method: int) -> None:
         """Start homing."""
-        self.write(od.MODE, 6)
-        self.write(od.HOMING_METHOD, method)
-        self.write(od.CONTROLWORD, 0x0F)
-        self.write(od.CONTROLWORD, 0x1F)
+        self.write(co.MODE, 6)
+        self.write(co.HOMING_METHOD, method)
+        self.write(co.CONTROLWORD, 0x0F)
+        self.write(co.CONTROLWORD, 0x1F)
 
 
 @contextmanager
@@ -74,15 +76,15 @@ def bench(mechanics: Mechanics = MECHANICS) -> Iterator[Bench]:
 def test_profile_velocity_runs_until_it_is_halted() -> None:
     """The target velocity is attained by the profile's acceleration; Halt brakes, releasing it runs on."""
     with bench(Mechanics()) as b:
-        b.write(od.MODE, 3)
-        b.write(od.TARGET_VELOCITY, 600)
+        b.write(co.MODE, 3)
+        b.write(co.TARGET_VELOCITY, 600)
         b.clock.sleep(0.01)
         assert b.word() & 0x1400 == 0
         b.clock.sleep(1.0)
         assert b.drive.speed_quadcounts_s == pytest.approx(600 * COUNTS_PER_RPM)
-        assert b.read(od.VELOCITY_ACTUAL) == 600
+        assert b.read(co.VELOCITY_ACTUAL) == 600
         assert b.word() & 0x1400 == 0x0400
-        b.write(od.CONTROLWORD, 0x10F)
+        b.write(co.CONTROLWORD, 0x10F)
         b.clock.sleep(1.0)
         assert b.drive.speed_quadcounts_s == 0
         assert b.word() & 0x1400 == 0x1400
@@ -116,7 +118,7 @@ def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
         b.clock.sleep(60.0)
         assert b.word() & 0xB400 == 0x9400
         assert b.drive.shaft_quadcounts == pytest.approx(home, abs=1e-6)
-        assert b.read(od.POSITION_ACTUAL) == 50
+        assert b.read(co.POSITION_ACTUAL) == 50
 
 
 def test_every_method_of_the_table_is_tried() -> None:
@@ -132,10 +134,10 @@ def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
         b.home(-4)
         assert not b.word() & 0x1000
         b.clock.sleep(1.0)
-        b.write(od.CONTROLWORD, 0x11F)
+        b.write(co.CONTROLWORD, 0x11F)
         b.clock.sleep(2.0)
         before = b.drive.shaft_quadcounts
-        b.write(od.CONTROLWORD, 0x0F)
+        b.write(co.CONTROLWORD, 0x0F)
         b.clock.sleep(2.0)
         assert b.drive.shaft_quadcounts == before
         assert not b.word() & 0x1000
@@ -162,7 +164,7 @@ def test_a_blocked_shaft_becomes_a_following_error() -> None:
         before = b.drive.shaft_quadcounts
         b.clock.sleep(1.0)
         assert b.word() & 0x6F == 0x08
-        assert b.read(od.LAST_ERROR) == 0x8611
+        assert b.read(co.LAST_ERROR) == 0x8611
         assert b.drive.shaft_quadcounts == before
         emergency = b.drive.journal.last("emergency")
         assert emergency is not None
@@ -181,7 +183,7 @@ def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
         b.write(od.LIMIT_EXECUTION_MASK, 3)
         b.go(10_000)
         b.clock.sleep(2.0)
-        assert b.read(od.LAST_ERROR) == 0xFF07
+        assert b.read(co.LAST_ERROR) == 0xFF07
 
 
 @pytest.mark.parametrize("code", [0x2310, 0x3210])
@@ -201,11 +203,11 @@ def test_an_emergency_stop_lasts_until_power_is_back() -> None:
     """Resetting the fault does nothing while the supply is cut."""
     with bench() as b:
         b.drive.cut_power_stage()
-        b.write(od.CONTROLWORD, 0x80)
+        b.write(co.CONTROLWORD, 0x80)
         assert b.word() & 0x4F == 0x08
         b.drive.restore_power_stage()
-        b.write(od.CONTROLWORD, 0)
-        b.write(od.CONTROLWORD, 0x80)
+        b.write(co.CONTROLWORD, 0)
+        b.write(co.CONTROLWORD, 0x80)
         assert b.word() & 0x4F == 0x40
 
 
@@ -213,12 +215,12 @@ def test_a_set_point_that_is_not_immediate_waits_for_the_present_one() -> None:
     """Without bit 5 the second move follows the first; the acknowledge stays until then."""
     with bench(Mechanics()) as b:
         b.go(10_000)
-        b.write(od.TARGET_POSITION, 5_000)
-        b.write(od.CONTROLWORD, 0x1F)
-        b.write(od.CONTROLWORD, 0x0F)
+        b.write(co.TARGET_POSITION, 5_000)
+        b.write(co.CONTROLWORD, 0x1F)
+        b.write(co.CONTROLWORD, 0x0F)
         assert b.word() & 0x1000
         b.clock.sleep(5.0)
-        assert b.read(od.POSITION_ACTUAL) == 5_000
+        assert b.read(co.POSITION_ACTUAL) == 5_000
         assert [e.text for e in b.drive.journal if e.kind == "still"] == ["", ""]
 
 
@@ -226,9 +228,9 @@ def test_a_changed_encoder_makes_the_position_invalid() -> None:
     """0x2210 is refused with power on; without, it takes the reference and raises 0x7320."""
     with bench() as b:
         b.home(35)
-        b.write(od.CONTROLWORD, 0)
+        b.write(co.CONTROLWORD, 0)
         b.write(od.ENCODER_PULSES, 1000)
-        assert b.read(od.LAST_ERROR) == 0x7320
+        assert b.read(co.LAST_ERROR) == 0x7320
         assert not b.word() & 0x8000
 
 
@@ -249,12 +251,12 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
 ) -> None:
     """Whatever is written, demand beyond a software limit is a fault, and the axis comes to rest."""
     with bench(Mechanics()) as b:
-        b.write(od.LOWER_LIMIT, -20_000)
-        b.write(od.UPPER_LIMIT, 20_000)
+        b.write(co.LOWER_LIMIT, -20_000)
+        b.write(co.UPPER_LIMIT, 20_000)
         for word, target, rpm, wait_s in steps:
-            b.write(od.PROFILE_VELOCITY, rpm)
-            b.write(od.TARGET_POSITION, target)
-            b.write(od.CONTROLWORD, word)
+            b.write(co.PROFILE_VELOCITY, rpm)
+            b.write(co.TARGET_POSITION, target)
+            b.write(co.CONTROLWORD, word)
             b.clock.sleep(wait_s)
         b.clock.sleep(60.0)
         fastest = 25_000 * COUNTS_PER_RPM
@@ -262,7 +264,7 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
         assert abs(b.drive.shaft_quadcounts) <= 20_000 + braking
         # The counter holds whole quadcounts: a target on the limit is not beyond it by its last binary digit.
         if round(abs(b.drive.shaft_quadcounts)) > 20_000:
-            assert b.read(od.LAST_ERROR) == 0xFF09
+            assert b.read(co.LAST_ERROR) == 0xFF09
         assert not b.drive.is_moving
 
 

@@ -9,62 +9,60 @@ from labrig.devices.units import TURN_RAD, AxisScale
 
 scales = st.builds(
     AxisScale,
-    encoder_pulses_per_turn=st.integers(16, 5000),
+    counts_per_turn=st.integers(16, 5000).map(lambda pulses: 4 * pulses),
     gear_ratio=st.floats(0.1, 500),
     travel_per_turn=st.one_of(st.floats(0.1, 100), st.just(TURN_RAD)),
     reversed=st.booleans(),
 )
-SCREW = AxisScale(500, 4, 2.0)
+SCREW = AxisScale(2000, 4, 2.0)
 
 
 @given(scales, st.integers(-(2**31) + 1, 2**31 - 1))
 def test_every_counter_survives_the_way_out_and_back(scale: AxisScale, quadcounts: int) -> None:
     """A quadcount told in mm or rad is the same quadcount when it is asked for again."""
-    assert scale.to_quadcounts(scale.to_position(quadcounts)) == quadcounts
+    assert scale.to_counts(scale.to_position(quadcounts)) == quadcounts
 
 
 @given(scales, st.floats(-1000, 1000))
 def test_a_position_is_off_by_at_most_half_a_quadcount(scale: AxisScale, position: float) -> None:
     """Rounding to the nearest quadcount is all that a position loses."""
-    back = scale.to_position(scale.to_quadcounts(position))
-    assert abs(back - position) <= 0.5 / scale.quadcounts_per_unit * (1 + 1e-6) + 1e-12 * abs(position)
+    back = scale.to_position(scale.to_counts(position))
+    assert abs(back - position) <= 0.5 / scale.counts_per_unit * (1 + 1e-6) + 1e-12 * abs(position)
 
 
 @given(scales, st.integers(1, 25_000))
 def test_every_motor_speed_survives_the_way_out_and_back(scale: AxisScale, rpm: int) -> None:
     """An achieved speed, asked for again, is the same integer rpm."""
-    assert scale.to_rpm(scale.to_speed(rpm)) == rpm
+    assert scale.to_speed_units(scale.to_speed(rpm)) == rpm
 
 
 @given(scales, st.floats(0.0, 1000))
 def test_a_reversed_axis_counts_the_other_way(scale: AxisScale, position: float) -> None:
     """Reversing changes the sign of the counter, and nothing else."""
-    other = AxisScale(
-        scale.encoder_pulses_per_turn, scale.gear_ratio, scale.travel_per_turn, not scale.reversed
-    )
-    assert other.to_quadcounts(position) == -scale.to_quadcounts(position)
+    other = AxisScale(scale.counts_per_turn, scale.gear_ratio, scale.travel_per_turn, not scale.reversed)
+    assert other.to_counts(position) == -scale.to_counts(position)
 
 
 def test_known_screw() -> None:
     """500 lines, 4:1 and a lead of 2 mm: 4000 quadcounts a mm, and 1 mm/s is 120 rpm."""
-    assert SCREW.to_quadcounts(40.0) == 160_000
-    assert (SCREW.to_rpm(1.0), SCREW.to_speed(120)) == (120, 1.0)
-    assert SCREW.to_rpm_per_s(50.0) == 6000
+    assert SCREW.to_counts(40.0) == 160_000
+    assert (SCREW.to_speed_units(1.0), SCREW.to_speed(120)) == (120, 1.0)
+    assert SCREW.to_acceleration_units(50.0) == 6000
 
 
 def test_known_shaft() -> None:
     """A turn of a shaft is four times the encoder's lines times the gear."""
-    shaft = AxisScale(500, 16, TURN_RAD)
-    assert shaft.to_quadcounts(math.pi) == 16_000
-    assert shaft.to_rpm(TURN_RAD) == 960
+    shaft = AxisScale(2000, 16, TURN_RAD)
+    assert shaft.to_counts(math.pi) == 16_000
+    assert shaft.to_speed_units(TURN_RAD) == 960
 
 
 def test_a_speed_below_one_rpm_is_one_rpm() -> None:
     """The drive takes no profile velocity of 0."""
-    assert SCREW.to_rpm(1e-6) == 1
-    assert SCREW.to_distance_quadcounts(1e-9) == 1
+    assert SCREW.to_speed_units(1e-6) == 1
+    assert SCREW.to_distance_counts(1e-9) == 1
 
 
 def test_zero_has_no_sign() -> None:
     """A reversed axis at zero reads 0.0, not -0.0, which would show in the record."""
-    assert math.copysign(1.0, AxisScale(500, 4, 2.0, reversed=True).to_position(0)) == 1.0
+    assert math.copysign(1.0, AxisScale(2000, 4, 2.0, reversed=True).to_position(0)) == 1.0

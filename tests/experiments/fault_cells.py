@@ -8,24 +8,26 @@ from pathlib import Path
 
 import can
 
-from labrig.devices import epos2_objects as od
-from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices import canopen_objects as co
+from labrig.devices.camera import Picture, PictureSource
+from labrig.devices.camera_settings import Setting
+from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402 import DriveState
+from labrig.devices.drive import Homing
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
-from labrig.devices.homing import Homing
 from labrig.devices.operator import OperatorRequest, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import MachineError, SafetyStopError, WireError
 from labrig.experiments.conduct import Outcome, conduct
 from labrig.experiments.session import Session
 from labrig.protocol.load import AnyProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, simulated_rig
@@ -53,7 +55,7 @@ _RIG = (
     *(f"axes.{name}.configuration_fingerprint={list(_FINGERPRINT)}" for name in AXES),
     *(f"axes.{name}.limit_switches=[positive]" for name in AXES),
 )
-_TO_THE_LOWER_STOP = Homing(-4, offset=11_200, switch_rpm=240, index_rpm=240, rpm_per_s=6000, timeout_s=30.0)
+_TO_THE_LOWER_STOP = Homing(-4, offset=7.0, speed=5.0, timeout_s=30.0)
 _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
 _PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
 _CUT_CODES = {"emergency stop", "EMCY under-voltage"}
@@ -148,7 +150,7 @@ class Cell:
 
         self.taps.append(InProcessBus(self.plant.wire, hear))
 
-    def swap(self, entry: od.Entry, value: int) -> None:
+    def swap(self, entry: Entry, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
         self.drive.node.objects.set_fixed(entry, value)
         self.drive.restart()
@@ -157,7 +159,7 @@ class Cell:
         """Change a parameter in EPOS Studio, store it, and switch the drive off and on."""
         objects = self.drive.node.objects
         objects.put(od.MAX_CURRENT, 1234)
-        objects.put(od.STORE, 0x65766173)
+        objects.put(co.STORE, 0x65766173)
         self.drive.restart()
 
     def fill_disk(self) -> None:
@@ -188,7 +190,7 @@ def _emergency(code: int) -> Callable[[Cell], None]:
 
 def _limit_behind(cell: Cell) -> None:
     """Let the axis find itself beyond a software limit that somebody else has written."""
-    cell.drive.node.objects.put(od.LOWER_LIMIT, 2**30)
+    cell.drive.node.objects.put(co.LOWER_LIMIT, 2**30)
 
 
 STRIKES: dict[str, Callable[[Cell], None]] = {
@@ -223,7 +225,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "bus passive": _scripted(fault="bus-passive"),
     "adapter unplugged": _scripted(fault="unplugged"),
     "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
-    "wrong vendor": lambda cell: cell.swap(od.VENDOR_ID, 0x2A),
+    "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),
     "unknown hardware": lambda cell: cell.swap(od.HARDWARE_VERSION, 0x6552),
     "fingerprint mismatch": lambda cell: cell.change_parameter(),
     "computer hangs": lambda cell: setattr(cell.signal, "hangs", True),
@@ -263,7 +265,7 @@ def _plant(description: RigDescription) -> SimulatedPlant:
         objects = drive.node.objects
         objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
         objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
-        objects.put(od.STORE, 0x65766173)
+        objects.put(co.STORE, 0x65766173)
     return plant
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices import epos2_objects as od
 from labrig.devices.check import check_rig
+from labrig.devices.epos2 import objects as od
 from labrig.devices.motion_log import last_motion
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
 from labrig.devices.rig import Opening, Rig, open_rig
@@ -162,7 +162,7 @@ def test_travel_is_compared_with_a_scale() -> None:
         assert check_travel(opened.rig, "insertion", 10.0).status == "PASS"
         assert check_backlash(opened.rig, "rotation", 1.0).status == "PASS"
         shaft = opened.plant.drives["insertion"].shaft_quadcounts
-        assert abs(shaft - INSERTION.scale().to_quadcounts(10.0)) <= 2
+        assert abs(shaft - INSERTION.scale().to_counts(10.0)) <= 2
 
 
 def test_limits_are_visited_once_the_axis_is_referenced() -> None:

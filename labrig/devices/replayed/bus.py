@@ -6,8 +6,8 @@ from queue import Empty, SimpleQueue
 
 import can
 
-from labrig.devices import epos2_objects as od
 from labrig.devices.bus import BusNetwork, CanLink
+from labrig.devices.canopen_objects import CONTROLWORD
 from labrig.devices.cia402 import HALT
 from labrig.devices.replayed.clock import ReplayedClock
 from labrig.devices.replayed.commands import CommandWords
@@ -16,7 +16,7 @@ from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.record.can_log import CanFrame
 
 _SYNC, _UPLOAD = 0x080, 0x40
-_CONTROLWORD = od.CONTROLWORD.index.to_bytes(2, "little") + b"\0"
+_CONTROLWORD = CONTROLWORD.index.to_bytes(2, "little") + b"\0"
 
 
 @dataclass(frozen=True)

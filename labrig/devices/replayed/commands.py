@@ -1,12 +1,11 @@
 """CAN frames in words: which axis, which object, which value."""
 
-from labrig.devices import epos2_objects as od
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.canopen_objects import LOWER_LIMIT, TARGET_POSITION, UPPER_LIMIT, Entry
+from labrig.devices.drive import find_drive_kind
 from labrig.devices.rig_file import RigDescription
 
-_OBJECTS = {
-    (entry.index, entry.subindex): entry for entry in vars(od).values() if isinstance(entry, od.Entry)
-}
-_POSITIONS = (od.TARGET_POSITION, od.LOWER_LIMIT, od.UPPER_LIMIT)
+_POSITIONS = (TARGET_POSITION, LOWER_LIMIT, UPPER_LIMIT)
 
 
 class CommandWords:
@@ -19,7 +18,7 @@ class CommandWords:
     """
 
     def __init__(self, rig: RigDescription) -> None:
-        self._axes = {axis.node_id: (name, axis) for name, axis in rig.axes.items()}
+        self._axes = {node: (name, axis) for name, axis in rig.axes.items() for node in axis.nodes}
 
     def __call__(self, can_id: int, data: bytes) -> str:
         """Return a frame as a phrase."""
@@ -32,19 +31,19 @@ class CommandWords:
         return f"CAN frame {can_id:03X}#{data.hex().upper()}"
 
     def _question(self, node: int, data: bytes) -> str:
-        name = self._axes[node][0] if node in self._axes else f"node {node}"
+        name, axis = self._axes.get(node, (f"node {node}", None))
         index, subindex = int.from_bytes(data[1:3], "little"), data[3]
-        entry = _OBJECTS.get((index, subindex))
-        if entry is None:
+        entry = None if axis is None else find_drive_kind(axis.driver).find_object(axis, index, subindex)
+        if axis is None or entry is None:
             return f"{name}: object 0x{index:04X}:{subindex:02X} = {data[4:].hex()}"
         what = f"{name}: {entry.name} ({entry.place})"
         if data[0] == 0x40:
             return f"{what} is read"
         value = entry.unpack(data[4:])
-        return f"{what} = {value}{self._in_units(node, entry, value)}"
+        return f"{what} = {value}{_in_units(axis, entry, value)}"
 
-    def _in_units(self, node: int, entry: od.Entry, value: int) -> str:
-        if entry not in _POSITIONS or node not in self._axes:
-            return ""
-        axis = self._axes[node][1]
-        return f" quadcounts, {axis.scale().to_position(value):.4f} {axis.unit}"
+
+def _in_units(axis: AxisDescription, entry: Entry, value: int) -> str:
+    if entry not in _POSITIONS:
+        return ""
+    return f" {axis.count_unit}, {axis.scale().to_position(value):.4f} {axis.unit}"

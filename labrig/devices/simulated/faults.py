@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from labrig.clock import Clock
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.drive import SimulatedDrive
+from labrig.devices.simulated.simulated_node import SimulatedNode
 
 _NEGATIVE, _POSITIVE = 0x0001, 0x0002
 
@@ -17,7 +17,7 @@ class FaultScript:
     ----------
     wire : InProcessWire
         The bus.
-    drives : mapping of str to SimulatedDrive
+    drives : mapping of str to SimulatedNode
         The drives by their axes.
     clock : Clock
         Rig time; `tick` is to be called whenever it advances.
@@ -28,7 +28,7 @@ class FaultScript:
     def __init__(
         self,
         wire: InProcessWire,
-        drives: Mapping[str, SimulatedDrive],
+        drives: Mapping[str, SimulatedNode],
         clock: Clock,
         faults: Iterable[FaultDescription],
     ) -> None:
@@ -77,7 +77,7 @@ class FaultScript:
             "unplugged": wire.unplug,
         }
 
-    def _of_drive(self, fault: FaultDescription, drive: SimulatedDrive) -> dict[str, Callable[[], object]]:
+    def _of_drive(self, fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
         return {
             "silent": drive.mute,
             "deaf": drive.deafen,
@@ -86,14 +86,10 @@ class FaultScript:
             "sdo-abort": lambda: drive.abort_next(fault.code or 0),
             "sdo-timeout": lambda: drive.ignore_next(fault.count),
             "following-error": drive.block,
-            "node-id-clash": lambda: self._clash(drive),
+            "node-id-clash": drive.add_twin,
             "encoder-resolution": lambda: drive.set_encoder(fault.encoder_pulses_per_turn),
             "emergency-stop": drive.cut_power_stage,
             "heartbeat-stops": drive.stop_heartbeat,
             "negative-limit-switch": lambda: drive.press(_NEGATIVE),
             "positive-limit-switch": lambda: drive.press(_POSITIVE),
         }
-
-    def _clash(self, drive: SimulatedDrive) -> None:
-        """Put another drive with the same node id on the bus."""
-        SimulatedDrive(self._wire, drive.node_id, self._clock, shaft_quadcounts=drive.shaft_quadcounts)

@@ -1,4 +1,4 @@
-"""The CANopen side of a simulated EPOS2 (CiA 301): NMT, boot-up, SDO, PDO, EMCY, heartbeat, guarding, SYNC."""
+"""The CANopen side of a simulated drive (CiA 301): NMT, boot-up, SDO, PDO, EMCY, heartbeat, guarding, SYNC."""
 
 import math
 import struct
@@ -9,17 +9,18 @@ from enum import IntEnum
 import can
 
 from labrig.clock import Clock
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.dictionary import ObjectDictionary
+from labrig.devices.simulated.dictionary import ObjectDictionary, ObjectTable
 from labrig.devices.simulated.pdo import PdoEngine
 from labrig.devices.simulated.sdo_server import SdoServer
 from labrig.devices.simulated.vigilance import Vigilance
 
 _PDO_ENTRIES = frozenset(
-    {*od.RECEIVE_PDO_COB_IDS, *od.TRANSMIT_PDO_COB_IDS, *od.TPDO_TYPES, od.RESTORE_PDO_IDS}
+    {*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, co.RESTORE_PDO_IDS}
 )
-_WATCH_ENTRIES = frozenset({od.CONSUMER_HEARTBEAT, od.CONSUMER_HEARTBEAT_2, od.PRODUCER_HEARTBEAT})
+_WATCH_ENTRIES = frozenset({co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.PRODUCER_HEARTBEAT})
 
 
 class NmtState(IntEnum):
@@ -32,7 +33,7 @@ class NmtState(IntEnum):
 
 
 class Node:
-    """What of a drive is on the bus; what the drive does stands in `SimulatedDrive`.
+    """What of a simulated drive is on the bus; what it does stands in the folder of its kind.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class Node:
         Its node id.
     clock : Clock
         Its time.
-    fixed, live, written, is_powered
+    table, fixed, live, written, is_powered
         As `ObjectDictionary` takes them.
     on_nmt : callable
         Told each NMT command for this node.
@@ -60,9 +61,10 @@ class Node:
         node_id: int,
         clock: Clock,
         *,
-        fixed: Mapping[od.Entry, int],
-        live: Mapping[od.Entry, Callable[[], int]],
-        written: Callable[[od.Entry, int, int], None],
+        table: ObjectTable,
+        fixed: Mapping[Entry, int],
+        live: Mapping[Entry, Callable[[], int]],
+        written: Callable[[Entry, int, int], None],
         is_powered: Callable[[], bool],
         on_nmt: Callable[[int], None],
         on_silence: Callable[[float], None],
@@ -80,6 +82,7 @@ class Node:
         self._on_nmt_command = on_nmt
         self._before_frame = before_frame
         self.objects = ObjectDictionary(
+            table,
             node_id,
             fixed,
             live,
@@ -154,7 +157,7 @@ class Node:
     def _send_state(self, toggle: int) -> None:
         self.send(0x700 + self.node_id, bytes([self.state | toggle]))
 
-    def _written(self, entry: od.Entry, value: int, before: int) -> None:
+    def _written(self, entry: Entry, value: int, before: int) -> None:
         if entry in _WATCH_ENTRIES:
             self.vigilance.configure(self._clock.now_s())
         elif entry in _PDO_ENTRIES:
@@ -212,7 +215,7 @@ class Node:
             self._on_nmt_command(data[0])
 
     def _on_process_data(self, can_id: int, data: bytes) -> None:
-        if can_id == self.objects.values[od.SYNC_ID] & 0x7FF:
+        if can_id == self.objects.values[co.SYNC_ID] & 0x7FF:
             self._before_frame()
             self.pdo.sync()
         elif self.pdo.listens_to(can_id):

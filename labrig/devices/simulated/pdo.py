@@ -1,9 +1,10 @@
-"""Process data of a simulated EPOS2 (CiA 301): what its PDOs carry, and when they are sent and taken."""
+"""Process data of a simulated drive (CiA 301): what its PDOs carry, and when they are sent and taken."""
 
 from collections.abc import Callable
 
-from labrig.devices import epos2_objects as od
-from labrig.devices.simulated.dictionary import ObjectDictionary, find_entry
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.simulated.dictionary import ObjectDictionary
 
 _SYNCHRONOUS, _ON_REQUEST = 1, 253
 _NO_REMOTE = 0x40000000
@@ -42,16 +43,16 @@ class PdoEngine:
         values = self._objects.values
         self._receive_ids = {
             values[entry] & 0x7FF: n
-            for n, entry in enumerate(od.RECEIVE_PDO_COB_IDS)
+            for n, entry in enumerate(co.RECEIVE_PDO_COB_IDS)
             if _valid(values[entry])
         }
-        valid = [n for n, entry in enumerate(od.TRANSMIT_PDO_COB_IDS) if _valid(values[entry])]
+        valid = [n for n, entry in enumerate(co.TRANSMIT_PDO_COB_IDS) if _valid(values[entry])]
         self._request_ids = {
-            values[od.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF: n
+            values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF: n
             for n in valid
-            if not values[od.TRANSMIT_PDO_COB_IDS[n]] & _NO_REMOTE
+            if not values[co.TRANSMIT_PDO_COB_IDS[n]] & _NO_REMOTE
         }
-        self._watched = tuple(n for n in valid if values[od.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
+        self._watched = tuple(n for n in valid if values[co.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
 
     def start(self) -> None:
         """Begin afresh, as on entering OPERATIONAL: what is sent on change is sent once."""
@@ -65,9 +66,9 @@ class PdoEngine:
     def take(self, can_id: int, data: bytes) -> None:
         """Take a PDO of ours."""
         n = self._receive_ids[can_id]
-        if len(data) < sum(entry.size for entry in self._mapped(od.RPDO_MAPS[n])):
+        if len(data) < sum(entry.size for entry in self._mapped(co.RPDO_MAPS[n])):
             self._fail(_WRONG_LENGTH_ERROR)
-        elif self._objects.values[od.RPDO_TYPES[n]] == _SYNCHRONOUS:
+        elif self._objects.values[co.RPDO_TYPES[n]] == _SYNCHRONOUS:
             self._waiting[n] = data
         else:
             self._apply(n, data)
@@ -83,8 +84,8 @@ class PdoEngine:
         waiting, self._waiting = self._waiting, {}
         for n, data in waiting.items():
             self._apply(n, data)
-        for n, entry in enumerate(od.TPDO_TYPES):
-            valid = _valid(self._objects.values[od.TRANSMIT_PDO_COB_IDS[n]])
+        for n, entry in enumerate(co.TPDO_TYPES):
+            valid = _valid(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]])
             if valid and self._objects.values[entry] == _SYNCHRONOUS:
                 self._transmit(n)
 
@@ -92,7 +93,7 @@ class PdoEngine:
         """Send the PDOs whose content has changed, each not before its inhibit time is over."""
         for n in self._watched:
             last, sent_s = self._sent.get(n, (b"", -1e9))
-            inhibit_s = max(_WATCH_EVERY_S, self._objects.values[od.TPDO_INHIBITS[n]] * 1e-4)
+            inhibit_s = max(_WATCH_EVERY_S, self._objects.values[co.TPDO_INHIBITS[n]] * 1e-4)
             if now_s - sent_s < inhibit_s and last:
                 continue
             data = self._content(n)
@@ -101,23 +102,23 @@ class PdoEngine:
                 self._transmit(n)
 
     def _transmit(self, n: int) -> None:
-        self._send(self._objects.values[od.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._content(n))
+        self._send(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._content(n))
 
     def _content(self, n: int) -> bytes:
-        return b"".join(entry.pack(self._objects.value(entry)) for entry in self._mapped(od.TPDO_MAPS[n]))
+        return b"".join(entry.pack(self._objects.value(entry)) for entry in self._mapped(co.TPDO_MAPS[n]))
 
-    def _mapped(self, mapping: tuple[od.Entry, ...]) -> list[od.Entry]:
+    def _mapped(self, mapping: tuple[Entry, ...]) -> list[Entry]:
         values = self._objects.values
         places = [values[place] for place in mapping[1 : values[mapping[0]] + 1]]
-        found = [find_entry(place >> 16, place >> 8 & 0xFF) for place in places]
+        found = [self._objects.find(place >> 16, place >> 8 & 0xFF) for place in places]
         return [entry for entry in found if entry is not None]
 
     def _apply(self, n: int, data: bytes) -> None:
         start = 0
-        for entry in self._mapped(od.RPDO_MAPS[n]):
+        for entry in self._mapped(co.RPDO_MAPS[n]):
             self._objects.put_checked(entry, data[start : start + entry.size])
             start += entry.size
 
 
 def _valid(cob_id: int) -> bool:
-    return not cob_id & od.PDO_INVALID
+    return not cob_id & co.PDO_INVALID

@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
 from labrig.devices.camera_kind import CameraContext, camera_kind
 from labrig.devices.clocks import SimulatedClock
+from labrig.devices.drive import find_drive_kind
 from labrig.devices.past import PastInsertion
-from labrig.devices.rig_file import AxisDescription, RigDescription, require_complete
+from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
-from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
 from labrig.devices.simulated.shaft import Mechanics
@@ -36,7 +37,7 @@ class SimulatedPlant:
     Raises
     ------
     InputError
-        When the rig file has unknown entries.
+        When the rig file has unknown entries, or a drive that cannot be simulated.
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
@@ -49,12 +50,8 @@ class SimulatedPlant:
         self.wire = InProcessWire()
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self.drives = {
-            name: SimulatedDrive(
-                self.wire,
-                axis.node_id,
-                self.clock,
-                encoder_pulses=self._scales[name].encoder_pulses_per_turn,
-                mechanics=_mechanics(axis, self._scales[name]),
+            name: find_drive_kind(axis.driver).simulate(
+                axis, self.wire, self.clock, _mechanics(axis, self._scales[name])
             )
             for name, axis in rig.axes.items()
         }
@@ -114,7 +111,7 @@ def _mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
     low, high = axis.limits
 
     def shaft(*positions: float) -> list[float]:
-        return sorted(float(scale.to_quadcounts(position)) for position in positions)
+        return sorted(float(scale.to_counts(position)) for position in positions)
 
     lower_stop, upper_stop = shaft(low - _STOP_BEYOND, high + _STOP_BEYOND)
     negative, positive = shaft(low - _SWITCH_BEYOND, high + _SWITCH_BEYOND)

@@ -9,8 +9,8 @@ from typing import Any
 import can
 
 from labrig.devices.clocks import SystemClock
+from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.drive import SimulatedDrive
 from labrig.devices.simulated.journal import DriveEvent
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
@@ -93,20 +93,25 @@ class ServedDrives:
         A drive for each.
     mechanics : Mechanics
         What each shaft can run against.
+    driver : str
+        Kind of the drives.
     """
 
-    def __init__(self, bus: can.BusABC, node_ids: Iterable[int], mechanics: Mechanics | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        node_ids: Iterable[int],
+        mechanics: Mechanics | None = None,
+        driver: str = DEFAULT_DRIVER,
+    ) -> None:
         self.clock = SystemClock()
         self.wire = InProcessWire()
         self._bus = bus
         self._gate = InProcessBus(self.wire, self._pass_on)
+        kind = find_drive_kind(driver)
         self.drives = {
-            node_id: SimulatedDrive(
-                self.wire,
-                node_id,
-                self.clock,
-                mechanics=mechanics or Mechanics(),
-                boot_time_s=_BOOT_TIME_S,
+            node_id: kind.simulate(
+                kind.example_section(node_id), self.wire, self.clock, mechanics or Mechanics(), _BOOT_TIME_S
             )
             for node_id in node_ids
         }

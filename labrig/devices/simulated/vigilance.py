@@ -1,9 +1,9 @@
-"""How a simulated EPOS2 shows that it lives, and notices that its master does not (CiA 301)."""
+"""How a simulated drive shows that it lives, and notices that its master does not (CiA 301)."""
 
 import math
 from collections.abc import Callable
 
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
 from labrig.devices.simulated.dictionary import ObjectDictionary
 
 
@@ -37,10 +37,10 @@ class Vigilance:
     def configure(self, now_s: float) -> None:
         """Take the times from the object dictionary again; watching starts with the next beat."""
         values = self._objects.values
-        watched = (values[od.CONSUMER_HEARTBEAT], values[od.CONSUMER_HEARTBEAT_2])
+        watched = (values[co.CONSUMER_HEARTBEAT], values[co.CONSUMER_HEARTBEAT_2])
         self._consumed = {value >> 16 & 0x7F: (value & 0xFFFF) / 1000 for value in watched if value & 0xFFFF}
         self._heard_s = {node: t for node, t in self._heard_s.items() if node in self._consumed}
-        self._next_beat_s = now_s if values[od.PRODUCER_HEARTBEAT] else math.inf
+        self._next_beat_s = now_s if values[co.PRODUCER_HEARTBEAT] else math.inf
 
     def start(self, now_s: float) -> None:
         """Begin afresh, as after a boot-up."""
@@ -55,7 +55,7 @@ class Vigilance:
 
     def guard(self, now_s: float) -> None:
         """Answer a guarding request, unless this node sends heartbeats."""
-        if self._objects.values[od.PRODUCER_HEARTBEAT]:
+        if self._objects.values[co.PRODUCER_HEARTBEAT]:
             return
         self._guarded_s = now_s
         self._answer(self._toggle)
@@ -64,7 +64,7 @@ class Vigilance:
     def tick(self, now_s: float) -> None:
         """Send the beats that are due, and give up a master that has been silent for too long."""
         while self._next_beat_s <= now_s:
-            period_s = self._objects.values[od.PRODUCER_HEARTBEAT] / 1000
+            period_s = self._objects.values[co.PRODUCER_HEARTBEAT] / 1000
             self._next_beat_s = round(self._next_beat_s + period_s, 6)
             if not self.mute:
                 self._answer(0)
@@ -77,7 +77,7 @@ class Vigilance:
 
     def _tick_guarding(self, now_s: float) -> None:
         values = self._objects.values
-        life_s = values[od.GUARD_TIME] * values[od.LIFE_TIME_FACTOR] / 1000
+        life_s = values[co.GUARD_TIME] * values[co.LIFE_TIME_FACTOR] / 1000
         if self._guarded_s is not None and life_s and now_s > self._guarded_s + life_s:
             lost_s, self._guarded_s = self._guarded_s + life_s, None
             self._lost(lost_s)

@@ -1,9 +1,6 @@
-"""The objects of an EPOS2 that labrig reads, writes or simulates: index, type, access, default.
+"""Objects of any CANopen drive that labrig reads, writes or simulates (CiA 301 and 402): index, type, access, default.
 
-Numbers follow maxon's firmware specification of the first EPOS generation (798675-03, April 2010), whose
-indices every published EPOS2 driver uses; what the EPOS2 may do differently is checked by reading back after
-writing. The simulated drive's object dictionary is made from this table, so that a wrong width shows as a
-refusal there.
+Where the standards leave a default or a range to the manufacturer, it is maxon's; only simulated drives use them.
 """
 
 import struct
@@ -17,7 +14,7 @@ WINDOW_OFF = 0xFFFFFFFF
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One entry of the object dictionary; there is one of it for each place, compared by identity.
+    """One entry of an object dictionary; two are the same where they stand at the same place.
 
     Parameters
     ----------
@@ -43,6 +40,12 @@ class Entry:
     default: int = 0
     lowest: int | None = None
     highest: int | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Entry) and (self.index, self.subindex) == (other.index, other.subindex)
+
+    def __hash__(self) -> int:
+        return self.index << 8 | self.subindex
 
     @property
     def place(self) -> str:
@@ -73,14 +76,6 @@ VENDOR_ID = Entry(0x1018, 1, "vendor id", "I", "ro", 0xFB)
 PRODUCT_CODE = Entry(0x1018, 2, "product code", "I", "ro", 0x62200000)
 REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21100000)
 SERIAL_NUMBER = Entry(0x1018, 4, "serial number", "I", "ro")
-CONFIGURATION_DATE = Entry(0x1020, 1, "verify configuration: date", "I")
-CONFIGURATION_TIME = Entry(0x1020, 2, "verify configuration: time", "I")
-SOFTWARE_VERSION = Entry(0x2003, 1, "software version", "H", "ro", 0x2110)
-HARDWARE_VERSION = Entry(0x2003, 2, "hardware version", "H", "ro", 0x6220)
-LIMIT_EXECUTION_MASK = Entry(0x2071, 4, "digital input execution mask", "H", default=0x0008)
-CURRENT_THRESHOLD = Entry(0x2080, 0, "current threshold homing", "H", default=500)
-HOME_POSITION = Entry(0x2081, 0, "home position", "i")
-ENCODER_PULSES = Entry(0x2210, 1, "encoder pulses per turn", "H", default=500)
 CONTROLWORD = Entry(0x6040, 0, "controlword", "H")
 STATUSWORD = Entry(0x6041, 0, "statusword", "H", "ro")
 MODE = Entry(0x6060, 0, "mode of operation", "b", default=1, lowest=-6, highest=7)
@@ -101,24 +96,22 @@ PROFILE_DECELERATION = Entry(0x6084, 0, "profile deceleration", "I", default=100
 QUICK_STOP_DECELERATION = Entry(0x6085, 0, "quick stop deceleration", "I", default=10000, lowest=1)
 PROFILE_TYPE = Entry(0x6086, 0, "motion profile type", "h", highest=1)
 HOMING_METHOD = Entry(0x6098, 0, "homing method", "b", default=7, lowest=-4, highest=35)
-
-# Communication (CiA 301)
 SYNC_ID = Entry(0x1005, 0, "COB-ID SYNC", "I", default=0x80)
 GUARD_TIME = Entry(0x100C, 0, "guard time", "H")
 LIFE_TIME_FACTOR = Entry(0x100D, 0, "life time factor", "B")
 STORE = Entry(0x1010, 1, "store all parameters", "I", default=1)
 RESTORE = Entry(0x1011, 1, "restore all default parameters", "I", default=1)
-RESTORE_PDO_IDS = Entry(0x1011, 5, "restore default PDO COB-IDs", "I", default=1)
+RESTORE_PDO_IDS = Entry(
+    0x1011, 5, "restore default PDO COB-IDs", "I", default=1
+)  # of the manufacturer, maxon
 EMERGENCY_ID = Entry(0x1014, 0, "COB-ID EMCY", "I", "ro", 0x80)
 CONSUMER_HEARTBEAT_2 = Entry(0x1016, 2, "consumer heartbeat 2", "I")
 SDO_REQUEST_ID = Entry(0x1200, 1, "COB-ID SDO client to server", "I", "ro", 0x600)
 SDO_RESPONSE_ID = Entry(0x1200, 2, "COB-ID SDO server to client", "I", "ro", 0x580)
 ERROR_HISTORY = (LAST_ERROR, *(Entry(0x1003, n, f"error history {n}", "I", "ro") for n in range(2, 6)))
 """Newest first; the code stands in the lower sixteen bits."""
-
 PDO_INVALID = 0x80000000
 """The bit of a PDO's COB-ID that switches it off."""
-
 RECEIVE_PDO_COB_IDS = tuple(
     Entry(0x1400 + n, 1, f"RxPDO {n + 1} COB-ID", "I", default=0x200 + 0x100 * n | (PDO_INVALID if n else 0))
     for n in range(4)
@@ -140,7 +133,6 @@ TPDO_TYPES = tuple(
     Entry(0x1800 + n, 2, f"TxPDO {n + 1} transmission type", "B", default=255) for n in range(4)
 )
 TPDO_INHIBITS = tuple(Entry(0x1800 + n, 3, f"TxPDO {n + 1} inhibit time [100 us]", "H") for n in range(4))
-
 _RPDO_MAPS = ((0x60400010,), (0x60400010, 0x60600008), (0x60400010, 0x607A0020), (0x60400010, 0x60FF0020))
 _TPDO_MAPS = ((0x60410010,), (0x60410010, 0x60610008), (0x60410010, 0x60640020), (0x60410010, 0x606C0020))
 
@@ -161,70 +153,29 @@ def _maps(base: int, name: str, defaults: tuple[tuple[int, ...], ...]) -> tuple[
 
 RPDO_MAPS = _maps(0x1600, "RxPDO", _RPDO_MAPS)
 TPDO_MAPS = _maps(0x1A00, "TxPDO", _TPDO_MAPS)
-
-# Of the manufacturer (maxon)
-NODE_ID = Entry(0x2000, 0, "node id", "B", default=1, lowest=1, highest=127)
-CAN_BITRATE = Entry(0x2001, 0, "CAN bit rate", "H", highest=9)
-MISCELLANEOUS = Entry(0x2008, 0, "miscellaneous configuration", "H")
-ENCODER_COUNTER = Entry(0x2020, 0, "encoder counter", "H", "ro")
-CURRENT_AVERAGE = Entry(0x2027, 0, "current, averaged", "h", "ro")
-VELOCITY_AVERAGE = Entry(0x2028, 0, "velocity, averaged", "i", "ro")
-INPUTS = tuple(
-    Entry(0x2070, n, f"configuration of digital input {n}", "H", default=kind, highest=15)
-    for n, kind in enumerate((15, 14, 13, 2, 1, 0), start=1)
-)
-INPUT_STATE = Entry(0x2071, 1, "digital inputs, state", "H", "ro")
-INPUT_MASK = Entry(0x2071, 2, "digital inputs, mask", "H", default=0xFFFF)
-INPUT_POLARITY = Entry(0x2071, 3, "digital inputs, polarity", "H")
-FOLLOWING_ERROR_ACTUAL = Entry(0x20F4, 0, "following error actual", "h", "ro")
-SENSOR_TYPE = Entry(0x2210, 2, "position sensor type", "H", default=1)
-SENSOR_POLARITY = Entry(0x2210, 4, "position sensor polarity", "H", highest=3)
-
-# Of the drive profile (CiA 402)
 VELOCITY_SENSOR = Entry(0x6069, 0, "velocity sensor actual", "i", "ro")
 VELOCITY_DEMAND = Entry(0x606B, 0, "velocity demand", "i", "ro")
 VELOCITY_ACTUAL = Entry(0x606C, 0, "velocity actual", "i", "ro")
 CURRENT_ACTUAL = Entry(0x6078, 0, "current actual", "h", "ro")
-POSITION_NOTATION = Entry(0x6089, 0, "position notation index", "b", lowest=0, highest=0)
 HOMING_SPEED_SWITCH = Entry(0x6099, 1, "homing speed to switch", "I", default=100, lowest=1, highest=25000)
 HOMING_SPEED_INDEX = Entry(0x6099, 2, "homing speed to index", "I", default=10, lowest=1, highest=25000)
 HOMING_ACCELERATION = Entry(0x609A, 0, "homing acceleration", "I", default=1000, lowest=1)
 MAX_ACCELERATION = Entry(0x60C5, 0, "maximal acceleration", "I", default=0xFFFFFFFF, lowest=1)
-CURRENT_GAINS = tuple(Entry(0x60F6, n, f"current gain {n}", "h") for n in (1, 2))
-VELOCITY_GAINS = tuple(Entry(0x60F9, n, f"velocity gain {n}", "h") for n in (1, 2))
-POSITION_GAINS = tuple(Entry(0x60FB, n, f"position gain {n}", "h") for n in (1, 2, 3))
 TARGET_VELOCITY = Entry(0x60FF, 0, "target velocity", "i")
 MOTOR_TYPE = Entry(0x6402, 0, "motor type", "H", default=10)
-CONTINUOUS_CURRENT = Entry(0x6410, 1, "continuous current limit", "H", default=5000)
-POLE_PAIRS = Entry(0x6410, 3, "pole pairs", "B", default=1, lowest=1)
-MAX_MOTOR_SPEED = Entry(0x6410, 4, "maximal motor speed", "I", default=25000, lowest=1)
-THERMAL_TIME = Entry(0x6410, 5, "thermal time constant of the winding", "H", default=40)
 SUPPORTED_MODES = Entry(0x6502, 0, "supported drive modes", "I", "ro", 0x00000065)
 
 
-def _entries(value: object) -> Iterator[Entry]:
+def entries_in(value: object) -> Iterator[Entry]:
+    """Yield a value that is an entry, and the entries of one that is a tuple."""
     if isinstance(value, Entry):
         yield value
     elif isinstance(value, tuple):
         for part in value:
-            yield from _entries(part)
+            yield from entries_in(part)
 
 
-MAX_CURRENT = Entry(0x6410, 2, "output current limit", "H", default=10000)
-
-NUMBERS: tuple[Entry, ...] = tuple(
-    {entry.place: entry for value in tuple(globals().values()) for entry in _entries(value)}.values()
+STANDARD: tuple[Entry, ...] = tuple(
+    entry for value in tuple(globals().values()) for entry in entries_in(value)
 )
-"""Every numeric entry."""
-
-DEVICE_NAME = (0x1008, 0)
-"""Index and subindex of the device's name, a string and so not an `Entry`."""
-
-EPOS2_HARDWARE = {
-    0x6120: "EPOS2 Module 36/2",
-    0x6220: "EPOS2 24/5",
-    0x6320: "EPOS2 50/5",
-    0x6420: "EPOS2 70/10",
-}
-OTHER_HARDWARE = {0x6010: "EPOS 24/1", 0x6210: "EPOS 24/5", 0x6410: "EPOS 70/10", 0x6610: "EPOS MCD"}
-"""Hardware version 0x2003:02 without its last digit -> name (libcanepos)."""
+"""Every entry of this file."""

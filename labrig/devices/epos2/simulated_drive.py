@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 from labrig.clock import Clock
-from labrig.devices import epos2_objects as od
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402 import (
     CHANGE_IMMEDIATELY,
     FAULT_RESET,
@@ -18,10 +19,12 @@ from labrig.devices.cia402 import (
     TARGET_REACHED,
     DriveState,
 )
-from labrig.devices.epos2_errors import describe_emergency
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.error_codes import describe_emergency
+from labrig.devices.epos2.simulated_homing import METHODS, Stretch, plan_homing
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
-from labrig.devices.simulated.homing import METHODS, Stretch, plan_homing
+from labrig.devices.simulated.dictionary import ObjectTable
 from labrig.devices.simulated.journal import DriveEvent, Journal
 from labrig.devices.simulated.node import NmtState, Node
 from labrig.devices.simulated.sdo_server import SdoAbortError
@@ -45,6 +48,13 @@ _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
 _NO_MECHANICS = Mechanics()
+
+_OBJECTS = ObjectTable(
+    b"EPOS2",
+    od.NUMBERS,
+    frozenset({od.ENCODER_PULSES, od.SENSOR_TYPE, od.SENSOR_POLARITY, co.MOTOR_TYPE, od.POLE_PAIRS}),
+    (od.CONFIGURATION_DATE, od.CONFIGURATION_TIME),
+)
 
 
 class SimulatedDrive:
@@ -83,6 +93,7 @@ class SimulatedDrive:
         boot_time_s: float = 0.0,
     ) -> None:
         self.node_id = node_id
+        self._wire = wire
         self.journal = Journal()
         self.forced_inputs = 0
         self.lasting_errors: set[int] = set()
@@ -102,11 +113,13 @@ class SimulatedDrive:
             wire,
             node_id,
             clock,
+            table=_OBJECTS,
             fixed={
+                od.NODE_ID: node_id,
                 od.ENCODER_PULSES: encoder_pulses,
                 od.HARDWARE_VERSION: hardware_version,
-                od.PRODUCT_CODE: hardware_version << 16,
-                od.SERIAL_NUMBER: 1000 + node_id,
+                co.PRODUCT_CODE: hardware_version << 16,
+                co.SERIAL_NUMBER: 1000 + node_id,
             },
             live=self._live_objects(),
             written=self._written,
@@ -196,6 +209,10 @@ class SimulatedDrive:
         self.forced_inputs |= inputs
         self.tick()
 
+    def add_twin(self) -> None:
+        """Put another drive with the same node id on the bus."""
+        SimulatedDrive(self._wire, self.node_id, self._clock, shaft_quadcounts=self.shaft_quadcounts)
+
     def unplug(self) -> None:
         """Leave the bus without a word; what moves goes on moving."""
         self.node.leave()
@@ -260,12 +277,12 @@ class SimulatedDrive:
         """Notice software limits and following error, at the instant at which they were passed."""
         objects, shaft = self.node.objects.values, self._shaft
         demand, actual = shaft.at(now_s)
-        low, high = objects[od.LOWER_LIMIT], objects[od.UPPER_LIMIT]
+        low, high = objects[co.LOWER_LIMIT], objects[co.UPPER_LIMIT]
         if not (low <= demand <= high and low <= actual <= high):
             passed_s = shaft.first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
             self._raise_error(_POSITION_LIMIT_ERROR, passed_s)
             return
-        window = objects[od.MAX_FOLLOWING_ERROR]
+        window = objects[co.MAX_FOLLOWING_ERROR]
         seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
         if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
             self._raise_error(_FOLLOWING_ERROR, shaft.first_time(lambda d, a: abs(d - a) > window, now_s))
@@ -295,53 +312,53 @@ class SimulatedDrive:
 
     # Objects
 
-    def _live_objects(self) -> dict[od.Entry, Callable[[], int]]:
+    def _live_objects(self) -> dict[Entry, Callable[[], int]]:
         return {
-            od.STATUSWORD: self._statusword,
-            od.POSITION_ACTUAL: lambda: _int32(self._shaft.actual),
-            od.POSITION_DEMAND: lambda: _int32(self._shaft.demand),
+            co.STATUSWORD: self._statusword,
+            co.POSITION_ACTUAL: lambda: _int32(self._shaft.actual),
+            co.POSITION_DEMAND: lambda: _int32(self._shaft.demand),
             od.FOLLOWING_ERROR_ACTUAL: lambda: max(
                 -32768, min(32767, round(self._shaft.demand - self._shaft.actual))
             ),
-            od.MODE_DISPLAY: lambda: self._values(od.MODE),
+            co.MODE_DISPLAY: lambda: self._values(co.MODE),
             od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFF,
             od.INPUT_STATE: self._switches,
-            od.VELOCITY_ACTUAL: self._velocity_rpm,
-            od.VELOCITY_SENSOR: self._velocity_rpm,
+            co.VELOCITY_ACTUAL: self._velocity_rpm,
+            co.VELOCITY_SENSOR: self._velocity_rpm,
             od.VELOCITY_AVERAGE: self._velocity_rpm,
-            od.VELOCITY_DEMAND: lambda: round(self._shaft.velocity / self._counts_per_rpm()),
+            co.VELOCITY_DEMAND: lambda: round(self._shaft.velocity / self._counts_per_rpm()),
         }
 
     def _velocity_rpm(self) -> int:
         """Return the speed in the coarse steps of a real drive: one quadcount a millisecond."""
         return round(int(self.speed_quadcounts_s / 1000) * 1000 / self._counts_per_rpm())
 
-    def _written(self, entry: od.Entry, value: int, before: int) -> None:
-        if entry is od.CONTROLWORD:
+    def _written(self, entry: Entry, value: int, before: int) -> None:
+        if entry == co.CONTROLWORD:
             self._obey(value, before)
-        elif entry is od.MODE:
+        elif entry == co.MODE:
             self._change_mode(value, before)
-        elif entry is od.TARGET_VELOCITY:
-            if self._state is DriveState.OPERATION_ENABLED and self._values(od.MODE) == _PROFILE_VELOCITY:
-                self._run(self._values(od.CONTROLWORD))
-        elif entry is od.HOMING_METHOD and value not in METHODS:
+        elif entry == co.TARGET_VELOCITY:
+            if self._state is DriveState.OPERATION_ENABLED and self._values(co.MODE) == _PROFILE_VELOCITY:
+                self._run(self._values(co.CONTROLWORD))
+        elif entry == co.HOMING_METHOD and value not in METHODS:
             self.node.objects.values[entry] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
-        elif entry is od.ENCODER_PULSES and value != before:
+        elif entry == od.ENCODER_PULSES and value != before:
             self._referenced = False
             self.fail(_SENSOR_ERROR)
-        elif entry is od.ERROR_COUNT:
-            self.node.objects.values |= dict.fromkeys(od.ERROR_HISTORY, 0)
+        elif entry == co.ERROR_COUNT:
+            self.node.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
 
     def _change_mode(self, mode: int, before: int) -> None:
         if mode not in _MODES:
-            self.node.objects.values[od.MODE] = before
+            self.node.objects.values[co.MODE] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
         if mode != before:
             self._acknowledged = False
             self._stop_homing()
             if self.is_moving and self._state is DriveState.OPERATION_ENABLED:
-                self._brake(od.PROFILE_DECELERATION, self._clock.now_s())
+                self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
 
     # NMT
 
@@ -369,7 +386,7 @@ class SimulatedDrive:
         word |= REMOTE if self.node.state is NmtState.OPERATIONAL else 0
         word |= REFERENCED if self._referenced else 0
         word |= TARGET_REACHED if self._arrived() else 0
-        mode = self._values(od.MODE)
+        mode = self._values(co.MODE)
         if mode == _HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
@@ -383,13 +400,13 @@ class SimulatedDrive:
         now_s, profile = self._clock.now_s(), self._shaft.profile
         if self._homing or self._homing_failed:
             return False
-        if self._values(od.MODE) == _PROFILE_VELOCITY and profile.segments:
+        if self._values(co.MODE) == _PROFILE_VELOCITY and profile.segments:
             return now_s >= profile.segments[-1].start_s
-        due_s, window = profile.end_s, self._values(od.POSITION_WINDOW)
-        if window != od.WINDOW_OFF:
+        due_s, window = profile.end_s, self._values(co.POSITION_WINDOW)
+        if window != co.WINDOW_OFF:
             if abs(self._shaft.demand - self._shaft.actual) > window:
                 return False
-            due_s += self._values(od.POSITION_WINDOW_TIME) / 1000
+            due_s += self._values(co.POSITION_WINDOW_TIME) / 1000
         return now_s >= due_s
 
     def _at_rest(self) -> bool:
@@ -439,12 +456,12 @@ class SimulatedDrive:
         if self._state is DriveState.OPERATION_ENABLED:
             self._set_state(DriveState.QUICK_STOP_ACTIVE)
             self._stop_homing()
-            self._brake(od.QUICK_STOP_DECELERATION, self._clock.now_s())
+            self._brake(co.QUICK_STOP_DECELERATION, self._clock.now_s())
         elif self._state is not DriveState.QUICK_STOP_ACTIVE:
             self._set_state(DriveState.SWITCH_ON_DISABLED)
 
     def _operate(self, word: int, before: int) -> None:
-        mode = self._values(od.MODE)
+        mode = self._values(co.MODE)
         if mode == _HOMING:
             self._homing_mode(word, before)
         elif mode == _PROFILE_POSITION:
@@ -460,13 +477,13 @@ class SimulatedDrive:
         elif not before & NEW_SETPOINT:
             self._take_set_point(word)
         if word & HALT and not before & HALT:
-            self._brake(od.PROFILE_DECELERATION, self._clock.now_s())
+            self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
         elif before & HALT and not word & HALT:
             self._go(self._clock.now_s())
 
     def _take_set_point(self, word: int) -> None:
         start = round(self._shaft.demand) if word & RELATIVE else 0
-        target = float(start + self._values(od.TARGET_POSITION))
+        target = float(start + self._values(co.TARGET_POSITION))
         self._acknowledged = True
         if not (word & CHANGE_IMMEDIATELY or self._at_rest()):
             self._waiting_target = target
@@ -480,11 +497,11 @@ class SimulatedDrive:
         """Profile velocity mode: run at the target velocity, or brake while Halt is set."""
         now_s = self._clock.now_s()
         if word & HALT:
-            self._brake(od.PROFILE_DECELERATION, now_s)
+            self._brake(co.PROFILE_DECELERATION, now_s)
             return
-        highest = self._values(od.MAX_PROFILE_VELOCITY)
-        rpm = max(-highest, min(highest, self._values(od.TARGET_VELOCITY)))
-        self._shaft.run(now_s, rpm * self._counts_per_rpm(), self._limits(od.PROFILE_VELOCITY))
+        highest = self._values(co.MAX_PROFILE_VELOCITY)
+        rpm = max(-highest, min(highest, self._values(co.TARGET_VELOCITY)))
+        self._shaft.run(now_s, rpm * self._counts_per_rpm(), self._limits(co.PROFILE_VELOCITY))
         self._moving = True
         self._note("set-point", f"{rpm} rpm")
 
@@ -492,19 +509,19 @@ class SimulatedDrive:
         if word & HALT:
             if self._homing:
                 self._stop_homing()
-                self._brake(od.HOMING_ACCELERATION, self._clock.now_s())
+                self._brake(co.HOMING_ACCELERATION, self._clock.now_s())
         elif word & ~before & NEW_SETPOINT:
             self._start_homing()
 
     def _start_homing(self) -> None:
-        method = self._values(od.HOMING_METHOD)
+        method = self._values(co.HOMING_METHOD)
         self._attained = self._homing_failed = False
         self._note("homing", f"method {method}")
         stretches = plan_homing(
             method,
             self._shaft,
             4 * self._values(od.ENCODER_PULSES),
-            self._values(od.HOME_OFFSET),
+            self._values(co.HOME_OFFSET),
         )
         self._stretches = list(stretches)
         self._homing = True
@@ -515,9 +532,9 @@ class SimulatedDrive:
 
     def _go_stretch(self, t_s: float) -> None:
         stretch = self._stretches[0]
-        speed = od.HOMING_SPEED_INDEX if stretch.slow else od.HOMING_SPEED_SWITCH
+        speed = co.HOMING_SPEED_INDEX if stretch.slow else co.HOMING_SPEED_SWITCH
         self._moving = True
-        self._shaft.go(t_s, stretch.target, self._limits(speed, od.HOMING_ACCELERATION))
+        self._shaft.go(t_s, stretch.target, self._limits(speed, co.HOMING_ACCELERATION))
 
     def _go_on_homing(self, now_s: float) -> None:
         while self._stretches:
@@ -534,7 +551,7 @@ class SimulatedDrive:
 
     def _finish_homing(self, now_s: float) -> None:
         home = self._values(od.HOME_POSITION)
-        if self._values(od.HOMING_METHOD):
+        if self._values(co.HOMING_METHOD):
             self._shaft.count_from(now_s, float(home))
         self._homing = False
         self._target = self._shaft.actual
@@ -553,19 +570,19 @@ class SimulatedDrive:
     def _counts_per_rpm(self) -> float:
         return 4 * self._values(od.ENCODER_PULSES) / 60
 
-    def _limits(self, speed: od.Entry, acceleration: od.Entry | None = None) -> Limits:
-        highest = self._values(od.MAX_ACCELERATION)
-        up = min(highest, self._values(acceleration or od.PROFILE_ACCELERATION))
-        down = min(highest, self._values(acceleration or od.PROFILE_DECELERATION))
-        rpm = min(self._values(speed), self._values(od.MAX_PROFILE_VELOCITY))
+    def _limits(self, speed: Entry, acceleration: Entry | None = None) -> Limits:
+        highest = self._values(co.MAX_ACCELERATION)
+        up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
+        down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
+        rpm = min(self._values(speed), self._values(co.MAX_PROFILE_VELOCITY))
         scale = self._counts_per_rpm()
         return Limits(rpm * scale, up * scale, down * scale)
 
     def _go(self, t_s: float) -> None:
-        self._shaft.go(t_s, self._target, self._limits(od.PROFILE_VELOCITY))
+        self._shaft.go(t_s, self._target, self._limits(co.PROFILE_VELOCITY))
         self._moving = self._moving or not self._at_rest()
 
-    def _brake(self, entry: od.Entry, t_s: float) -> None:
+    def _brake(self, entry: Entry, t_s: float) -> None:
         self._waiting_target = None
         if self._moving:
             self._note("brake", entry.name, t_s)
@@ -579,13 +596,13 @@ class SimulatedDrive:
         self._errors.append(code)
         emergency = describe_emergency(code)
         values = self.node.objects.values
-        history = [code, *(values[entry] for entry in od.ERROR_HISTORY[:-1])]
-        values |= dict(zip(od.ERROR_HISTORY, history, strict=True))
-        values[od.ERROR_COUNT] = min(len(od.ERROR_HISTORY), values[od.ERROR_COUNT] + 1)
-        values[od.ERROR_REGISTER] |= emergency.register | 0x01
+        history = [code, *(values[entry] for entry in co.ERROR_HISTORY[:-1])]
+        values |= dict(zip(co.ERROR_HISTORY, history, strict=True))
+        values[co.ERROR_COUNT] = min(len(co.ERROR_HISTORY), values[co.ERROR_COUNT] + 1)
+        values[co.ERROR_REGISTER] |= emergency.register | 0x01
         self._note("emergency", f"0x{code:04X}", t_s)
         self._react(code, t_s)
-        self.node.send_emergency(code, values[od.ERROR_REGISTER])
+        self.node.send_emergency(code, values[co.ERROR_REGISTER])
 
     def _react(self, code: int, t_s: float) -> None:
         """Brake by quick stop or switch the power stage off, whichever the error asks for."""
@@ -595,7 +612,7 @@ class SimulatedDrive:
             self._hold()
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:
-            self._brake(od.QUICK_STOP_DECELERATION, t_s)
+            self._brake(co.QUICK_STOP_DECELERATION, t_s)
             self._moving = True
             self._set_state(DriveState.FAULT_REACTION)
 
@@ -605,7 +622,7 @@ class SimulatedDrive:
         if self._errors:
             return
         self._set_state(DriveState.SWITCH_ON_DISABLED)
-        self.node.objects.values[od.ERROR_REGISTER] = 0
+        self.node.objects.values[co.ERROR_REGISTER] = 0
         self.node.send_emergency(0, 0)
 
 

@@ -1,25 +1,6 @@
-"""What the codes of an EPOS2 mean: emergency frames (EMCY) and SDO aborts, with what to do about them."""
+"""What the error codes of an EPOS2 mean, with what to do about them."""
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Emergency:
-    """One error code of the drive.
-
-    `text` says what happened, `remedy` what to do; `register` is the bit that it sets in the error register
-    0x1001.
-    """
-
-    code: int
-    register: int
-    text: str
-    remedy: str
-
-    def __str__(self) -> str:
-        """Return code and text."""
-        return f"error 0x{self.code:04X}, {self.text}"
-
+from labrig.devices.error_codes import Emergency
 
 _WIRING = "check the wiring and the plug of this sensor, then power the drive off and on"
 _MECHANICS = "free the axis and look for what blocks it, then power the drive off and on"
@@ -73,46 +54,8 @@ _TABLE = (
 )
 EMERGENCIES = {emergency.code: emergency for emergency in _TABLE}
 
-ABORTS = {
-    0x05030000: "toggle bit not alternated",
-    0x05040000: "SDO protocol timed out",
-    0x05040001: "command specifier unknown",
-    0x05040005: "out of memory",
-    0x06010000: "access not supported",
-    0x06010001: "the object can only be written",
-    0x06010002: "the object can only be read",
-    0x06020000: "the object does not exist",
-    0x06040041: "the object cannot be mapped to a PDO",
-    0x06040042: "the mapped objects exceed the length of a PDO",
-    0x06040043: "parameters are incompatible",
-    0x06040047: "internal incompatibility",
-    0x06060000: "hardware error",
-    0x06070010: "the length of the data does not match the object",
-    0x06070012: "the data is too long",
-    0x06070013: "the data is too short",
-    0x06090011: "the subindex does not exist",
-    0x06090030: "the value is out of range",
-    0x06090031: "the value is too high",
-    0x06090032: "the value is too low",
-    0x06090036: "maximum below minimum",
-    0x08000000: "general error",
-    0x08000020: "the data cannot be stored",
-    0x08000021: "the data cannot be stored because of local control",
-    0x08000022: "wrong device state",
-    0x0F00FFB9: "wrong CAN id",
-    0x0F00FFBC: "not in service mode",
-    0x0F00FFBE: "wrong password",
-    0x0F00FFBF: "illegal command",
-    0x0F00FFC0: "wrong NMT state",
-}
-
 
 def describe_emergency(code: int) -> Emergency:
     """Return what an error code means; one that no document lists is named as such."""
     unknown = Emergency(code, 0x01, "unknown to labrig", "look it up in maxon's EPOS2 Firmware Specification")
     return EMERGENCIES.get(code, unknown)
-
-
-def describe_abort(code: int) -> str:
-    """Return what an SDO abort code means."""
-    return ABORTS.get(code, "an abort code that maxon does not list")

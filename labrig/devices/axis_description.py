@@ -1,0 +1,206 @@
+"""What the rig file says of an axis whatever drives it; each kind of drive adds its own keys."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from labrig.devices.units import TURN_RAD, AxisScale
+from labrig.errors import InputError, LimitError
+from labrig.protocol.model import Conflict, Model
+
+Positive = Annotated[float, Field(gt=0)]
+
+_INT32 = 2**31
+
+
+class HomingDescription(Model):
+    """How an axis gets its reference."""
+
+    method: int = Field(35, description="Homing method. 35: where it stands, on confirmation.")
+    position: float = Field(0.0, description="What the position is once home is found [mm or rad].")
+    offset: Annotated[float, Field(ge=0)] = Field(
+        0.0, description="How far to move off the stop or switch before [mm or rad]."
+    )
+    speed: Positive = Field(1.0, description="Speed of the search [mm/s or rad/s].")
+    timeout_s: Annotated[float, Field(gt=0, le=600)] = Field(
+        60.0, description="When the search is given up [s]."
+    )
+
+
+class AxisDescription(Model):
+    """One axis: its drive, its mechanics and its limits. Lengths are mm, or rad where `unit` is rad.
+
+    A kind of drive derives its section from this: its name as the type and default of `driver`, keys of its own, the
+    methods that say so here, and what the class attributes tell.
+
+    Attributes
+    ----------
+    homing_directions : mapping of int to int
+        Homing methods that this drive has -> sign of the motor's speed in the search, 0 where nothing moves.
+    needed : tuple of str
+        Keys without which nothing can be converted; null where nobody has entered them yet.
+    where_to_find : mapping of str to str
+        Where each of them is found.
+    count_unit, speed_unit : str
+        What the drive counts positions and speeds in.
+    """
+
+    homing_directions: ClassVar[Mapping[int, int]] = {}
+    needed: ClassVar[tuple[str, ...]] = ("gear_ratio", "lead_mm")
+    where_to_find: ClassVar[Mapping[str, str]] = {
+        "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
+        "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
+    }
+    count_unit: ClassVar[str] = "counts"
+    speed_unit: ClassVar[str] = "rpm of the motor"
+
+    driver: str = Field(description="Kind of drive.")
+    unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
+    gear_ratio: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        description="Turns of the motor a turn of the screw or shaft. null: unknown [-]."
+    )
+    lead_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        description="Travel a turn of the screw; null: unknown, or an axis that turns [mm]."
+    )
+    reversed: bool = Field(
+        default=False, description="Whether the axis goes backwards when the motor's counter goes up."
+    )
+    limits: tuple[float, float] = Field(
+        description="Lowest and highest position that a move may have [mm or rad]."
+    )
+    max_speed: Positive = Field(description="Highest speed that a move may have [mm/s or rad/s].")
+    acceleration: Positive = Field(description="Acceleration and deceleration of moves [mm/s^2 or rad/s^2].")
+    quick_stop_deceleration: Positive = Field(
+        description="Deceleration of a quick stop and after a fault [mm/s^2 or rad/s^2]."
+    )
+    speed_tolerance_fraction: Annotated[float, Field(gt=0, le=0.5)] = Field(
+        0.01,
+        description="The drive takes integer rpm; a move whose speed this changes by more is refused [-].",
+    )
+    position_window: Positive = Field(
+        description="A move is done when the axis stands within this [mm or rad]."
+    )
+    position_window_time_ms: Annotated[int, Field(ge=0, le=10_000)] = Field(
+        20, description="... for this long [ms]."
+    )
+    max_following_error: Positive = Field(
+        description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
+    )
+    backlash: Annotated[float, Field(ge=0)] = Field(
+        0.0,
+        description="Measured play of screw and gear. Moves downwards go this far beyond their target and come "
+        "back, so that every move ends from the same side [mm or rad].",
+    )
+    homing: HomingDescription = Field(default_factory=HomingDescription, description="How it is referenced.")
+    lag_s: Annotated[float, Field(ge=0, le=30)] = Field(
+        0.0,
+        description="Measured time by which what the axis moves follows later than its drive: a needle winds up while "
+        "it is turned in gel. A turn of the bevel waits for it before the needle goes on [s].",
+    )
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Node ids that the drive has on the bus; no two axes share one. A drive off the bus has none."""
+        return ()
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the entries that are unknown."""
+        turns = self.unit == "rad"
+        return tuple(
+            name for name in self.needed if getattr(self, name) is None and not (turns and name == "lead_mm")
+        )
+
+    def scale(self) -> AxisScale:
+        """Return the conversion to the units of the drive.
+
+        Raises
+        ------
+        InputError
+            When an entry that it needs is unknown.
+        """
+        travel = self.lead_mm if self.unit == "mm" else TURN_RAD
+        if self.unknown or self.gear_ratio is None or travel is None:
+            raise InputError(f"unknown: {', '.join(self.unknown)}", "enter them in the rig file")
+        return self.scale_of(self.gear_ratio, travel)
+
+    def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
+        """Return the conversion for known mechanics; each kind of drive has its own."""
+        raise NotImplementedError
+
+    def homing_current_ma(self, method: int) -> int | None:  # noqa: ARG002 - for those that feel their stop
+        """Return the current by which a method feels its stop [mA]; None for one that does not."""
+        return None
+
+    def homing_direction(self, method: int) -> int:
+        """Return which way the axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
+        return -self.homing_directions[method] if self.reversed else self.homing_directions[method]
+
+    def check_move(self, name: str, position: float, speed: float) -> None:
+        """Refuse a move that this axis, of this name, may not make, or whose speed rounding changes too much.
+
+        Raises
+        ------
+        LimitError
+        """
+        low, high = self.limits
+        if not low <= position <= high:
+            raise LimitError(
+                f"axis {name}: {position:g} {self.unit} is beyond its limits [{low:g}, {high:g}] {self.unit}",
+                "ask for less, or widen axes limits in the rig file where the mechanics allow it",
+            )
+        if not 0 < speed <= self.max_speed:
+            raise LimitError(
+                f"axis {name}: speed {speed:g} {self.unit}/s is not within 0 to {self.max_speed:g} {self.unit}/s",
+                "ask for a slower move, or raise max_speed in the rig file where the mechanics allow it",
+            )
+        if not self.unknown:
+            self._check_rounding(name, speed)
+
+    def _check_rounding(self, name: str, speed: float) -> None:
+        scale = self.scale()
+        taken = scale.to_speed_units(speed)
+        error = abs(scale.to_speed(taken) - speed) / speed
+        if error > self.speed_tolerance_fraction:
+            below = scale.speed_units_below(speed)
+            raise LimitError(
+                f"axis {name}: {speed:g} {self.unit}/s is {speed * scale.speed_units_per_speed:.2f} {self.speed_unit}; "
+                f"the drive takes {taken}, off by {100 * error:.1f} %, and the tolerance is "
+                f"{100 * self.speed_tolerance_fraction:g} %",
+                f"ask for {scale.to_speed(below):.4g} or {scale.to_speed(below + 1):.4g} {self.unit}/s, "
+                "or raise speed_tolerance_fraction",
+            )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield limits in the wrong order, a lead where there is none, and what a drive cannot hold."""
+        low, high = self.limits
+        if low >= high:
+            yield Conflict(
+                "limits", f"limits are [{low:g}, {high:g}], expected the lower one first", "exchange them"
+            )
+        elif self.backlash >= high - low:
+            yield Conflict(
+                "backlash", f"backlash is {self.backlash:g}, as long as the axis", "enter what was measured"
+            )
+        if self.unit == "rad" and self.lead_mm is not None:
+            yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
+        if not self.unknown:
+            yield from self.scale_conflicts(self.scale())
+
+    def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
+        """Yield limits and speeds that the drive's numbers cannot hold."""
+        farthest = max(map(abs, self.limits)) * scale.counts_per_unit
+        if farthest >= _INT32:
+            yield Conflict(
+                "limits",
+                f"limits reach {farthest:.3g} {self.count_unit}, the drive's counter holds {_INT32}",
+                "check encoder, gear_ratio, lead_mm and limits",
+            )
+        if self.max_speed * scale.speed_units_per_speed < 0.5:
+            slowest = scale.to_speed(1)
+            yield Conflict(
+                "max_speed",
+                f"max_speed is {self.max_speed:g}, below 1 {self.speed_unit}, {slowest:.3g}",
+                "check gear_ratio, lead_mm and max_speed",
+            )

@@ -1,0 +1,67 @@
+"""The section `can` of a rig file: which bus the drives stand on, and the heartbeats on it."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Annotated, Literal
+
+import can
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Model
+
+NodeId = Annotated[int, Field(ge=1, le=127)]
+
+ONLY_SIMULATED = "simulated"
+"""Name of the in-process CAN interface, and of a kind of rig."""
+
+
+class HeartbeatDescription(Model):
+    """Heartbeats: the drives stop when the computer's stops, and the computer stops them when one of theirs does."""
+
+    computer_node_id: NodeId = Field(127, description="Node id under which the computer beats.")
+    period_ms: Annotated[int, Field(ge=10, le=1000)] = Field(100, description="A beat this often [ms].")
+    timeout_ms: Annotated[int, Field(ge=100, le=10_000)] = Field(
+        500,
+        description="Silence after which the drives stop by themselves, and the computer stops them [ms].",
+    )
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield a timeout that one late beat would trip."""
+        if self.timeout_ms < 3 * self.period_ms:
+            yield Conflict(
+                "timeout_ms",
+                f"timeout_ms is {self.timeout_ms}, below three periods of {self.period_ms}",
+                f"write {3 * self.period_ms} or more, or beat more often",
+            )
+
+
+class CanDescription(Model):
+    """The CAN bus on which the drives stand."""
+
+    interface: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        description="Interface of python-can (socketcan, pcan, kvaser, ixxat, slcan, ...); "
+        "simulated stands for a bus inside the process."
+    )
+    channel: Annotated[str, Field(max_length=200)] = Field(
+        "", description="Channel of the interface, such as can0."
+    )
+    bitrate: Literal[20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] = Field(
+        1_000_000, description="Bit rate; the drives must be set to the same [bit/s]."
+    )
+    answer_timeout_ms: Annotated[int, Field(ge=20, le=5000)] = Field(
+        120,
+        description="How long a drive may take to answer before it is asked once more; with the default a silent "
+        "drive is found out, and every axis stopped, within half a second [ms].",
+    )
+    options: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="Further arguments of the python-can interface, by name."
+    )
+    heartbeat: HeartbeatDescription = Field(default_factory=HeartbeatDescription, description="Heartbeats.")
+
+    def conflicts(self) -> Iterable[Conflict]:
+        """Yield an interface that python-can does not know."""
+        known = sorted({ONLY_SIMULATED, *can.VALID_INTERFACES})
+        if self.interface not in known:
+            near = get_close_matches(self.interface, known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"python-can knows {', '.join(known)}"
+            yield Conflict("interface", f"unknown interface {self.interface}", hint)

@@ -1,0 +1,110 @@
+"""What is in order between an axis and its EPOS2, and what is not; nothing is written."""
+
+from collections.abc import Iterator
+
+from labrig.clock import Clock
+from labrig.devices import canopen_objects as co
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.check_result import CheckResult, CheckStatus, failed
+from labrig.devices.cia402 import REFERENCED, decode_state
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.driver import Epos2
+from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
+from labrig.errors import LabrigError
+
+
+def check_axis(
+    link: CanLink, axis: Epos2Axis, name: str, clock: Clock, heartbeat: HeartbeatDescription
+) -> Iterator[CheckResult]:
+    """Check what an axis and its drive say of each other."""
+    drive = Epos2(link, axis, name, clock)
+    try:
+        identity = drive.read_identity()
+        yield CheckResult(
+            f"drive {name}",
+            CheckStatus.PASS,
+            f"node {axis.node_id}: {identity.model}, hardware 0x{identity.versions['hardware_version']:04X}, "
+            f"software 0x{identity.versions['software_version']:04X}, serial {identity.serial_number}",
+        )
+        drive.raise_if_faulted()
+        yield _encoder_result(name, axis, drive)
+        if not axis.unknown:
+            yield _configuration_result(name, axis, drive, heartbeat)
+        yield _reference_result(name, drive)
+        yield _limits_result(name, axis, drive)
+    except LabrigError as error:
+        yield failed(f"drive {name}", error)
+
+
+def _configuration_result(
+    name: str, axis: Epos2Axis, drive: Epos2, heartbeat: HeartbeatDescription
+) -> CheckResult:
+    """Compare the fingerprint in the drive (0x1020) with that of the settings of the rig file."""
+    found, said = drive.fingerprint(), axis.configuration_fingerprint
+    check, value = f"configuration {name}", f"fingerprint 0x{found[0]:08X}:{found[1]} (0x1020)"
+    if found == (said or fingerprint(drive_settings(axis, heartbeat))):
+        return CheckResult(check, CheckStatus.PASS, f"{value}, as the rig file has it")
+    if said is not None:
+        solution = "power the drive off and on; else compare it in EPOS Studio and enter the new fingerprint"
+        return CheckResult(
+            check, CheckStatus.FAIL, f"{value}, the rig file says 0x{said[0]:08X}:{said[1]}", solution
+        )
+    if found == (0, 0):
+        return CheckResult(check, CheckStatus.PASS, "not set up since power on; a run does so when it begins")
+    return CheckResult(
+        check,
+        CheckStatus.WARN,
+        f"{value}: set up for other settings than those of the rig file",
+        "if somebody else uses this drive, ask; the next run writes what differs",
+    )
+
+
+def _limits_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
+    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
+    low, high = axis.limits
+    value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
+    if axis.unknown or not drive.is_referenced():
+        return CheckResult(
+            f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
+        )
+    scale = axis.scale()
+    margin = scale.to_distance_counts(axis.position_window)
+    lower, upper = sorted(map(scale.to_counts, axis.limits))
+    found = (drive.upload(co.LOWER_LIMIT), drive.upload(co.UPPER_LIMIT))
+    if found == (lower - margin, upper + margin):
+        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}, also in the drive")
+    return CheckResult(
+        f"limits {name}",
+        CheckStatus.WARN,
+        f"{value}; the drive holds {found[0]} to {found[1]} quadcounts",
+        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
+    )
+
+
+def _encoder_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
+    found, said = drive.upload(od.ENCODER_PULSES), axis.encoder_pulses_per_turn
+    if said is None:
+        value = f"the drive is set to {found} pulses a turn, the rig file says nothing"
+        return CheckResult(
+            f"encoder {name}", CheckStatus.WARN, value, "compare with the encoder's data sheet"
+        )
+    if found != said:
+        value = f"the drive is set to {found} pulses a turn, the rig file says {said}"
+        return CheckResult(
+            f"encoder {name}", CheckStatus.FAIL, value, "correct the rig file, or the drive in EPOS Studio"
+        )
+    return CheckResult(f"encoder {name}", CheckStatus.PASS, f"{found} pulses a turn")
+
+
+def _reference_result(name: str, drive: Epos2) -> CheckResult:
+    statusword = drive.statusword()
+    state = decode_state(statusword).name
+    if statusword & REFERENCED:
+        return CheckResult(f"reference {name}", CheckStatus.PASS, f"referenced, {state}")
+    return CheckResult(
+        f"reference {name}",
+        CheckStatus.WARN,
+        f"not referenced, {state}",
+        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
+    )

@@ -1,0 +1,249 @@
+"""The driver of one EPOS2 (maxon).
+
+What is decided here
+--------------------
+- Writing a setting clears the drive's configuration fingerprint (0x1020); the fingerprint is renewed last.
+- The encoder resolution is compared with the rig file and never written.
+- Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
+  init state may show bit 14; that TxPDO 3 carries statusword and position by default and may be switched on while
+  the node is operational (where not, SDO does it all); which objects clear 0x1020 when they are written (it is renewed
+  after each that labrig writes in operation).
+"""
+
+from collections.abc import Iterator, Mapping
+
+from labrig.clock import Clock
+from labrig.devices import canopen_objects as co
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.cia402_drive import LONGEST_STILL_TIME_S, STILL_COUNTS, Cia402Drive
+from labrig.devices.drive import Homing, Identity, raise_together
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.error_codes import describe_emergency
+from labrig.devices.epos2.homing import BY_CURRENT, HOMING_DIRECTIONS
+from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
+from labrig.devices.error_codes import Emergency
+from labrig.devices.homing import HOMING_HERE
+from labrig.errors import DriveError
+
+_SLOWEST_RPM = 1
+_CLASHING_ANSWERS = 3
+"""Answers that nobody asked for among the five to who a drive is: one may be a frame that came twice."""
+
+_INPUT_NAMES = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
+_GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("ABCDEFGH", start=8)}
+_INPUTS = {name: bit for bit, name in enumerate(_INPUT_NAMES)} | _GENERAL_INPUTS
+"""Name of a digital input -> its bit in 0x2071:01."""
+
+
+def still_time_s(encoder_pulses: int | None) -> float:
+    """Return for how long a position must stay within `STILL_COUNTS` before an axis is said to stand still [s].
+
+    In this time the slowest speed that an EPOS2 can be told, 1 rpm, turns the encoder by more than the dither at
+    either end of the time: a creep never counts as standing still. An encoder below 188 pulses a turn, or an unknown
+    one (None), gets the longest time, in which a creep of 188 / pulses rpm is seen.
+    """
+    if encoder_pulses is None:
+        return LONGEST_STILL_TIME_S
+    quadcounts_per_s = 4 * encoder_pulses * _SLOWEST_RPM / 60
+    return min((2 * STILL_COUNTS + 1) / quadcounts_per_s, LONGEST_STILL_TIME_S)
+
+
+class Epos2(Cia402Drive[Epos2Axis]):
+    """One EPOS2.
+
+    Parameters
+    ----------
+    link : CanLink
+        The bus.
+    section : Epos2Axis
+        Its section of the rig file; may be incomplete.
+    axis : str
+        The axis that it drives, for messages.
+    clock : Clock
+        Whose time bounds waiting.
+    """
+
+    tool = "EPOS Studio"
+
+    def __init__(self, link: CanLink, section: Epos2Axis, axis: str, clock: Clock) -> None:
+        super().__init__(
+            link,
+            section,
+            axis,
+            clock,
+            node_id=section.node_id,
+            still_time_s=still_time_s(section.encoder_pulses_per_turn),
+        )
+        self._vouched: tuple[int, int] | None = None
+        self._own_current_ma: int | None = None
+
+    # Connecting
+
+    def identify(self) -> Identity:
+        """Return what the drive is, once encoder and fingerprint are those of its section too.
+
+        Raises
+        ------
+        DriveError
+            When it is no EPOS2: other generations have other objects and signs; when two drives answer; when it is set
+            to another encoder, or its configuration is not the one that was left in it.
+        """
+        identity = self.read_identity()
+        failures = []
+        for verify in (self.require_encoder, self.require_fingerprint):
+            try:
+                verify()
+            except DriveError as error:
+                failures.append(error)
+        raise_together(failures)
+        return identity
+
+    def read_identity(self) -> Identity:
+        """Return what the drive is, however it is set. Raises `DriveError` as `identify`."""
+        vendor = self.wake()
+        # Answers to whoever asked before do not count.
+        strays = self.sdo.strays
+        device_type = self.upload(co.DEVICE_TYPE)
+        if vendor != co.VENDOR_ID.default or device_type != co.DEVICE_TYPE.default:
+            raise self._not_an_epos2(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
+        hardware = self.upload(od.HARDWARE_VERSION)
+        model = od.EPOS2_HARDWARE.get(hardware & 0xFFF0)
+        if model is None:
+            other = od.OTHER_HARDWARE.get(hardware & 0xFFF0, "unknown to labrig")
+            raise self._not_an_epos2(f"hardware version 0x{hardware:04X}, {other}")
+        versions = {"hardware_version": hardware, "software_version": self.upload(od.SOFTWARE_VERSION)}
+        identity = Identity(model, self.upload(co.SERIAL_NUMBER), versions)
+        if self.sdo.strays - strays >= _CLASHING_ANSWERS:
+            raise DriveError(
+                f"{self.name}: two nodes answer as node {self.node_id}",
+                "give every drive a node id of its own",
+            )
+        return identity
+
+    def _not_an_epos2(self, found: str) -> DriveError:
+        return DriveError(
+            f"{self.name} is no EPOS2: {found}", "check the node id in the rig file and the drive itself"
+        )
+
+    def require_encoder(self) -> None:
+        """Refuse a drive that is set to another encoder resolution than its section says. Raises `DriveError`."""
+        found, expected = self.upload(od.ENCODER_PULSES), self.section.encoder_pulses_per_turn
+        if found != expected:
+            raise DriveError(
+                f"{self.name} is set to {found} encoder pulses a turn, the rig file says {expected}",
+                "find out which encoder it has; correct the rig file, or the drive in EPOS Studio",
+            )
+
+    def require_fingerprint(self) -> None:
+        """Refuse a drive whose configuration is not the one that its section names, if it does. Raises `DriveError`."""
+        expected = self.section.configuration_fingerprint
+        if expected is None:
+            return
+        found = self.fingerprint()
+        if found != expected:
+            raise DriveError(
+                f"{self.name} has the configuration fingerprint {list(found)} (0x1020), the rig file says "
+                f"{list(expected)}: its parameters have been changed",
+                "power it off and on, which brings back those that it has stored; else compare them in EPOS Studio "
+                "and enter the new fingerprint in the rig file",
+            )
+
+    # Settings
+
+    def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
+        """Return the settings of its section; their fingerprint is what 0x1020 is to hold from here on."""
+        settings = drive_settings(self.section, heartbeat)
+        self.vouch(self.section.configuration_fingerprint or fingerprint(settings))
+        return settings
+
+    def vouch(self, fingerprint: tuple[int, int]) -> None:
+        """Take a fingerprint to be what 0x1020 is to hold: the drive clears it when a setting is changed."""
+        self._vouched = fingerprint
+
+    def write_settings(self, settings: Mapping[Entry, int]) -> tuple[str, ...]:
+        """Bring settings to what they must be, and renew the fingerprint."""
+        written = super().write_settings(settings)
+        self._renew_fingerprint()
+        return written
+
+    def adjust(self, settings: Mapping[Entry, int]) -> bool:
+        """Bring settings to what operation asks for; the fingerprint that was left in the drive stays there."""
+        written = [entry for entry, value in settings.items() if self.ensure(entry, value)]
+        if written:
+            self._renew_fingerprint()
+        return bool(written)
+
+    def fingerprint(self) -> tuple[int, int]:
+        """Return date and time of 0x1020, which the drive clears when a setting is changed."""
+        return self.upload(od.CONFIGURATION_DATE), self.upload(od.CONFIGURATION_TIME)
+
+    def _renew_fingerprint(self) -> None:
+        """Write 0x1020 again; never into a drive that has restarted, for whose settings nobody can vouch."""
+        if self._vouched is not None and not self.has_restarted:
+            self.ensure(od.CONFIGURATION_DATE, self._vouched[0])
+            self.ensure(od.CONFIGURATION_TIME, self._vouched[1])
+
+    def limit_current(self, max_current_ma: int | None) -> dict[Entry, int]:
+        """Return the current limit of this opening, where it has one below the drive's own."""
+        if max_current_ma is None:
+            return {}
+        self._own_current_ma = self.upload(od.MAX_CURRENT)
+        return {od.MAX_CURRENT: min(max_current_ma, self._own_current_ma)}
+
+    def close(self) -> None:
+        """Switch power off, give the drive its current limit back, and let both heartbeats end."""
+        self.disable()
+        if self._own_current_ma is not None:
+            self.adjust({od.MAX_CURRENT: self._own_current_ma})
+        self.unwatch()
+
+    def describe(self) -> dict[str, object]:
+        """Return how the drive converts and is set, for the record."""
+        return {
+            "node_id": self.node_id,
+            "quadcounts_per_unit": self.scale.counts_per_unit,
+            "rpm_per_speed": self.scale.speed_units_per_speed,
+            "position_window_quadcounts": self.scale.to_distance_counts(self.section.position_window),
+            **super().describe(),
+        }
+
+    def name_sent(self, counter: int, speed_units: int) -> dict[str, int]:
+        """Return quadcounts and rpm."""
+        return {"sent_quadcounts": counter, "sent_rpm": speed_units}
+
+    # Reference
+
+    def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
+        """Yield what a homing needs written; a search has a current threshold where it feels its stop."""
+        section, scale = self.section, self.scale
+        offset = round(homing.offset * scale.counts_per_unit)
+        yield co.HOME_OFFSET, -HOMING_DIRECTIONS.get(homing.method, 0) * offset
+        yield od.HOME_POSITION, self.home_counter(homing)
+        if homing.method != HOMING_HERE:
+            rpm = scale.to_speed_units(homing.speed)
+            yield co.HOMING_SPEED_SWITCH, rpm
+            yield co.HOMING_SPEED_INDEX, max(1, rpm // 10)
+            yield co.HOMING_ACCELERATION, scale.to_acceleration_units(section.acceleration)
+        if homing.method in BY_CURRENT:
+            yield od.CURRENT_THRESHOLD, section.homing.current_threshold_ma
+
+    # Condition
+
+    def describe_emergency(self, code: int) -> Emergency:
+        """Return what an error code means; one that no document lists is named as such."""
+        return describe_emergency(code)
+
+    def current_ma(self) -> float | None:
+        """Return the motor current [mA]."""
+        return float(self.upload(co.CURRENT_ACTUAL))
+
+    def current_limit_ma(self) -> int | None:
+        """Return the output current limit [mA]."""
+        return self.upload(od.MAX_CURRENT)
+
+    def inputs(self) -> dict[str, bool]:
+        """Return the digital inputs by their function, as the drive's polarity settings have them."""
+        word = self.upload(od.INPUT_STATE)
+        return {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}

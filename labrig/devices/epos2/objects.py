@@ -1,0 +1,58 @@
+"""The objects of an EPOS2 that no standard has: index, type, access, default.
+
+Numbers follow maxon's firmware specification of the first EPOS generation (798675-03, April 2010), whose
+indices every published EPOS2 driver uses; what the EPOS2 may do differently is checked by reading back after
+writing. The simulated drive's object dictionary is made from this table and the standard one, so that a wrong width
+shows as a refusal there.
+"""
+
+from labrig.devices.canopen_objects import STANDARD, Entry, entries_in
+
+CONFIGURATION_DATE = Entry(0x1020, 1, "verify configuration: date", "I")
+CONFIGURATION_TIME = Entry(0x1020, 2, "verify configuration: time", "I")
+SOFTWARE_VERSION = Entry(0x2003, 1, "software version", "H", "ro", 0x2110)
+HARDWARE_VERSION = Entry(0x2003, 2, "hardware version", "H", "ro", 0x6220)
+LIMIT_EXECUTION_MASK = Entry(0x2071, 4, "digital input execution mask", "H", default=0x0008)
+CURRENT_THRESHOLD = Entry(0x2080, 0, "current threshold homing", "H", default=500)
+HOME_POSITION = Entry(0x2081, 0, "home position", "i")
+ENCODER_PULSES = Entry(0x2210, 1, "encoder pulses per turn", "H", default=500)
+NODE_ID = Entry(0x2000, 0, "node id", "B", default=1, lowest=1, highest=127)
+CAN_BITRATE = Entry(0x2001, 0, "CAN bit rate", "H", highest=9)
+MISCELLANEOUS = Entry(0x2008, 0, "miscellaneous configuration", "H")
+ENCODER_COUNTER = Entry(0x2020, 0, "encoder counter", "H", "ro")
+CURRENT_AVERAGE = Entry(0x2027, 0, "current, averaged", "h", "ro")
+VELOCITY_AVERAGE = Entry(0x2028, 0, "velocity, averaged", "i", "ro")
+INPUTS = tuple(
+    Entry(0x2070, n, f"configuration of digital input {n}", "H", default=kind, highest=15)
+    for n, kind in enumerate((15, 14, 13, 2, 1, 0), start=1)
+)
+INPUT_STATE = Entry(0x2071, 1, "digital inputs, state", "H", "ro")
+INPUT_MASK = Entry(0x2071, 2, "digital inputs, mask", "H", default=0xFFFF)
+INPUT_POLARITY = Entry(0x2071, 3, "digital inputs, polarity", "H")
+FOLLOWING_ERROR_ACTUAL = Entry(0x20F4, 0, "following error actual", "h", "ro")
+SENSOR_TYPE = Entry(0x2210, 2, "position sensor type", "H", default=1)
+SENSOR_POLARITY = Entry(0x2210, 4, "position sensor polarity", "H", highest=3)
+POSITION_NOTATION = Entry(0x6089, 0, "position notation index", "b", lowest=0, highest=0)
+CURRENT_GAINS = tuple(Entry(0x60F6, n, f"current gain {n}", "h") for n in (1, 2))
+VELOCITY_GAINS = tuple(Entry(0x60F9, n, f"velocity gain {n}", "h") for n in (1, 2))
+POSITION_GAINS = tuple(Entry(0x60FB, n, f"position gain {n}", "h") for n in (1, 2, 3))
+CONTINUOUS_CURRENT = Entry(0x6410, 1, "continuous current limit", "H", default=5000)
+POLE_PAIRS = Entry(0x6410, 3, "pole pairs", "B", default=1, lowest=1)
+MAX_MOTOR_SPEED = Entry(0x6410, 4, "maximal motor speed", "I", default=25000, lowest=1)
+THERMAL_TIME = Entry(0x6410, 5, "thermal time constant of the winding", "H", default=40)
+MAX_CURRENT = Entry(0x6410, 2, "output current limit", "H", default=10000)
+NUMBERS: tuple[Entry, ...] = tuple(
+    {
+        entry.place: entry for value in (STANDARD, *tuple(globals().values())) for entry in entries_in(value)
+    }.values()
+)
+"""Every numeric entry, those of the standards too."""
+
+EPOS2_HARDWARE = {
+    0x6120: "EPOS2 Module 36/2",
+    0x6220: "EPOS2 24/5",
+    0x6320: "EPOS2 50/5",
+    0x6420: "EPOS2 70/10",
+}
+OTHER_HARDWARE = {0x6010: "EPOS 24/1", 0x6210: "EPOS 24/5", 0x6410: "EPOS 70/10", 0x6610: "EPOS MCD"}
+"""Hardware version 0x2003:02 without its last digit -> name (libcanepos)."""

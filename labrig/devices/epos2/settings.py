@@ -1,0 +1,118 @@
+"""The section of an axis with an EPOS2, what its drive must be set to, and the fingerprint of that (0x1020)."""
+
+import zlib
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.axis_description import AxisDescription, HomingDescription
+from labrig.devices.can_description import HeartbeatDescription, NodeId
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.epos2 import objects as od
+from labrig.devices.epos2.homing import BY_CURRENT, HOMING_DIRECTIONS
+from labrig.devices.units import AxisScale
+from labrig.protocol.model import Conflict
+
+MAX_RPM = 25_000
+_SWITCH_BITS = {"negative": 1, "positive": 2}
+
+
+class Epos2Homing(HomingDescription):
+    """How an axis gets its reference."""
+
+    method: Literal[35, -1, -2, -3, -4, 1, 2, 17, 18] = Field(
+        35,
+        description="maxon's homing method. 35: where it stands, on confirmation. -1, -3: into the stop in the motor's "
+        "positive direction, -2, -4: in its negative one, by current, -1 and -2 then to the index. 1, 2, 17, 18: limit "
+        "switches.",
+    )
+    current_threshold_ma: Annotated[int, Field(ge=1, le=65535)] = Field(
+        500, description="Current at which a stop is believed to be reached [mA]."
+    )
+
+
+class Epos2Axis(AxisDescription):
+    """One axis with an EPOS2 of maxon. Lengths are mm, or rad where `unit` is rad."""
+
+    homing_directions = HOMING_DIRECTIONS
+    needed = ("encoder_pulses_per_turn", *AxisDescription.needed)
+    where_to_find: ClassVar[Mapping[str, str]] = {
+        "encoder_pulses_per_turn": "lines of the encoder on the motor: data sheet, or 0x2210:01 in EPOS Studio",
+        **AxisDescription.where_to_find,
+    }
+    count_unit = "quadcounts"
+
+    driver: Literal["epos2"] = Field("epos2", description="Kind of drive.")
+    node_id: NodeId = Field(description="CANopen node id of the drive, as its DIP switches are set.")
+    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] | None = Field(
+        description="Lines of the encoder a turn of the motor; a quadcount is a quarter. null: unknown [-]."
+    )
+    homing: Epos2Homing = Field(default_factory=Epos2Homing, description="How it is referenced.")
+    configuration_fingerprint: (
+        tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None
+    ) = Field(
+        None,
+        description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed: a drive with "
+        "others is refused. null: not compared [-].",
+    )
+    limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
+        (), description="Limit switches that are wired and must stop the drive; by default it ignores them."
+    )
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The node id."""
+        return (self.node_id,)
+
+    def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
+        """Return the conversion to quadcounts, quarters of an encoder line, and rpm."""
+        quadcounts = 4 * (self.encoder_pulses_per_turn or 0)
+        return AxisScale(quadcounts, gear_ratio, travel_per_turn, self.reversed)
+
+    def homing_current_ma(self, method: int) -> int | None:
+        """Return the current by which a method feels its stop [mA]; None for one that does not."""
+        return self.homing.current_threshold_ma if method in BY_CURRENT else None
+
+    def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
+        """Yield limits and speeds that the drive's numbers cannot hold."""
+        yield from super().scale_conflicts(scale)
+        rpm = self.max_speed * scale.speed_units_per_speed
+        if rpm > MAX_RPM:
+            yield Conflict(
+                "max_speed",
+                f"max_speed is {rpm:.0f} rpm of the motor, the drive's limit is {MAX_RPM} rpm",
+                f"write {scale.to_speed(MAX_RPM):.4g} or less, or check gear_ratio and lead_mm",
+            )
+
+
+def drive_settings(axis: Epos2Axis, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
+    """Return the settings of the drive of an axis, in quadcounts and rpm.
+
+    Raises
+    ------
+    InputError
+        When gear, lead or encoder are unknown.
+    """
+    scale = axis.scale()
+    acceleration = scale.to_acceleration_units(axis.acceleration)
+    switches = sum(_SWITCH_BITS[switch] for switch in set(axis.limit_switches))
+    return {
+        co.MAX_FOLLOWING_ERROR: scale.to_distance_counts(axis.max_following_error),
+        co.POSITION_WINDOW: scale.to_distance_counts(axis.position_window),
+        co.POSITION_WINDOW_TIME: axis.position_window_time_ms,
+        co.MAX_PROFILE_VELOCITY: min(MAX_RPM, scale.to_speed_units(axis.max_speed)),
+        co.PROFILE_ACCELERATION: acceleration,
+        co.PROFILE_DECELERATION: acceleration,
+        co.QUICK_STOP_DECELERATION: scale.to_acceleration_units(axis.quick_stop_deceleration),
+        co.PROFILE_TYPE: 0,
+        od.LIMIT_EXECUTION_MASK: od.LIMIT_EXECUTION_MASK.default | switches,
+        co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms,
+    }
+
+
+def fingerprint(settings: Mapping[Entry, int]) -> tuple[int, int]:
+    """Return what date and time of 0x1020 hold for these settings; the drive clears both when one is changed."""
+    text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
+    return zlib.crc32(text.encode()), len(settings)

@@ -3,6 +3,7 @@
 Rooms, top to bottom; each may import only what stands below it (`lint-imports` holds that):
 
 - `cli` parses, chooses the rig, calls, prints; alone prints, prompts and exits
+- `testing` holds the tests that every driver passes, ours and a lab's own
 - `experiments` are the procedures that move the rig, and the record of those that move nothing
 - `devices` are the axes, the camera, the clock and the operator, and the rig that holds them
 - `simulation` is the world that simulated devices live in, and knows none of our models of it

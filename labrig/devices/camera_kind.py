@@ -67,8 +67,12 @@ class CameraKind(Generic[Section]):
 
     def check(self, section: Section, camera: Camera) -> Iterator[CheckResult]:
         """Yield what `devices check` says of the camera, once its settings have been taken. Raises `CameraError`."""
-        height, width = camera.capture().image.shape[:2]
+        frame = camera.capture()
+        height, width = frame.image.shape[:2]
         yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
+        if frame.t_bound_s is not None:
+            value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
+            yield CheckResult("camera time", CheckStatus.PASS, value)
         yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
 
 

@@ -68,11 +68,11 @@ class DriverSection:
         if not isinstance(value, dict):
             raise PydanticCustomError("model_type", "expected a section")
         name = str(value.get(_KEY, self._default))
-        if name not in installed(self._group):
-            raise PydanticCustomError("union_tag_invalid", "unknown driver")
         try:
             model = _model_of(find_plugin(self._group, name))
         except InputError as error:
+            if name not in installed(self._group):
+                raise PydanticCustomError("union_tag_invalid", "unknown driver") from error
             raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
         made: Model = _validator(name, model).validate_json(json.dumps({**value, _KEY: name}))
         return made

@@ -65,12 +65,29 @@ def test_a_sweep_runs_whole_on_the_pictures_of_another(labrig: Labrig, tmp_path:
     assert labrig("runs", "check", run).exit_code == 0
 
 
+def _write_times(folder: Path, later_s: float = 0.0) -> None:
+    """Write when the pictures of the kept record were taken, each so much later than the one before it was."""
+    lines = [f"{line['frame']:06d}.png,{line['t_s'] + line['frame'] * later_s}" for line in _frames(RECORD)]
+    (folder / "times.csv").write_text("\n".join(["picture,t_s", *lines]), encoding="utf-8")
+
+
+def test_a_picture_that_is_still_to_come_is_waited_for(labrig: Labrig, tmp_path: Path) -> None:
+    """The drives are held by heartbeats meanwhile; where the axes stood at the picture is told, and comes again."""
+    rig = _rig(tmp_path, times="sidecar")
+    _write_times(tmp_path / "pictures", later_s=0.6)
+    run = _run(labrig, rig)
+    lines = _frames(run)
+    assert [line["sha256"] for line in lines] == [line["sha256"] for line in _frames(RECORD)]
+    assert [line.get("fraction") for line in lines[1:]] == 7 * [1.0]
+    document = labrig("replay", run, "--json").json()
+    assert (document["identical"], document["bit_exact"]) == (True, True)
+
+
 @pytest.mark.parametrize("times", ["null", "sidecar"])
 def test_such_a_run_is_replayed_to_the_last_bit(labrig: Labrig, tmp_path: Path, times: str) -> None:
     """Also where pictures come at their own times: each look takes the one that was taken for it then."""
     rig = _rig(tmp_path, times=times)
-    lines = [f"{line['frame']:06d}.png,{line['t_s']}" for line in _frames(RECORD)]
-    (tmp_path / "pictures" / "times.csv").write_text("\n".join(["picture,t_s", *lines]), encoding="utf-8")
+    _write_times(tmp_path / "pictures")
     run = _run(labrig, rig)
     assert [line["sha256"] for line in _frames(run)] == [line["sha256"] for line in _frames(RECORD)]
     assert ["t_bound_s" in line for line in _frames(run)] == 8 * [times == "sidecar"]

@@ -10,7 +10,7 @@ import pytest
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import CameraContext
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.files import CAMERA as FILES
+from labrig.devices.files.camera import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource, open_stream
 from labrig.devices.rig_file import RigDescription, load_rig

@@ -3,6 +3,7 @@
 import pytest
 
 from labrig.devices.camera import Camera, Frame
+from labrig.devices.uvc.camera import CAMERA as UVC
 from labrig.devices.uvc.source import UvcSource
 from labrig.errors import CameraError
 from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls, uvc_section
@@ -80,6 +81,14 @@ def test_a_camera_without_pictures_is_told() -> None:
     camera, _, _ = _opened(dead=True)
     with pytest.raises(CameraError, match="no picture"):
         camera.capture()
+
+
+@pytest.mark.parametrize(("stamps", "words"), [(True, "42 ms, 0.04 mm"), (False, "104 ms, 0.10 mm")])
+def test_a_check_says_how_well_the_time_is_known(stamps: bool, words: str) -> None:
+    """By the kernel's stamp to a period; without one to half of the five that a call takes."""
+    camera, _, _ = _opened(stamps=stamps)
+    results = {result.check: result.value for result in UVC.check(SECTION, camera)}
+    assert results["camera time"] == f"known within {words} at 1 mm/s"
 
 
 def test_the_rate_counts_what_was_thrown_away() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from labrig.devices.camera_kind import CameraContext
 from labrig.devices.clocks import SimulatedClock, SystemClock
-from labrig.devices.files import CAMERA as FILES
+from labrig.devices.files.camera import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource
 from labrig.devices.simulated.camera import CAMERA as SIMULATED

@@ -1,0 +1,70 @@
+"""Recorded pictures as a kind of camera."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from labrig.devices.camera import Camera
+from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.devices.check_result import CheckResult, CheckStatus
+from labrig.devices.files.film import Film
+from labrig.devices.files.folder import PictureFolder, list_pictures, read_sidecar, require_rising
+from labrig.devices.files.played import PlayedSource, Reel
+from labrig.devices.files.settings import FilesCameraDescription
+from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.errors import CameraError
+
+
+class FilesCamera(CameraKind[FilesCameraDescription]):
+    """Recorded pictures in place of a camera."""
+
+    name = "files"
+    settings = FilesCameraDescription
+
+    def open(self, section: FilesCameraDescription, context: CameraContext) -> PlayedSource | StreamSource:
+        """Open the folder, the file or the stream.
+
+        Raises
+        ------
+        CameraError
+            When it cannot be read, or its times do not rise.
+        """
+        if section.is_stream:
+            capture = open_stream(section.source, section.address)
+            return StreamSource(capture, section.address, context.clock, latency_s=section.latency_s)
+        return PlayedSource(_reel(section, context.folder / section.source), context.clock, section.start_s)
+
+    def check(self, section: FilesCameraDescription, camera: Camera) -> Iterator[CheckResult]:
+        """Yield that pictures come, and that they are recorded ones."""
+        height, width = camera.capture().image.shape[:2]
+        value = f"{width}x{height} px, recorded pictures of {section.address}: they never steer"
+        yield CheckResult("camera picture", CheckStatus.PASS, value)
+
+
+def _reel(section: FilesCameraDescription, path: Path) -> Reel:
+    if not path.is_dir():
+        if section.times in {"sidecar", "modified"}:
+            raise CameraError(
+                f"{path} is no folder, and times is {section.times}", "write times: null, or rate"
+            )
+        return Film(path, section.rate_hz if section.times == "rate" else None)
+    paths = list_pictures(path)
+    times_s = _folder_times(section, path, paths)
+    if times_s is not None:
+        require_rising(paths, times_s)
+    return PictureFolder(path, paths, times_s)
+
+
+def _folder_times(
+    section: FilesCameraDescription, folder: Path, paths: tuple[Path, ...]
+) -> list[float] | None:
+    match section.times:
+        case "rate":
+            return [number / section.rate_hz for number in range(len(paths))]
+        case "sidecar":
+            return read_sidecar(folder, paths)
+        case "modified":
+            return [path.stat().st_mtime for path in paths]
+    return None
+
+
+CAMERA = FilesCamera()

@@ -1,0 +1,44 @@
+"""A USB camera as a kind of camera."""
+
+import cv2
+
+from labrig.devices.camera_kind import CameraContext, CameraKind
+from labrig.devices.uvc.settings import UvcCameraDescription
+from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.v4l2 import V4l2Controls
+from labrig.errors import CameraError
+
+
+class UvcCamera(CameraKind[UvcCameraDescription]):
+    """A USB video class camera."""
+
+    name = "uvc"
+    settings = UvcCameraDescription
+
+    def open(self, section: UvcCameraDescription, context: CameraContext) -> UvcSource:
+        """Open a device file.
+
+        Raises
+        ------
+        CameraError
+            When there is no such device, or it is no camera.
+        """
+        # Opened first: it fails with a reason, where OpenCV prints to stderr and says no.
+        controls = V4l2Controls(section.device)
+        capture = cv2.VideoCapture(section.device, cv2.CAP_V4L2)
+        if not capture.isOpened():
+            controls.close()
+            raise CameraError(
+                f"{section.device} gives no pictures",
+                "it may be used by another program, or be no camera; try another number",
+            )
+        return UvcSource(
+            capture,
+            controls,
+            context.clock,
+            exposure_s=section.exposure_us / 1e6,
+            rate_hz=section.rate_hz,
+        )
+
+
+CAMERA = UvcCamera()

@@ -1,0 +1,150 @@
+"""A camera of another package: named by the rig file, with keys of its own; and what is told where there is none."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from labrig.devices.camera_kind import CameraContext, camera_kind
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.rig_file import load_rig, rig_schema
+from labrig.errors import FileFormatError
+from tests.devices.rigs import SIMULATED
+
+MODULE = """
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from labrig.devices.camera import Exposure
+from labrig.devices.camera_kind import CameraKind
+from labrig.devices.camera_settings import CameraDescription
+
+class Section(CameraDescription):
+    rig_kinds: ClassVar[frozenset[str]] = frozenset({"simulated", "bench"})
+    driver: Literal["lab-grey"]
+    grey_level: int
+
+class Source:
+    exposures = 0
+
+    def __init__(self, section):
+        self._section = section
+
+    def set(self, name, value):
+        pass
+
+    def get(self, name):
+        return self._section.settings()[name]
+
+    def read(self):
+        self.exposures += 1
+        section = self._section
+        return Exposure(np.full((section.height_px, section.width_px), section.grey_level, np.uint8))
+
+    def close(self):
+        pass
+
+class Grey(CameraKind):
+    name = "lab-grey"
+    settings = Section
+
+    def open(self, section, context):
+        return Source(section)
+
+CAMERA = Grey()
+"""
+SECTION = (
+    "camera:\n  driver: lab-grey\n  width_px: 1280\n  height_px: 720\n  rate_hz: 30\n  grey_level: 7\n\n"
+)
+
+
+def _install(site: Path, package: str, module: str, code: str) -> None:
+    """Install a package with one camera, as pip leaves it."""
+    info = site / f"{package}-2.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {package}\nVersion: 2.1\n", encoding="utf-8"
+    )
+    (info / "entry_points.txt").write_text(
+        f"[labrig.cameras]\nlab-grey = {module}:CAMERA\n", encoding="utf-8"
+    )
+    (site / f"{module}.py").write_text(code, encoding="utf-8")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Return a folder of installed packages."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    return folder
+
+
+def _rig_file(folder: Path) -> Path:
+    before, rest = SIMULATED.read_text(encoding="utf-8").split("camera:\n", 1)
+    path = folder / "rig.yaml"
+    path.write_text(before + SECTION + rest.split("\n\n", 1)[1], encoding="utf-8")
+    return path
+
+
+def test_it_is_chosen_by_its_name_and_opened_with_keys_of_its_own(site: Path, tmp_path: Path) -> None:
+    """No file of labrig knows it."""
+    _install(site, "lab_grey", "lab_grey_camera_1", MODULE)
+    section = load_rig(_rig_file(tmp_path)).camera
+    exposure = camera_kind(section).open(section, CameraContext(SimulatedClock())).read()
+    assert exposure is not None
+    assert exposure.image.mean() == 7.0
+    assert "lab-grey" in rig_schema()["properties"]["camera"]["discriminator"]["mapping"]
+
+
+def test_an_unknown_key_of_it_is_told_with_its_line(site: Path, tmp_path: Path) -> None:
+    """And the key that was probably meant."""
+    _install(site, "lab_grey", "lab_grey_camera_2", MODULE)
+    path = _rig_file(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("grey_level", "gray_level"), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"rig.yaml:\d+:3 camera.gray_level: unknown key") as refusal:
+        load_rig(path)
+    assert refusal.value.hint == "did you mean grey_level?"
+
+
+def test_a_driver_that_is_not_installed_is_told_with_those_that_are(tmp_path: Path) -> None:
+    """File, line and column of the name."""
+    with pytest.raises(
+        FileFormatError, match=r"rig.yaml:\d+:11 camera.driver: driver is .lab-grey.*files"
+    ) as refusal:
+        load_rig(_rig_file(tmp_path))
+    assert refusal.value.exit_code == 2
+
+
+def test_a_name_that_two_packages_claim_is_refused(site: Path, tmp_path: Path) -> None:
+    """Both are named, and neither is used."""
+    _install(site, "lab_grey", "lab_grey_camera_3", MODULE)
+    _install(site, "other_grey", "lab_grey_camera_4", MODULE)
+    with pytest.raises(
+        FileFormatError, match=r"rig.yaml:\d+:11 .*claimed by .*lab.grey 2.1 and other.grey 2.1"
+    ):
+        load_rig(_rig_file(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("module", "code", "words"),
+    [
+        (
+            "lab_grey_camera_5",
+            "import a_module_that_is_not_there\n",
+            "cannot be imported: ModuleNotFoundError",
+        ),
+        ("lab_grey_camera_6", f"{MODULE}\nGrey.interface = 2\n", "is written for interface 2"),
+        ("lab_grey_camera_7", "class CAMERA:\n    interface = 1\n", "has no model of its settings"),
+    ],
+)
+def test_a_package_that_fails_is_named_and_in_nobodys_way(
+    site: Path, tmp_path: Path, module: str, code: str, words: str
+) -> None:
+    """Who asks for its camera is told why there is none; other rig files load, and the schema leaves it out."""
+    _install(site, "lab_grey", module, code)
+    with pytest.raises(FileFormatError, match=f"camera lab-grey of package lab.grey 2.1 {words}"):
+        load_rig(_rig_file(tmp_path))
+    assert load_rig(SIMULATED).camera.driver == "simulated"
+    assert "lab-grey" not in rig_schema()["properties"]["camera"]["discriminator"]["mapping"]

@@ -6,24 +6,20 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli import template
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
 from labrig.cli.damage import require_undamaged
 from labrig.cli.options import InsertionOption, RigOption, RunArgument, rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
+from labrig.cli.template import template
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
+from labrig.record.durable import write_atomically
 
-app = typer.Typer(
-    help="Calibrate the camera: intrinsics, plane map, template of the tip.", no_args_is_help=True
+app = typer.Typer(no_args_is_help=True)
+
+
+app.command("template", help="A picture of the needle's tip, cut out of a recorded frame or a picture.")(
+    template
 )
-
-
-def register(labrig: typer.Typer) -> None:
-    """Add the group to `labrig`."""
-    labrig.add_typer(app, name="calibrate")
-
-
-template.register(app)
 
 
 @app.command(
@@ -164,7 +160,6 @@ def adopt(
     """Refuse a calibration that was refused, and existing files, without --force."""
     from labrig.analysis.result import load_result
     from labrig.devices.rig_file import load_rig
-    from labrig.record.durable import write_atomically
     from labrig.record.reader import open_run
 
     run = open_run(run_path)

@@ -1,12 +1,15 @@
 """Calibration files as the commands write them: where, whether at all, and how they were made."""
 
+import hashlib
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, OutputExistsError
+from labrig.record.provenance import collect_provenance
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
@@ -36,11 +39,6 @@ def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -
 
 def provenance(images: list[Path]) -> dict[str, object]:
     """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
-    import hashlib
-
-    from labrig.devices.clocks import SystemClock
-    from labrig.record.provenance import collect_provenance
-
     return {
         **collect_provenance(sys.argv),
         "created": SystemClock().utc().isoformat(timespec="seconds"),

@@ -7,13 +7,7 @@ import typer
 
 from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
 from labrig.cli.output import AsJson, print_json
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
-    app.command("design", help="What to cut for a steering radius, by the paper and by our own search.")(
-        design
-    )
+from labrig.needle.tube import Tube
 
 
 def design(
@@ -78,7 +72,6 @@ def design(
     """
     from labrig.analysis.design import DesignOrder, MeasuredRadius, Tolerances
     from labrig.cli.design_study import Outputs, carry_out, measured_radius, print_design, run_by_name
-    from labrig.needle.tube import Tube
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)

@@ -4,20 +4,12 @@ from dataclasses import asdict
 
 import typer
 
-from labrig.cli import devices_motion
+from labrig.cli.devices_motion import home, jog, withdraw
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, rig_file
 from labrig.cli.output import AsJson, print_json, say, tell_checks
 
-app = typer.Typer(
-    help="Look after the rig: check it, move its axes, stop it.",
-    no_args_is_help=True,
-)
-
-
-def register(labrig: typer.Typer) -> None:
-    """Add the group to `labrig`."""
-    labrig.add_typer(app, name="devices")
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
@@ -42,7 +34,11 @@ def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
         say(line)
 
 
-devices_motion.register(app)
+app.command("home", help="Give axes their reference, on confirmation; none with a needle in tissue.")(home)
+app.command(
+    "jog", help="Move one axis slowly, on confirmation; verify direction, lead, backlash and limits."
+)(jog)
+app.command("withdraw", help="Take a needle that a run has left in tissue out along its path.")(withdraw)
 app.command(
     "simulate",
     help="Serve simulated EPOS2 drives on a CAN bus until interrupted, for any CANopen client.",

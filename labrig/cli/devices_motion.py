@@ -20,17 +20,6 @@ CurrentOption = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to `labrig devices`."""
-    app.command("home", help="Give axes their reference, on confirmation; none with a needle in tissue.")(
-        home
-    )
-    app.command(
-        "jog", help="Move one axis slowly, on confirmation; verify direction, lead, backlash and limits."
-    )(jog)
-    app.command("withdraw", help="Take a needle that a run has left in tissue out along its path.")(withdraw)
-
-
 def home(
     axis: Annotated[
         list[str] | None,

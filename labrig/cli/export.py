@@ -8,11 +8,7 @@ import typer
 from labrig.cli.damage import tell_damage
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, RecordError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
-    app.command("export", help="Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record.")(export)
+from labrig.record.durable import write_atomically
 
 
 def export(
@@ -56,7 +52,6 @@ def export(
 
 def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
     from labrig.analysis.result import load_result
-    from labrig.record.durable import write_atomically
     from labrig.record.reader import open_run
     from labrig.report.export import FORMATS
     from labrig.report.tables import run_tables

@@ -2,7 +2,7 @@
 
 import importlib
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
 import typer
@@ -12,23 +12,37 @@ from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
 from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
 
-# Each file of commands, and the commands that it brings, in the order in which help lists them. A command line that
-# begins with one of them imports its file alone, so that it starts sooner.
-COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "run": ("run", "resume"),
-    "replay": ("replay",),
-    "protocols": ("check", "schema"),
-    "plan": ("plan",),
-    "record": ("report", "view", "import"),
-    "reanalyze": ("reanalyze",),
-    "export": ("export",),
-    "design": ("design",),
-    "runs": ("runs",),
-    "calibrate": ("calibrate",),
-    "measure": ("measure",),
-    "devices": ("devices",),
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "run": (
+        "run.run",
+        "Run a protocol: move, record, measure, and write the report. A design moves nothing.",
+    ),
+    "resume": ("run.resume", "Go on with a sweep after a crash or a stop; finished insertions are kept."),
+    "replay": (
+        "replay.replay",
+        "Drive a run's procedure with its recorded camera, drives, clock and operator.",
+    ),
+    "check": (
+        "protocols.check",
+        "Say whether a protocol can run on a rig, how long it takes and how much disk it needs.",
+    ),
+    "schema": ("protocols.schema", "Print the JSON Schema of protocol files, or of rig files."),
+    "plan": ("plan.plan", "Plan a path to a target around obstacles, or say why there is none."),
+    "report": ("record.report", "Write the report page of runs again, from their newest result."),
+    "view": ("record.view", "Make view.rrd from the record and open it in the rerun viewer."),
+    "import": ("record.import_", "Turn folders of loose pictures into runs."),
+    "reanalyze": ("reanalyze.reanalyze", "Measure the pictures of runs again, into a new numbered result."),
+    "export": ("export.export", "Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record."),
+    "design": ("design.design", "What to cut for a steering radius, by the paper and by our own search."),
+    "runs": ("runs.app", "List the runs, newest first; find, check, compare and annotate them."),
+    "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, template of the tip."),
+    "measure": ("measure.app", "Measure loose pictures."),
+    "devices": ("devices.app", "Look after the rig: check it, move its axes, stop it."),
 }
-GROUPS = (["runs"], ["calibrate"], ["measure"], ["devices"])
+"""Each command: its file and function, or group of commands, and its help, in the order of the list of commands.
+
+The file of the command that is asked for is imported alone, so that it starts sooner, and none for the list.
+"""
 
 
 def _print_version(wanted: bool) -> None:
@@ -49,7 +63,7 @@ def _root(
 
 
 def _app(arguments: Sequence[str]) -> typer.Typer:
-    """Return `labrig` with the command that the arguments begin with, or else with all of them."""
+    """Return `labrig` with the command that the arguments name; of the others their help is there."""
     app = typer.Typer(
         name="labrig",
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
@@ -60,10 +74,24 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    asked = [file for file, commands in COMMANDS.items() if arguments and arguments[0] in commands]
-    for file in asked or COMMANDS:
-        importlib.import_module(f"labrig.cli.{file}").register(app)
+    named = next((word for word in arguments if not word.startswith("-")), None)
+    for name, (place, text) in COMMANDS.items():
+        command = _command(place) if name == named else _not_asked_for
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name, help=text)
+        else:
+            app.command(name, help=text)(command)
     return app
+
+
+def _command(place: str) -> Callable[..., object]:
+    file, name = place.split(".")
+    command: Callable[..., object] = getattr(importlib.import_module(f"labrig.cli.{file}"), name)
+    return command
+
+
+def _not_asked_for() -> None:
+    """Stand for a command in the list of commands."""
 
 
 def run_command(arguments: Sequence[str]) -> int:
@@ -97,9 +125,9 @@ def _invoke(arguments: Sequence[str]) -> int:
 
 def _help_of(arguments: Sequence[str]) -> str:
     """Return the command that shows how the one that was mistyped is used."""
-    commands = set(itertools.chain.from_iterable(COMMANDS.values()))
     words = list(itertools.takewhile(lambda word: not word.startswith("-"), arguments))
-    known = words[: 1 + (words[:1] in GROUPS)] if words[:1] and words[0] in commands else []
+    place, _ = COMMANDS.get(words[0], ("", "")) if words else ("", "")
+    known = words[: 1 + place.endswith(".app")] if place else []
     return " ".join(["see: labrig", *known, "--help"])
 
 

@@ -20,12 +20,7 @@ from labrig.cli.options import (
 from labrig.cli.output import AsJson, interval, number, print_json, print_table, say
 from labrig.errors import InputError, PictureError
 
-app = typer.Typer(help="Measure loose pictures.", no_args_is_help=True)
-
-
-def register(labrig: typer.Typer) -> None:
-    """Add the group to `labrig`."""
-    labrig.add_typer(app, name="measure")
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.callback()

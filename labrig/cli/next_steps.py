@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import Protocol
 
 from labrig.errors import RecordError
+from labrig.record.layout import run_lock
+from labrig.record.lock import lock_owner
+from labrig.record.manifest import read_manifest
 
 MOST = 3
 """How many are told; the others stand in the list as `incomplete`."""
@@ -41,9 +44,6 @@ def next_steps(listed: Sequence[Listed]) -> Iterator[str]:
 
 
 def _next_step(one: Listed) -> str:
-    from labrig.record.layout import run_lock
-    from labrig.record.lock import lock_owner
-
     owner = lock_owner(run_lock(one.run))
     if owner is not None:
         return f"{one.run.name} is going on: {owner}"
@@ -62,8 +62,6 @@ def _next_step(one: Listed) -> str:
 
 def _is_simulated(run: Path) -> bool:
     """Return whether a run was made on a simulated rig, whose gel is new whenever it is opened."""
-    from labrig.record.manifest import read_manifest
-
     try:
         devices = read_manifest(run).get("devices")
     except RecordError:

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -216,8 +217,6 @@ def _under(line: str) -> list[str]:
 
 
 def _terminal_columns() -> int:
-    import shutil
-
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else 1_000_000
 
 

@@ -6,12 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.output import AsJson, number, plural, print_json, print_line, print_table
+from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, OutputExistsError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
-    app.command("plan", help="Plan a path to a target around obstacles, or say why there is none.")(plan)
 
 
 def plan(
@@ -27,7 +23,6 @@ def plan(
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
     from labrig.cli.scenario import problem_of
-    from labrig.devices.clocks import SystemClock
     from labrig.protocol.load import load_scenario
     from labrig.steering.planner import plan_path
 

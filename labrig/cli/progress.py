@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import IO, Protocol, cast
 
 from labrig.cli.output import Talk, plain, say
+from labrig.devices.clocks import SystemClock
 
 
 class Reporter(Protocol):
@@ -71,8 +72,6 @@ class _PlainLines:
     """One line at each tenth of the way, two seconds apart or more, with elapsed and remaining time."""
 
     def __init__(self, title: str, total: float) -> None:
-        from labrig.devices.clocks import SystemClock
-
         self._title = title
         self._total = max(total, 1e-9)
         self._clock = SystemClock()

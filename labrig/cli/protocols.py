@@ -12,14 +12,6 @@ from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_l
 from labrig.errors import FileFormatError, Problem
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to `labrig`."""
-    app.command(
-        "check", help="Say whether a protocol can run on a rig, how long it takes and how much disk it needs."
-    )(check)
-    app.command("schema", help="Print the JSON Schema of protocol files, or of rig files.")(schema)
-
-
 def check(
     protocol: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (YAML).")],
     rig: RigOption = None,

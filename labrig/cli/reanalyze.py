@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,13 +15,6 @@ from labrig.errors import LabrigError, RecordError
 
 _LENS_PX = ("fx", "fy", "cx", "cy", "rms_px", "holdout_rms_px")
 _PLANE = ("mm_per_px", "rms_mm", "holdout_rms_mm")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
-    app.command("reanalyze", help="Measure the pictures of runs again, into a new numbered result.")(
-        reanalyze
-    )
 
 
 def reanalyze(
@@ -75,8 +69,6 @@ def _parent(path: Path, number: int | None) -> Any:
 
 def _compared(old: Any, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:
     """Say where a result parts from its parent, and return that for JSON."""
-    from dataclasses import asdict
-
     from labrig.analysis.divergence import first_divergence
     from labrig.analysis.what_if import compare_steering
 

@@ -24,20 +24,13 @@ from labrig.cli.options import (
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, print_json, print_line
+from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to `labrig`."""
-    app.command("report", help="Write the report page of runs again, from their newest result.")(report)
-    app.command("view", help="Make view.rrd from the record and open it in the rerun viewer.")(view)
-    app.command("import", help="Turn folders of loose pictures into runs.")(import_)
 
 
 def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
     """Write RUN/report.html of each run; a run without a result gets a page that says so."""
     from labrig.analysis.result import load_result
-    from labrig.devices.clocks import SystemClock
     from labrig.record.reader import open_run
     from labrig.report.page import write_report
 

@@ -1,21 +1,15 @@
 """`labrig replay`: the same procedure on recorded devices, and whether it does what it did."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
-
-import typer
 
 from labrig.cli.damage import require_undamaged
 from labrig.cli.options import RunArgument
 from labrig.cli.output import AsJson, print_json, print_line
+from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig`."""
-    app.command(
-        "replay", help="Drive a run's procedure with its recorded camera, drives, clock and operator."
-    )(replay)
+from labrig.record.provenance import collect_provenance
 
 
 def replay(
@@ -23,11 +17,7 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every command and every line is the recorded one, and with 1 at the first that differs."""
-    from dataclasses import asdict
-
-    from labrig.cli.progress import progress
     from labrig.experiments.replay import replay_run, replay_work
-    from labrig.record.provenance import collect_provenance
     from labrig.record.reader import open_run
 
     run = open_run(run_path)

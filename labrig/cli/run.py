@@ -15,16 +15,7 @@ from labrig.cli.options import (
     SetOption,
 )
 from labrig.cli.output import AsJson
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to `labrig`."""
-    app.command(
-        "run", help="Run a protocol: move, record, measure, and write the report. A design moves nothing."
-    )(run)
-    app.command("resume", help="Go on with a sweep after a crash or a stop; finished insertions are kept.")(
-        resume
-    )
+from labrig.protocol.words import mask_passwords
 
 
 def run(
@@ -52,7 +43,6 @@ def run(
     from labrig.cli.pipeline import Order, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
-    from labrig.protocol.words import mask_passwords
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()

@@ -1,15 +1,16 @@
 """`labrig runs`: the folder of runs as a catalogue; without a further word it lists them."""
 
 import gc
+import getpass
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli import runs_check
 from labrig.cli.damage import Damaged, tell_damage
 from labrig.cli.next_steps import next_steps
 from labrig.cli.options import (
@@ -20,17 +21,17 @@ from labrig.cli.options import (
     RunsDirOption,
 )
 from labrig.cli.output import AsJson, fits, print_json, print_line, print_table, say
-from labrig.errors import RecordError
+from labrig.cli.runs_check import check
+from labrig.devices.clocks import SystemClock
+from labrig.errors import InputError, RecordError
+from labrig.record.annotations import judge_run, note_on_run, tag_run
+from labrig.record.catalogue import find_runs
+from labrig.record.difference import compare_runs
 
-app = typer.Typer(help="List the runs, newest first; find, check, compare and annotate them.")
+app = typer.Typer()
 
 
-def register(labrig: typer.Typer) -> None:
-    """Add the group to `labrig`."""
-    labrig.add_typer(app, name="runs")
-
-
-runs_check.register(app)
+app.command("check", help="Verify hashes, checksums and structure of runs, and say what is lost.")(check)
 
 ByOption = Annotated[
     str | None,
@@ -66,7 +67,6 @@ def list_(
     """List every run of a folder that fits, damaged ones too."""
     if context.invoked_subcommand is not None:
         return
-    from labrig.record.catalogue import find_runs
 
     with _no_garbage_collection():
         found = find_runs(runs_dir, where, sort, reverse=reverse)
@@ -94,8 +94,6 @@ def _no_garbage_collection() -> Iterator[None]:
 
 
 def _row(found: Any) -> dict[str, object]:
-    from dataclasses import asdict
-
     asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
     return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
@@ -152,8 +150,6 @@ def tag(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; the record itself is not touched."""
-    from labrig.record.annotations import tag_run
-
     at = _now()
     said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
     for run in runs:
@@ -181,7 +177,6 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; older revisions are kept."""
-    from labrig.record.annotations import note_on_run
     from labrig.record.places import require_local_run
     from labrig.record.reader import open_run
 
@@ -211,8 +206,6 @@ def verdict(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; earlier verdicts are kept."""
-    from labrig.record.annotations import judge_run
-
     annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
     _say_page_is_older(run)
     if as_json:
@@ -228,9 +221,6 @@ def diff(
     as_json: AsJson = False,
 ) -> int:
     """Say each value in which they differ; exit with 4 where a record is damaged."""
-    from dataclasses import asdict
-
-    from labrig.record.difference import compare_runs
     from labrig.record.reader import open_run
 
     runs = open_run(a), open_run(b)
@@ -265,8 +255,6 @@ def _shortened(value: object) -> str | None:
 
 
 def _said(run: Path, annotations: Any) -> dict[str, object]:
-    from dataclasses import asdict
-
     return {"run": str(run), **asdict(annotations)}
 
 
@@ -277,9 +265,6 @@ def _say_page_is_older(run: Path) -> None:
 
 
 def _person(by: str | None) -> str:
-    import getpass
-
-    from labrig.errors import InputError
 
     try:
         return by or getpass.getuser()
@@ -288,6 +273,4 @@ def _person(by: str | None) -> str:
 
 
 def _now() -> Any:
-    from labrig.devices.clocks import SystemClock
-
     return SystemClock().utc()

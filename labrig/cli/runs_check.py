@@ -9,12 +9,8 @@ import typer
 
 from labrig.cli.options import RunsArgument
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
+from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError, Problem, RecordError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig runs`."""
-    app.command("check", help="Verify hashes, checksums and structure of runs, and say what is lost.")(check)
 
 
 def check(
@@ -49,7 +45,6 @@ def check(
 
 
 def _one(path: Path, repair: bool) -> dict[str, Any]:
-    from labrig.devices.clocks import SystemClock
     from labrig.record.check import check_run
     from labrig.record.places import as_url, require_local_run
     from labrig.record.reader import local_folder

@@ -19,13 +19,6 @@ from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to `labrig calibrate`."""
-    app.command("template", help="A picture of the needle's tip, cut out of a recorded frame or a picture.")(
-        template
-    )
-
-
 def template(
     source: Annotated[Path, typer.Argument(metavar="RUN|IMAGE", help="Folder of a run, or a picture.")],
     out: Annotated[

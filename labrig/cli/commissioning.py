@@ -8,8 +8,9 @@ from pathlib import Path
 from labrig.cli.options import rig_file
 from labrig.cli.output import tell_checks
 from labrig.cli.rigs import remark_on_yes, rig_for_person
+from labrig.devices.axis_description import AXES
 from labrig.devices.homing import HOME_ORDER
-from labrig.devices.rig import AXES, Opening, Rig
+from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import load_rig
 from labrig.errors import InputError
 from labrig.experiments.commissioning import (

@@ -10,9 +10,9 @@ from labrig.cli.output import failure_document, failure_lines, print_json, print
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
 from labrig.cli.rigs import remark_on_yes, rig_for_person
+from labrig.devices.needle_state import rig_state
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.devices.state import rig_state
 from labrig.errors import InputError
 from labrig.experiments.conduct import Outcome, conduct_withdrawal
 from labrig.experiments.session import Session

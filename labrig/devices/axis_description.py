@@ -9,6 +9,9 @@ from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.protocol.model import Conflict, Model
 
+AXES = ("insertion", "rotation", "linear")
+"""Every axis of the instrument."""
+
 Positive = Annotated[float, Field(gt=0)]
 
 _INT32 = 2**31

@@ -17,9 +17,9 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.control import owner_of
 from labrig.devices.drive import find_drive_kind
 from labrig.devices.motion_log import last_motion, motion_log_path
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, unknown_entries
-from labrig.devices.state import StateStore
 from labrig.errors import InputError, LabrigError
 from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
@@ -186,7 +186,7 @@ def _disk_result() -> CheckResult:
 
 
 def _state_result(rig: RigDescription) -> CheckResult:
-    state = StateStore(rig.state_path).state
+    state = NeedleState(rig.state_path).state
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")
     status = CheckStatus.FAIL if state.needle_in_tissue else CheckStatus.WARN

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 
 from labrig.devices.axis import Axis, AxisReadback
+from labrig.devices.axis_description import AXES
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
@@ -15,11 +16,11 @@ from labrig.devices.dead_man import DeadManClock
 from labrig.devices.drive import Homing, Identity, open_drive, raise_together, wait_for_all
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed
 from labrig.devices.motion_log import MotionLog
+from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past import PastInsertion
 from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, require_complete
-from labrig.devices.state import RigState, RollZero, StateStore
 from labrig.errors import (
     CameraError,
     DriveError,
@@ -29,9 +30,6 @@ from labrig.errors import (
     MachineError,
     SafetyStopError,
 )
-
-AXES = ("insertion", "rotation", "linear")
-"""Every axis of the instrument."""
 
 Interrupted = Callable[[], str | None]
 """Returns the name of a signal that has arrived, or None."""
@@ -87,8 +85,8 @@ class Rig:
         Where another labrig asks this one to stop.
     opening : Opening
         What of it is opened, and how.
-    store : StateStore or None
-        What the rig knows of itself; by default what its state file says.
+    needle : NeedleState or None
+        What the rig must not forget; by default what its state file says.
     doing : str
         What the rig is used for.
     """
@@ -104,7 +102,7 @@ class Rig:
         interrupted: Interrupted,
         stop_requests: StopRequests | None = None,
         opening: Opening = WHOLE,
-        store: StateStore | None = None,
+        needle: NeedleState | None = None,
         doing: str = "labrig",
     ) -> None:
         self.description = description
@@ -116,7 +114,7 @@ class Rig:
         self._plant = plant
         self._interrupted = interrupted
         self._stop_requests = stop_requests
-        self._store = store or StateStore(description.state_path)
+        self.needle = needle or NeedleState(description.state_path)
         self._motions = MotionLog(description.state_path, plant.clock.utc, doing)
         self._identities: dict[str, Identity] = {}
         self._link = link
@@ -176,7 +174,7 @@ class Rig:
     @property
     def state(self) -> RigState:
         """What the rig knows of itself across runs."""
-        return self._store.state
+        return self.needle.state
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the insertion that the camera shows, one dict; nothing where nobody knows."""
@@ -373,7 +371,7 @@ class Rig:
             When a needle is in tissue or may be: its depth and roll would be lost.
         DriveError, BusError
         """
-        self._refuse_in_tissue("no axis is homed")
+        self.needle.refuse_in_tissue("no axis is homed")
         for axis in self.axes:
             self.home(axis.name, Homing(HOMING_HERE))
 
@@ -387,9 +385,9 @@ class Rig:
         InterruptedRunError, DriveError, BusError
             The axis is without a reference then.
         """
-        self._refuse_in_tissue("no axis is homed")
+        self.needle.refuse_in_tissue("no axis is homed")
         axis = self._axes[axis_name]
-        self._note_reference(axis_name, known=False)
+        self.needle.note_reference(axis_name, known=False)
         try:
             axis.start_homing(homing)
             while not axis.has_homed():
@@ -399,12 +397,7 @@ class Rig:
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
             raise
-        self._note_reference(axis_name, known=True)
-
-    def _note_reference(self, axis_name: str, *, known: bool) -> None:
-        others = {name for name in self.state.referenced if name != axis_name}
-        kept = others | {axis_name} if known else others
-        self._store.update(referenced=tuple(name for name in AXES if name in kept))
+        self.needle.note_reference(axis_name, known=True)
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Refuse a homing that is not allowed, or cannot end, as the rig is open.
@@ -413,7 +406,7 @@ class Rig:
         ------
         SafetyStopError, LimitError
         """
-        self._refuse_in_tissue(f"axis {name} is not homed")
+        self.needle.refuse_in_tissue(f"axis {name} is not homed")
         require_homing_allowed(
             name,
             method,
@@ -442,10 +435,6 @@ class Rig:
         self.check_homing(name, method, needle_mounted=needle_mounted)
         self.home(name, self.axis(name).homing_by(method))
 
-    def _refuse_in_tissue(self, what: str) -> None:
-        if self.state.needle_in_tissue is not False:
-            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
-
     def believe_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
 
@@ -457,34 +446,6 @@ class Rig:
         """
         for name, position in positions.items():
             self._axes[name].believe_position(position)
-
-    def roll_zero_of(self, needle_id: str) -> RollZero | None:
-        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
-        known = self.state.roll_zero
-        return known if known is not None and known.needle_id == needle_id else None
-
-    def certify_roll_zero(self, roll_zero: RollZero) -> None:
-        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
-
-        Raises
-        ------
-        SafetyStopError
-            When the rotation axis has no reference: the roll would mean nothing.
-        DiskError
-        """
-        if not self.rotation.referenced:
-            raise SafetyStopError(
-                "axis rotation is not referenced: it has no roll", "reference the axes first"
-            )
-        self._store.update(roll_zero=roll_zero)
-
-    def mark_needle_in_tissue(self, run: str) -> None:
-        """Remember, across a crash, that `run` is putting a needle into tissue. Raises `DiskError`."""
-        self._store.update(needle_in_tissue=True, since_run=run, note="")
-
-    def mark_needle_out(self) -> None:
-        """Remember that no needle is in tissue. Raises `DiskError`."""
-        self._store.update(needle_in_tissue=False, since_run=None, note="")
 
     # Opening and closing
 
@@ -551,10 +512,7 @@ class Rig:
             axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
             if axis.referenced:
                 axis.set_limits()
-        lost = {axis.name for axis in self.axes if not axis.referenced}
-        referenced = tuple(name for name in self.state.referenced if name not in lost)
-        if referenced != self.state.referenced:
-            self._store.update(referenced=referenced)
+        self.needle.forget_references(axis.name for axis in self.axes if not axis.referenced)
 
     def close(self) -> None:
         """Stop every axis and switch its power stage off: nobody watches the drives from now on.

@@ -22,7 +22,7 @@ def confirm_needle_out(session: Session) -> None:
     rig = session.rig
     if rig.state.needle_in_tissue is not False:
         session.ask(ConfirmNeedleOut(rig.state.doubt))
-        rig.mark_needle_out()
+        rig.needle.mark_out()
 
 
 def watch_grid(sentinel: GridSentinel | None, role: str, session: Session) -> Picture | None:

@@ -125,7 +125,7 @@ def make_sure_needle_is_out(rig: Rig) -> None:
         raise SafetyStopError(f"no axis is moved by itself: {rig.state.doubt}", rig.state.way_out)
     if rig.state.needle_in_tissue is None:
         _confirm(rig, ConfirmNeedleOut(rig.state.doubt))
-        rig.mark_needle_out()
+        rig.needle.mark_out()
 
 
 def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Finding]:

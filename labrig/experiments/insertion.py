@@ -17,8 +17,8 @@ import numpy as np
 
 from labrig.analysis.insertion_settings import insertion_settings, starting_at
 from labrig.analysis.result import TrialOrigin
+from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
-from labrig.devices.state import RollZero
 from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.aim import Aim, aim_of, aim_problems, obstacles_of
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
@@ -73,7 +73,7 @@ def run_insertion(protocol: InsertionProtocol, session: Session) -> int:
 def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
     """Return the roll zero of the needle, found first where there is none and the protocol says how."""
     needle, rig = protocol.needle, session.rig
-    known = rig.roll_zero_of(needle.needle_id)
+    known = rig.needle.roll_zero_of(needle.needle_id)
     if known is not None and all(axis.referenced for axis in rig.axes):
         confirm_needle_out(session)
         _go_to_the_start(protocol, session)
@@ -121,7 +121,7 @@ def _insert_once(
         raise TargetMissedError(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
         )
-    rig.mark_needle_in_tissue(session.recorder.run_name)
+    rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     insertion.path.append(stance_of(rig.read_states()))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from labrig.analysis.insertion_settings import insertion_settings
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
+from labrig.devices.needle_state import rig_state
 from labrig.devices.rig_file import RigDescription, check_axis_move, unknown_entries
-from labrig.devices.state import rig_state
 from labrig.errors import LabrigError, LimitError, Problem
 from labrig.experiments.aim import aim_of, aim_problems, pixel_problems
 from labrig.experiments.design import design_problems

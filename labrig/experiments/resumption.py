@@ -143,4 +143,4 @@ def _take_needle_out(session: Session, path: Sequence[Stance]) -> None:
             withdraw(session, path)
             return
     session.ask(ConfirmNeedleOut(rig.state.doubt))
-    rig.mark_needle_out()
+    rig.needle.mark_out()

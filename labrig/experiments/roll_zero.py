@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 
 from labrig.analysis.origin import aside_mm
 from labrig.analysis.result import TrialOrigin
+from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
-from labrig.devices.state import RollZero
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.bench import AFTER, BEFORE, confirm_needle_out, require_same_grid, watch_grid
 from labrig.experiments.session import Session
@@ -95,7 +95,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
         )
     require_same_grid(before, watch_grid(order.sentinel, AFTER, session), order.sentinel, plane)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
-    rig.certify_roll_zero(certified)
+    rig.needle.certify_roll_zero(certified)
     return certified
 
 
@@ -105,7 +105,7 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     session.progress(step * order.duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
     session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
-    rig.mark_needle_in_tissue(session.recorder.run_name)
+    rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
     origin = _find_sheath(order, step, plane, session)
     look = None

@@ -63,7 +63,7 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
         **({} if planned.repeats is None else {"repeats": planned.repeats}),
     )
     session.look("hole", trial)
-    session.rig.mark_needle_in_tissue(session.recorder.run_name)
+    session.rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     session.look("sheath", trial)
     pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
@@ -76,7 +76,7 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
     )
     session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
     session.move("linear", 0.0, sheath.speed_mm_s)
-    session.rig.mark_needle_out()
+    session.rig.needle.mark_out()
     session.note("trial_stop", trial=trial, exit_status="success", final_frame=final_frame)
     session.progress((done + 1) * total_s, f"{specimen.name}, insertion {planned.hole + 1} done")
 

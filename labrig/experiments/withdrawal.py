@@ -165,7 +165,7 @@ def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds 
         session.move(move.axis, move.position, axis.nearest_speed(min(speeds.of(move.axis), axis.max_speed)))
     if not all(axis.referenced for axis in rig.axes):
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
-    rig.mark_needle_out()
+    rig.needle.mark_out()
     session.record(WithdrawalStop())
 
 
@@ -204,7 +204,7 @@ def recover(session: Session, run_name: str, path: Sequence[Stance], standing: S
         rig.believe_positions({name: believed[name] for name in lost})
     moves = reverse_moves((*path, stance_of(rig.read_states())))
     session.ask(ConfirmWithdrawal(tuple(_sentence(move) for move in moves)))
-    rig.mark_needle_in_tissue(session.recorder.run_name)
+    rig.needle.mark_in_tissue(session.recorder.run_name)
     withdraw(session, path)
 
 

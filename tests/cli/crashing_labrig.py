@@ -31,14 +31,14 @@ def main(rig_file: Path, runs_dir: Path) -> None:
     with open_rig(
         description, seed=0, person=Willing(), interrupted=lambda: None, opening=Opening(camera=False)
     ) as rig:
-        rig.mark_needle_out()
+        rig.needle.mark_out()
         rig.reference_axes()
         manifest = {"experiment": "steerability", "started": rig.clock.utc()}
         protocol, text = dump_yaml(load_protocol(SWEEP)), dump_yaml(description)
         recorder = Recorder.create(runs_dir, "crashed", manifest, protocol, text, {})
         session = Session(rig, recorder, lambda _done, _doing: None)
         session.note("trial_start", trial=0)
-        rig.mark_needle_in_tissue(recorder.run_name)
+        rig.needle.mark_in_tissue(recorder.run_name)
         for axis, position, speed in (
             ("linear", 0.5, 5.0),
             ("insertion", 0.5, 5.0),

@@ -97,7 +97,7 @@ def bench_rig(
             interrupted=interrupted or Signal(),
         )
         rig.connect()
-        rig.mark_needle_out()
+        rig.needle.mark_out()
         yield rig
     finally:
         link.close()

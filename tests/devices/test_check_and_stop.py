@@ -111,7 +111,7 @@ def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
     assert new.status is CheckStatus.WARN
     assert "labrig devices jog and home" in new.solution
     with open_rig(description, seed=1, person=Person(), interrupted=Signal()) as rig:
-        rig.mark_needle_in_tissue("run-3")
+        rig.needle.mark_in_tissue("run-3")
     result = _by_name(check_rig(description))["rig state"]
     assert (result.status, result.value) == (CheckStatus.FAIL, "run run-3 ended with the needle in tissue")
 

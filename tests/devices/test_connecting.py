@@ -118,7 +118,7 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
     """The drive has kept its reference and the old limits; the rig file's hold."""
     with _rig("state_file=state.json") as opened:
         opened.rig.connect()
-        opened.rig.mark_needle_out()
+        opened.rig.needle.mark_out()
         opened.rig.reference_axes()
         drive = opened.plant.drives["insertion"]
         drive.node.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)

@@ -77,7 +77,7 @@ def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path, depth: int) -
     ):
         socket = folder / "state.json.socket"
         assert stat.S_IMODE(socket.stat().st_mode) == 0o600
-        moving.mark_needle_out()
+        moving.needle.mark_out()
         moving.reference_axes()
         moving.insertion.start_move(100.0, 1.0)
         asked = pool.submit(stop_rig, rig)

@@ -6,11 +6,11 @@ from queue import SimpleQueue
 
 import pytest
 
+from labrig.devices.needle_state import RigState
 from labrig.devices.replayed.bus import RecordedBus, ReplayedLink, attach
 from labrig.devices.replayed.commands import CommandWords
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording, Span
-from labrig.devices.state import RigState
 from labrig.errors import RecordEndsError, ReplayDiffersError
 from labrig.record.can_log import CanFrame
 from tests.devices.rigs import simulated_rig

@@ -270,7 +270,7 @@ def test_nothing_is_referenced_while_nobody_knows_of_a_needle(tmp_path: Path) ->
         opened.rig.connect()
         with pytest.raises(SafetyStopError, match="no state file yet"):
             opened.rig.reference_axes()
-        opened.rig.mark_needle_out()
+        opened.rig.needle.mark_out()
         opened.rig.reference_axes()
 
 
@@ -278,7 +278,7 @@ def test_a_needle_left_in_tissue_is_honoured_by_the_next_run(tmp_path: Path) -> 
     """A run that died with the needle in tissue is named by the next one, which references nothing."""
     description = _with_state(tmp_path)
     with opened_rig(description) as opened:
-        opened.rig.mark_needle_in_tissue("run-7")
+        opened.rig.needle.mark_in_tissue("run-7")
     with opened_rig(description) as opened:
         opened.rig.connect()
         assert opened.rig.state.needle_in_tissue is True
@@ -290,7 +290,7 @@ def test_a_reference_that_the_drive_has_lost_is_not_believed(tmp_path: Path) -> 
     """The state file says referenced, the new drives do not: the axes have to be referenced again."""
     description = _with_state(tmp_path)
     with opened_rig(description) as opened:
-        opened.rig.mark_needle_out()
+        opened.rig.needle.mark_out()
         _ready(opened)
         assert opened.rig.state.referenced == ("insertion", "rotation", "linear")
     with opened_rig(description) as opened:

@@ -283,7 +283,7 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
     plant, protocol = _plant(description), sweep(*_SHORT)
     with _rig(description, plant) as (rig, camera, signal):
         cell = Cell(fault, phase, plant, camera, signal, rig)
-        rig.mark_needle_out()
+        rig.needle.mark_out()
         rig.connect()
         outcome, run = _conduct(cell, folder, protocol, description)
         counted = sum(sum(axis.counts().values()) for axis in rig.axes)

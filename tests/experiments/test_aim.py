@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.state import RollZero, StateStore
+from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.errors import FileFormatError
 from labrig.experiments.plan import find_problems, foreseen_refusal
 from labrig.protocol.insertion import InsertionProtocol
@@ -80,7 +80,7 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
     protocol = insertion("roll_zero=null")
     assert isinstance(protocol, InsertionProtocol)
     for needle_id, refused in ((protocol.needle.needle_id, 0), ("another", 1)):
-        store = StateStore(rig.state_path)
+        store = NeedleState(rig.state_path)
         store.update(referenced=("rotation",), roll_zero=RollZero(needle_id, 0.1, 0.01, "run-1"))
         problems = [problem for problem in find_problems(protocol, rig) if problem.where == "roll_zero"]
         assert len(problems) == refused

@@ -138,7 +138,7 @@ def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) ->
     protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
     with bench(tmp_path, protocol, EVEN) as opened:
         outcome, run = conducted(opened, protocol, 0.02, ShiftToHole)
-        assert opened.opened.rig.roll_zero_of("N1") is None
+        assert opened.opened.rig.needle.roll_zero_of("N1") is None
     assert isinstance(outcome.error, CalibrationRefusedError)
     assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
     result = analysed(run)

@@ -135,7 +135,7 @@ def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
 def test_nothing_is_homed_or_jogged_with_a_needle_in_tissue() -> None:
     """Both are refused, with the command that takes it out."""
     with _bare() as (opened, _):
-        opened.rig.mark_needle_in_tissue("run-7")
+        opened.rig.needle.mark_in_tissue("run-7")
         for action in (lambda: home_axes(opened.rig, 35, needle_mounted=True), lambda: _jog(opened.rig)):
             with pytest.raises(SafetyStopError, match="run-7") as refusal:
                 action()

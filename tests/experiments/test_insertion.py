@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
-from labrig.devices.state import RollZero
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
 from labrig.experiments.conduct import Outcome, conduct
 from labrig.experiments.session import Session
@@ -42,7 +42,7 @@ def certified(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = 
         rig = opened.opened.rig
         opened.opened.plant.world.mount_needle("N1")
         rig.reference_axes()
-        rig.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before"))
+        rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before"))
         yield opened
 
 

@@ -193,7 +193,7 @@ def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:
     """A rig that remembers a needle in tissue asks for it before any axis is referenced; no ends the run."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        rig.opened.rig.mark_needle_in_tissue("an earlier run")
+        rig.opened.rig.needle.mark_in_tissue("an earlier run")
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
         outcome, run = rig.conduct(protocol)
         assert rig.opened.rig.state.needle_in_tissue is True

@@ -105,7 +105,7 @@ def _turned_in_gel(rig: Bench) -> None:
     session.ask(PlaceSpecimen("gel-10", 10))
     session.ask(ShiftToHole("gel-10", 0, 0))
     session.note("trial_start", trial=0)
-    rig.opened.rig.mark_needle_in_tissue("run")
+    rig.opened.rig.needle.mark_in_tissue("run")
     for axis, position in (("linear", 5), ("insertion", 6), ("rotation", 3), ("insertion", 14)):
         session.move(axis, position, rig.opened.rig.axis(axis).nearest_speed(3.0))
 

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.plant import ReplayedPlant
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.devices.state import StateStore
 from labrig.errors import InputError
 from labrig.record.reader import Run
 
@@ -56,7 +56,7 @@ def open_replayed(
             source=plant.open_source(),
             person=plant.operator,
             interrupted=plant.interrupted,
-            store=StateStore(None, recording.state),
+            needle=NeedleState(None, recording.state),
         )
         rig.connect()
         yield rig, plant

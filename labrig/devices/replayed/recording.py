@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from labrig.devices.camera import Exposure
+from labrig.devices.needle_state import NEW, RigState, RollZero
 from labrig.devices.operator import Answer
-from labrig.devices.state import NEW, RigState, RollZero
 from labrig.errors import RecordError
 from labrig.record.can_log import CanFrame
 from labrig.record.reader import Run

@@ -6,9 +6,12 @@ tissue.
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from labrig.devices.axis_description import AXES
+from labrig.errors import SafetyStopError
 from labrig.record.durable import write_atomically
 
 _KIND = "labrig-rig-state"
@@ -86,8 +89,10 @@ NEW = RigState(needle_in_tissue=False)
 """State of a simulated rig, whose drives and world are new."""
 
 
-class StateStore:
-    """Keeps the state in a file, or, without a path, in memory.
+class NeedleState:
+    """What a rig must not forget, kept in a file, or, without a path, in memory.
+
+    Every change is on disk before it returns, and may raise `DiskError`.
 
     Parameters
     ----------
@@ -112,10 +117,54 @@ class StateStore:
         if self._path is not None:
             _save(self._path, self.state)
 
+    def mark_in_tissue(self, run: str) -> None:
+        """Remember, across a crash, that `run` is putting a needle into tissue."""
+        self.update(needle_in_tissue=True, since_run=run, note="")
+
+    def mark_out(self) -> None:
+        """Remember that no needle is in tissue."""
+        self.update(needle_in_tissue=False, since_run=None, note="")
+
+    def refuse_in_tissue(self, what: str) -> None:
+        """Refuse what must not happen while a needle is in tissue or may be. Raises `SafetyStopError`."""
+        if self.state.needle_in_tissue is not False:
+            raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
+
+    def note_reference(self, axis: str, *, known: bool) -> None:
+        """Remember that an axis has its reference, or has not."""
+        kept = {*self.state.referenced, axis} if known else {*self.state.referenced} - {axis}
+        self.update(referenced=tuple(name for name in AXES if name in kept))
+
+    def forget_references(self, axes: Iterable[str]) -> None:
+        """Remember that axes have lost their reference, where it was not known."""
+        lost = set(axes)
+        referenced = tuple(name for name in self.state.referenced if name not in lost)
+        if referenced != self.state.referenced:
+            self.update(referenced=referenced)
+
+    def roll_zero_of(self, needle_id: str) -> RollZero | None:
+        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
+        known = self.state.roll_zero
+        return known if known is not None and known.needle_id == needle_id else None
+
+    def certify_roll_zero(self, roll_zero: RollZero) -> None:
+        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
+
+        Raises
+        ------
+        SafetyStopError
+            When the rotation axis has no reference: the roll would mean nothing.
+        """
+        if "rotation" not in self.state.referenced:
+            raise SafetyStopError(
+                "axis rotation is not referenced: it has no roll", "reference the axes first"
+            )
+        self.update(roll_zero=roll_zero)
+
 
 def rig_state(path: Path | None) -> RigState:
     """Return what a rig knows of itself by its state file; that of a new rig without one."""
-    return StateStore(path).state
+    return NeedleState(path).state
 
 
 def _without_void_roll_zero(state: RigState) -> RigState:

@@ -5,29 +5,29 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.state import RollZero, StateStore
+from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.errors import DiskError
 
 
 def test_a_state_survives_the_process(tmp_path: Path) -> None:
     """What one store writes, another reads."""
     path = tmp_path / "state.json"
-    StateStore(path).update(needle_in_tissue=True, since_run="run-1", referenced=("insertion",), note="")
-    state = StateStore(path).state
+    NeedleState(path).update(needle_in_tissue=True, since_run="run-1", referenced=("insertion",), note="")
+    state = NeedleState(path).state
     assert (state.needle_in_tissue, state.since_run, state.referenced) == (True, "run-1", ("insertion",))
     assert [entry.name for entry in tmp_path.iterdir()] == ["state.json"]
 
 
 def test_without_a_path_nothing_is_remembered() -> None:
     """A simulated rig is new in every run: no needle in tissue."""
-    store = StateStore(None)
+    store = NeedleState(None)
     store.update(needle_in_tissue=True, since_run="run-1")
-    assert StateStore(None).state.needle_in_tissue is False
+    assert NeedleState(None).state.needle_in_tissue is False
 
 
 def test_no_file_is_a_doubt(tmp_path: Path) -> None:
     """Nobody knows whether a needle is in tissue at a rig that has never been used."""
-    state = StateStore(tmp_path / "state.json").state
+    state = NeedleState(tmp_path / "state.json").state
     assert state.needle_in_tissue is None
     assert "no state file yet" in state.doubt
 
@@ -69,7 +69,7 @@ def test_a_damaged_file_is_a_doubt_that_is_told(tmp_path: Path, content: bytes) 
     """In doubt a needle is in tissue: a file that cannot be read is never taken to say that none is."""
     path = tmp_path / "state.json"
     path.write_bytes(content)
-    state = StateStore(path).state
+    state = NeedleState(path).state
     assert state.needle_in_tissue is None
     assert state.referenced == ()
     assert "state.json cannot be read" in state.doubt
@@ -78,15 +78,15 @@ def test_a_damaged_file_is_a_doubt_that_is_told(tmp_path: Path, content: bytes) 
 def test_a_state_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     """A needle does not go into tissue on a rig that could not remember it."""
     with pytest.raises(DiskError):
-        StateStore(tmp_path / "missing" / "state.json").update(needle_in_tissue=True)
+        NeedleState(tmp_path / "missing" / "state.json").update(needle_in_tissue=True)
 
 
 def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None:
     """It is on disk with the needle that it is of, and comes back as it was."""
-    store = StateStore(tmp_path / "rig.state.json")
+    store = NeedleState(tmp_path / "rig.state.json")
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
     store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
-    assert StateStore(tmp_path / "rig.state.json").state.roll_zero == zero
+    assert NeedleState(tmp_path / "rig.state.json").state.roll_zero == zero
 
 
 @pytest.mark.parametrize("left", [(), ("insertion", "linear")])
@@ -94,20 +94,20 @@ def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
     tmp_path: Path, left: tuple[str, ...]
 ) -> None:
     """Power loss and a new zero of the axes take the reference; what was told from it means nothing any more."""
-    store = StateStore(tmp_path / "rig.state.json")
+    store = NeedleState(tmp_path / "rig.state.json")
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
     store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
     store.update(referenced=left)
     store.update(referenced=("insertion", "rotation", "linear"))
-    assert StateStore(tmp_path / "rig.state.json").state.roll_zero is None
+    assert NeedleState(tmp_path / "rig.state.json").state.roll_zero is None
 
 
 @pytest.mark.parametrize("value", ['"none"', '{"needle_id": "N1"}', '{"needle_id": "N1", "zero_rad": "x"}'])
 def test_a_damaged_roll_zero_makes_the_whole_state_doubtful(tmp_path: Path, value: str) -> None:
     """What cannot be read is not believed: a needle may be in tissue then."""
     path = tmp_path / "rig.state.json"
-    StateStore(path).update(needle_in_tissue=False, referenced=("rotation",))
+    NeedleState(path).update(needle_in_tissue=False, referenced=("rotation",))
     path.write_text(path.read_text().replace('"roll_zero": null', f'"roll_zero": {value}'))
-    state = StateStore(path).state
+    state = NeedleState(path).state
     assert state.needle_in_tissue is None
     assert state.roll_zero is None

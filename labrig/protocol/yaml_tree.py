@@ -22,7 +22,15 @@ def yaml_values(path: Path | str) -> dict[str, Plain]:
     FileFormatError
         When it is no YAML, or holds no mapping.
     """
-    tree = tree_of_file(Path(path))
+    return _values(tree_of_file(Path(path)))
+
+
+def parse_yaml_values(text: str, source: str) -> dict[str, Plain]:
+    """Return what a YAML text says; `source` names it in messages. Raises as `yaml_values`."""
+    return _values(read_tree(text, source))
+
+
+def _values(tree: Tree) -> dict[str, Plain]:
     if tree.faults:
         raise file_format_error(list(tree.faults))
     return tree.section(())

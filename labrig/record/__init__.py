@@ -37,9 +37,8 @@ Decided here:
   own, so that no axis waits for a busy disk: a power cut loses at most the last two `fsync_period_s` of rig time while
   the disk keeps up; see `Recorder`.
 - Equal calls give equal bytes in frames/ and all lines: neither holds calendar time or a path.
-- What is listed and searched comes from the folders. `.catalogue.sqlite3` beside them is a cache of it, each row under
-  the time, size and inode of its files and with a CRC-32: throw it away, copy runs about, edit it, and the answers
-  stay the same.
+- What is listed and searched comes from the folders. `.catalogue.sqlite3` beside them is a cache of it, each run under
+  the time, size and inode of its files: throw it away, copy runs about, and the answers stay the same.
 - The raw files are never rewritten. Only the manifest is, atomically, when the run is closed or continued.
 - One process writes a run: it holds `.lock`, which the kernel frees when it dies. `check_run` reads everything and
   tells damage from what an interruption left; only an undamaged run is closed by `repair_run` or continued by

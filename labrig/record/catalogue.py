@@ -1,28 +1,20 @@
 """Lists the runs of a folder, and finds those that fit a condition."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
-from labrig.record.condition import (
-    Condition,
-    Fields,
-    Value,
-    parse_condition,
-    paths_for,
-    require_field,
-    values_by_name,
-)
-from labrig.record.field_index import remembered_fields
+from labrig.record.condition import parse_condition, require_field
 from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
-from labrig.record.run_index import NO_FILE, remembered, signature_of
+from labrig.record.run_index import NO_FILE, Fields, RunIndex, Value, ask_index, signature_of
 
 # What a summary is read from. The manifest stands first: a folder without one is no run.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES)
@@ -65,14 +57,8 @@ class RunSummary:
     notes: int = 0
 
 
-# What a list shows, under the names of its JSON: these can be asked of damaged runs too.
-_OF_SUMMARIES: Mapping[str, Callable[[RunSummary], Value]] = {
-    "run": lambda summary: summary.run.name,
-    "protocol": lambda summary: summary.protocol,
-    "exit_status": lambda summary: summary.exit_status,
-    "started": lambda summary: summary.started,
-    "trials_done": lambda summary: summary.trials_done,
-}
+# What a list shows, under the names of its JSON: these, and `run`, can be asked of damaged runs too.
+_OF_SUMMARIES = ("protocol", "exit_status", "started", "trials_done")
 
 
 @dataclass(frozen=True)
@@ -96,7 +82,7 @@ def list_runs(runs_dir: Path) -> list[RunSummary]:
     InputError
         When it is a file, or cannot be read.
     """
-    return _listed(runs_dir, _signatures(runs_dir))
+    return [found.summary for found in find_runs(runs_dir)]
 
 
 def find_runs(
@@ -119,52 +105,40 @@ def find_runs(
         When the condition cannot be read, or names a field that no run has.
     """
     condition = None if where is None else parse_condition(where)
-    names = _names_asked_for(condition, sort)
-    signatures = _signatures(runs_dir)
-    summaries = _listed(runs_dir, signatures)
-    fields, known = _fields_of(runs_dir, summaries, signatures, names)
-    if summaries and condition is not None:
-        condition.require_known(known)
-    if summaries and sort is not None:
-        require_field(sort, known, "--sort")
-    found = [
-        FoundRun(summary, values)
-        for summary, values in zip(summaries, fields, strict=True)
-        if condition is None or condition.holds(values)
-    ]
-    return _in_order(found, sort, reverse)
-
-
-def _signatures(runs_dir: Path) -> dict[str, str]:
-    """Return the runs of a folder, each with the signature of what its summary is read from."""
+    names = [] if condition is None else [name for name, _ in condition.names]
+    names = list(dict.fromkeys([*names, *([] if sort is None else [sort])]))
     root = os.fspath(runs_dir)
     signatures = {name: signature_of(f"{root}/{name}", _SUMMARY_FILES) for name in _folders(runs_dir)}
-    return {name: signature for name, signature in signatures.items() if not signature.startswith(NO_FILE)}
+    signatures = {name: one for name, one in signatures.items() if not one.startswith(NO_FILE)}
+    if not signatures:
+        return []
+    summary_row = cache(lambda name: _summary_row(runs_dir / name))
+    fields = cache(lambda name: _fields(runs_dir / name, summary_row(name)))
 
+    def ask(index: RunIndex) -> list[FoundRun]:
+        rows = index.summaries(signatures, summary_row)
+        values: Mapping[str, Mapping[str, tuple[Value, ...]]] = {name: {} for name in rows}
+        if names:
+            whole = {name: f"{one} {_field_signature(f'{root}/{name}')}" for name, one in signatures.items()}
+            index.refresh_leaves(whole, fields)
+            known = index.known_paths().keys() | ANNOTATION_FIELDS
+            if condition is not None:
+                condition.require_known(known)
+            if sort is not None:
+                require_field(sort, known, "--sort")
+            values = index.find(names, condition)
+        return [
+            FoundRun(_summary(runs_dir / name, row), values[name])
+            for name, row in rows.items()
+            if name in values
+        ]
 
-def _listed(runs_dir: Path, signatures: Mapping[str, str]) -> list[RunSummary]:
-    rows = remembered(runs_dir, "summary", signatures, lambda name: _summary_row(runs_dir / name))
-    summaries = [_summary(runs_dir / name, row) for name, row in rows.items()]
-    return sorted(summaries, key=lambda summary: summary.started or "", reverse=True)
+    newest_first = sorted(ask_index(runs_dir, ask), key=lambda run: run.summary.started or "", reverse=True)
+    return _in_order(newest_first, sort, reverse)
 
 
 def _summary(run: Path, row: Mapping[str, Any]) -> RunSummary:
-    return RunSummary(
-        run,
-        row["protocol"],
-        row["exit_status"],
-        row["started"],
-        row["trials_done"],
-        row["trials_planned"],
-        tuple(row["tags"]),
-        row.get("verdict"),
-        row.get("notes", 0),
-    )
-
-
-def _names_asked_for(condition: Condition | None, sort: str | None) -> tuple[str, ...]:
-    names = [] if condition is None else [name for name, _ in condition.names]
-    return tuple(dict.fromkeys([*names, *([] if sort is None else [sort])]))
+    return RunSummary(run, **{**row, "tags": tuple(row["tags"])})
 
 
 def _in_order(found: list[FoundRun], sort: str | None, reverse: bool) -> list[FoundRun]:
@@ -191,29 +165,6 @@ def _folders(runs_dir: Path) -> list[str]:
         raise InputError(f"cannot list {runs_dir}: {error.strerror}", "give a folder of runs") from error
 
 
-def _fields_of(
-    runs_dir: Path, summaries: Sequence[RunSummary], signatures: Mapping[str, str], names: Sequence[str]
-) -> tuple[list[dict[str, tuple[Value, ...]]], frozenset[str]]:
-    """Return the values of each run under each name, and the paths of all fields that there are."""
-    if not names or not summaries:
-        return [{} for _ in summaries], frozenset()
-    root = os.fspath(runs_dir)
-    fields, known = remembered_fields(
-        runs_dir,
-        {name: f"{one} {_field_signature(f'{root}/{name}')}" for name, one in signatures.items()},
-        lambda name: _all_fields(runs_dir / name),
-        lambda paths: paths_for(names, paths),
-    )
-    own = [(name, value) for name, value in _OF_SUMMARIES.items() if name in paths_for(names, _OF_SUMMARIES)]
-    folders = [summary.run.name for summary in summaries]
-    whole = {
-        folder: {**{name: [value(summary)] for name, value in own}, **fields[folder]}
-        for folder, summary in zip(folders, summaries, strict=True)
-    }
-    found = values_by_name(names, whole)
-    return [found[folder] for folder in folders], known | _OF_SUMMARIES.keys() | ANNOTATION_FIELDS
-
-
 def _field_signature(run: str) -> str:
     """Return the signature of what fields are read from, beyond what summaries are."""
     try:
@@ -223,15 +174,17 @@ def _field_signature(run: str) -> str:
     return signature_of(run, (PROTOCOL, *(f"{ANALYSIS}/{number}/result.json" for number in numbers)))
 
 
-def _all_fields(run: Path) -> Fields:
+def _fields(run: Path, summary: Mapping[str, Any]) -> Fields:
+    """Return all that may be asked of a run; of a damaged one, or of one of a newer labrig, what a list shows of it."""
+    shown = {"run": [run.name], **{name: [summary[name]] for name in _OF_SUMMARIES}}
     try:
         document = read_document(run)
         if is_newer(document):
-            return {}
+            return shown
         said = annotation_fields(read_annotations(run))
-        return {**manifest_fields(document), **file_fields(run), **said}
+        return {**shown, **manifest_fields(document), **file_fields(run), **said}
     except RecordError:
-        return {}
+        return shown
 
 
 def _summary_row(run: Path) -> dict[str, Any]:

@@ -13,23 +13,19 @@ A field of which a run has several values, such as the gels of a sweep, fits whe
 `not a = b`. Numbers are compared as numbers where both sides are numbers, else both as text: ISO dates so sort as
 they should. `~` asks whether the text is contained, capitals aside. A run that lacks the field does not fit.
 
-Parsed by hand into closures over these seven comparisons; nothing of it is ever evaluated as Python or SQL.
+A condition becomes an SQL expression over the tables of `run_index`; what was typed goes into its parameters alone.
 """
 
-import operator
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, TypeAlias
 
 from labrig.errors import InputError
-
-Value: TypeAlias = str | int | float | bool | None
-Fields: TypeAlias = Mapping[str, Sequence[Value]]
-"""Values by dotted path, such as `protocol.specimens.gelatin_percent`; each path has one or more."""
+from labrig.record.json_lines import plain_text
 
 _MAX_DEPTH = 50
+_MAX_COMPARISONS = 1000
 # What people look for; a hint names these, of the two hundred fields that a run has.
 _USUAL = (
     "run",
@@ -52,23 +48,9 @@ _TOKEN = re.compile(
     r"""\s*(?:(?P<symbol><=|>=|!=|=|<|>|~|\(|\))|(?P<quoted>"[^"]*"|'[^']*')|(?P<word>[^\s=!<>~()"']+))"""
 )
 _JOINTS = frozenset({"and", "or", "not"})
-_COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
-    "=": operator.eq,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-}
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    column: int
-
-    def __str__(self) -> str:
-        return "the end" if self.kind == "end" else repr(self.text)
+_SIGNS = frozenset({"=", "!=", "<", "<=", ">", ">=", "~"})
+_HAS = "run IN (SELECT run FROM held, json_each(held.leaf) AS each WHERE held.name = ?{})"
+_SHOWN = "shown(each.value, each.type)"
 
 
 @dataclass(frozen=True)
@@ -77,19 +59,17 @@ class Condition:
 
     Attributes
     ----------
-    text : str
-        As it was given.
     names : tuple of (str, int)
         The fields that it asks for, and the columns at which they stand, from 1.
+    sql : str
+        An expression of `run`, over the table `held` (run, name, leaf): the values of a run under each name, as JSON.
+    parameters : tuple of str, float or None
+        What stands for the question marks in it.
     """
 
-    text: str
     names: tuple[tuple[str, int], ...]
-    _holds: Callable[[Fields], bool]
-
-    def holds(self, fields: Fields) -> bool:
-        """Return whether a run with these fields fits."""
-        return self._holds(fields)
+    sql: str
+    parameters: tuple[str | float | None, ...]
 
     def require_known(self, known: Collection[str]) -> None:
         """Refuse a name that no run has.
@@ -110,7 +90,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
     ------
     InputError
     """
-    if paths_of(name, known):
+    if paths_for(name, known):
         return
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
     short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
@@ -125,6 +105,11 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
     )
 
 
+def paths_for(name: str, known: Collection[str]) -> tuple[str, ...]:
+    """Return the paths that a name may stand for in some run: those that are it, or end in it."""
+    return tuple(path for path in known if path == name or path.endswith(f".{name}"))
+
+
 def parse_condition(text: str) -> Condition:
     """Read a condition.
 
@@ -133,47 +118,20 @@ def parse_condition(text: str) -> Condition:
     InputError
         Names the character where it stops making sense, and what was expected there.
     """
-    parser = _Parser(text, _tokens(text))
-    holds = parser.choice(0)
+    parser = _Parser(text)
+    sql = parser.choice(0)
     parser.expect_end()
-    return Condition(text, tuple(parser.names), holds)
+    return Condition(tuple(parser.names), sql, tuple(parser.parameters))
 
 
-def paths_of(name: str, known: Collection[str]) -> tuple[str, ...]:
-    """Return the paths that a name stands for: itself, else those with the fewest parts that end in it."""
-    if name in known:
-        return (name,)
-    ending = [path for path in known if path.endswith(f".{name}")]
-    least = min((path.count(".") for path in ending), default=0)
-    return tuple(path for path in ending if path.count(".") == least)
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+    column: int
 
-
-def paths_for(names: Collection[str], known: Collection[str]) -> frozenset[str]:
-    """Return the paths that may stand for one of the names in some run: those that are it, or end in it."""
-    endings = tuple(f".{name}" for name in names)
-    return frozenset(path for path in known if path in names or path.endswith(endings))
-
-
-def values_by_name(
-    names: Sequence[str], fields_of_runs: Mapping[str, Fields]
-) -> dict[str, dict[str, tuple[Value, ...]]]:
-    """Return of each run the values under each of the names, each once; runs with the same paths are looked at once."""
-    stands_for: dict[tuple[str, ...], list[tuple[str, tuple[str, ...]]]] = {}
-    found = {}
-    for run, fields in fields_of_runs.items():
-        shape = tuple(fields)
-        if shape not in stands_for:
-            stands_for[shape] = [(name, paths_of(name, shape)) for name in names]
-        found[run] = {
-            name: tuple(dict.fromkeys([value for path in paths for value in fields[path]]))
-            for name, paths in stands_for[shape]
-        }
-    return found
-
-
-def values_of(name: str, fields: Fields) -> tuple[Value, ...]:
-    """Return the values that a run has under a name, each once; none where it lacks the field."""
-    return tuple(dict.fromkeys(value for path in paths_of(name, fields) for value in fields[path]))
+    def __str__(self) -> str:
+        return "the end" if self.kind == "end" else repr(self.text)
 
 
 def _tokens(text: str) -> list[_Token]:
@@ -183,7 +141,7 @@ def _tokens(text: str) -> list[_Token]:
     while position < end:
         match = _TOKEN.match(text, position)
         if match is None or match.lastgroup is None:
-            raise _fault(text, len(text[:position]) + 1, "this cannot be read; is a quote open?")
+            raise _fault(text, position + 1, "this cannot be read; is a quote open?")
         kind = match.lastgroup
         tokens.append(_Token(kind, match[kind], match.start(kind) + 1))
         position = match.end()
@@ -191,65 +149,83 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Parser:
-    """One pass from left to right; each method reads one rule of the grammar."""
+    """One pass from left to right; each method reads one rule of the grammar and returns its SQL."""
 
-    def __init__(self, text: str, tokens: list[_Token]) -> None:
+    def __init__(self, text: str) -> None:
         self.names: list[tuple[str, int]] = []
+        self.parameters: list[str | float | None] = []
         self._text = text
-        self._tokens = iter(tokens)
+        self._tokens = iter(_tokens(text))
         self._next = next(self._tokens)
         self._after_number = False
 
     def expect_end(self) -> None:
         if self._next.kind != "end":
-            raise self._unexpected(f"and, or, or the end{self._unit_after_number()}")
+            goes_alone = " (a number goes alone: its unit stands in the name of the field)"
+            unit = goes_alone if self._after_number and self._next.kind == "word" else ""
+            raise self._unexpected(f"and, or, or the end{unit}")
 
-    def choice(self, depth: int) -> Callable[[Fields], bool]:
-        parts = [self._union(depth)]
-        while self._takes("or"):
-            parts.append(self._union(depth))
-        return lambda fields: any(part(fields) for part in parts)
+    def choice(self, depth: int) -> str:
+        return self._joined("or", lambda: self._joined("and", lambda: self._negation(depth)))
 
-    def _union(self, depth: int) -> Callable[[Fields], bool]:
-        parts = [self._negation(depth)]
-        while self._takes("and"):
-            parts.append(self._negation(depth))
-        return lambda fields: all(part(fields) for part in parts)
+    def _joined(self, joint: str, part: Callable[[], str]) -> str:
+        parts = [part()]
+        while self._takes(joint):
+            parts.append(part())
+        # In pairs, as SQLite limits how deep an expression may be.
+        while len(parts) > 1:
+            parts = [f"({f' {joint} '.join(parts[each : each + 2])})" for each in range(0, len(parts), 2)]
+        return parts[0]
 
-    def _negation(self, depth: int) -> Callable[[Fields], bool]:
+    def _negation(self, depth: int) -> str:
         if depth > _MAX_DEPTH:
             raise _fault(self._text, self._next.column, f"more than {_MAX_DEPTH} levels")
         if self._takes("not"):
-            inner = self._negation(depth + 1)
-            return lambda fields: not inner(fields)
+            return f"NOT {self._negation(depth + 1)}"
         if self._takes("("):
             inner = self.choice(depth + 1)
             if not self._takes(")"):
                 raise self._unexpected("a closing bracket")
-            return inner
+            return f"({inner})"
         return self._comparison()
 
-    def _comparison(self) -> Callable[[Fields], bool]:
+    def _comparison(self) -> str:
         name = self._next
         if name.kind != "word" or name.text in _JOINTS:
             raise self._unexpected("the name of a field")
+        if len(self.names) == _MAX_COMPARISONS:
+            raise _fault(self._text, name.column, f"more than {_MAX_COMPARISONS} comparisons")
         self._advance()
         sign = self._next
-        if sign.text not in {*_COMPARE, "!=", "~"} or sign.kind != "symbol":
+        if sign.text not in _SIGNS or sign.kind != "symbol":
             raise self._unexpected("one of = != < <= > >= ~")
         self._advance()
         value = self._next
         if value.kind not in {"word", "quoted"}:
             raise self._unexpected("a value (equal is one =)" if value.text == "=" else "a value")
         self._advance()
-        self._after_number = value.kind == "word" and _number(value.text) is not None
+        number = _number(value.text) if value.kind == "word" else None
+        self._after_number = number is not None
         self.names.append((name.text, name.column))
-        return _comparison(name.text, sign.text, value)
+        text = plain_text(value.text[1:-1] if value.kind == "quoted" else value.text)
+        return self._compared(plain_text(name.text), sign.text, text, number)
 
-    def _unit_after_number(self) -> str:
-        """Return a remark where a number is followed by another word, as its unit would be."""
-        follows = self._after_number and self._next.kind == "word"
-        return " (a number goes alone: its unit stands in the name of the field)" if follows else ""
+    def _compared(self, name: str, sign: str, text: str, number: float | None) -> str:
+        if sign == "!=":
+            self.parameters.append(name)
+            return f"({_HAS.format('')} AND NOT {self._compared(name, '=', text, number)})"
+        if sign == "~":
+            self.parameters += [name, text.casefold()]
+            return _HAS.format(f" AND instr(casefold({_SHOWN}), ?)")
+        if sign == "=" and number is None:
+            self.parameters += [name, text]
+            return _HAS.format(f" AND {_SHOWN} = ?")
+        # A number and a word have no order, and null none with anything.
+        self.parameters += [name, number, text]
+        return _HAS.format(
+            f" AND CASE WHEN each.type IN ('integer', 'real') THEN each.value {sign} ?"
+            f" ELSE each.type <> 'null' AND {_SHOWN} {sign} ? END"
+        )
 
     def _takes(self, text: str) -> bool:
         if self._next.kind == "quoted" or self._next.text != text:
@@ -262,39 +238,6 @@ class _Parser:
 
     def _unexpected(self, expected: str) -> InputError:
         return _fault(self._text, self._next.column, f"expected {expected}, found {self._next}")
-
-
-def _comparison(name: str, sign: str, value: _Token) -> Callable[[Fields], bool]:
-    text = value.text[1:-1] if value.kind == "quoted" else value.text
-    if sign == "~":
-        wanted = text.casefold()
-        return lambda fields: any(wanted in shown(each).casefold() for each in values_of(name, fields))
-    compare = _COMPARE["=" if sign == "!=" else sign]
-    asked = None if value.kind == "quoted" else _number(text)
-
-    def one_fits(fields: Fields) -> bool:
-        return any(_compared(compare, each, text, asked) for each in values_of(name, fields))
-
-    if sign == "!=":
-        return lambda fields: bool(values_of(name, fields)) and not one_fits(fields)
-    return one_fits
-
-
-def _compared(compare: Callable[[Any, Any], bool], value: Value, text: str, asked: float | None) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and asked is not None:
-        return compare(value, asked)
-    # A number and a word have no order, and null none with anything.
-    if (is_number or value is None) and compare is not operator.eq:
-        return False
-    return compare(shown(value), text)
-
-
-def shown(value: Value) -> str:
-    """Return a value as it is written in a condition and in tables."""
-    if value is None:
-        return "null"
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _number(text: str) -> float | None:

@@ -9,10 +9,10 @@ from typing import Any
 
 from labrig.errors import RecordError
 from labrig.protocol.yaml_tree import yaml_values
-from labrig.record.condition import Value
 from labrig.record.layout import CALIBRATION, PROTOCOL, RIG, inside
 from labrig.record.manifest import read_manifest
 from labrig.record.results import latest_result
+from labrig.record.run_index import Value
 
 _RUN_KEYS = (
     "experiment",

@@ -1,16 +1,22 @@
 """What of a run can be asked for in the catalogue: each value of its manifest, protocol, newest result and notes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+import re
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 
 from labrig.errors import FileFormatError, RecordError
-from labrig.protocol.yaml_tree import yaml_values
+from labrig.protocol.yaml_tree import parse_yaml_values, yaml_values
 from labrig.record.annotations import Annotations
-from labrig.record.condition import Value
+from labrig.record.json_lines import plain_text
 from labrig.record.layout import PROTOCOL, inside
 from labrig.record.results import latest_result
+from labrig.record.run_index import Value
+
+_SECTION = re.compile(r"^(?=[A-Za-z_]\w*:\s)", re.MULTILINE)
 
 Leaves = dict[str, list[Value]]
 
@@ -28,12 +34,13 @@ _LEFT_OUT = frozenset(
         "created",
     }
 )
-_LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", "measurements", "cells", "corners"})
+_LONG_LISTS = ("measurements", "cells", "corners")
+_LEFT_OUT_OF_RESULTS = frozenset({*_LEFT_OUT, "provenance", *_LONG_LISTS})
 
 
 def manifest_fields(manifest: Mapping[str, object]) -> Leaves:
     """Return the values of a manifest by dotted path, and `duration_s`."""
-    fields = leaves(manifest, "", _LEFT_OUT)
+    fields = _leaves(manifest, "", _LEFT_OUT)
     duration_s = _duration_s(manifest)
     return fields if duration_s is None else {**fields, "duration_s": [duration_s]}
 
@@ -56,32 +63,54 @@ def file_fields(run: Path) -> Leaves:
     """Return the values of protocol.yaml and of the newest result; of a file that cannot be read none."""
     fields: Leaves = {}
     with suppress(FileFormatError, RecordError):
-        fields |= leaves(yaml_values(inside(run, PROTOCOL)), "protocol.", _LEFT_OUT)
+        fields |= _protocol_fields(inside(run, PROTOCOL))
     with suppress(RecordError):
-        fields |= leaves(latest_result(run) or {}, "result.", _LEFT_OUT_OF_RESULTS)
+        fields |= _leaves(latest_result(run, without=_LONG_LISTS) or {}, "result", _LEFT_OUT_OF_RESULTS)
     return fields
 
 
-def leaves(values: Mapping[str, object], prefix: str, left_out: frozenset[str]) -> Leaves:
-    """Return the scalars of nested values by dotted path; the items of a list share the path of the list."""
-    found: Leaves = {}
-    for path, value in _walked(values, prefix.rstrip("."), left_out):
-        held = found.setdefault(path, [])
-        if value not in held:
-            held.append(value)
-    return found
+def _protocol_fields(path: Path) -> Leaves:
+    """Return the values of protocol.yaml. Raises `FileFormatError`.
+
+    Reading YAML takes milliseconds, and most of a protocol stands word for word in other runs too: so each of its
+    top-level sections is read by itself, and once. A file that cannot be taken apart so is read as a whole.
+    """
+    fields: Leaves = {}
+    try:
+        for section in _SECTION.split(path.read_text(encoding="utf-8")):
+            found = _section_fields(section)
+            if fields.keys() & found.keys():
+                return _leaves(yaml_values(path), "protocol", _LEFT_OUT)
+            fields |= found
+    except (OSError, ValueError, FileFormatError):
+        return _leaves(yaml_values(path), "protocol", _LEFT_OUT)
+    return fields
 
 
-def _walked(value: object, path: str, left_out: frozenset[str]) -> Iterator[tuple[str, Value]]:
-    if isinstance(value, Mapping):
+@lru_cache(maxsize=10_000)
+def _section_fields(text: str) -> Leaves:
+    return _leaves(parse_yaml_values(text, "section"), "protocol", _LEFT_OUT) if text.strip() else {}
+
+
+def _leaves(values: Mapping[str, object], prefix: str, left_out: frozenset[str]) -> Leaves:
+    """Return the scalars of nested values by dotted path, each once; the items of a list share its path."""
+    found: dict[str, dict[Value, None]] = {}
+    _gather(values, prefix, left_out, found)
+    return {plain_text(path): list(held) for path, held in found.items()}
+
+
+def _gather(value: object, path: str, left_out: frozenset[str], found: dict[str, dict[Value, None]]) -> None:
+    if isinstance(value, dict):
         for key, item in value.items():
             if key not in left_out:
-                yield from _walked(item, f"{path}.{key}" if path else str(key), left_out)
-    elif isinstance(value, Sequence) and not isinstance(value, str):
+                _gather(item, f"{path}.{key}" if path else key, left_out, found)
+    elif isinstance(value, list):
         for item in value:
-            yield from _walked(item, path, left_out)
-    elif value is None or isinstance(value, str | int | float):
-        yield path, value
+            _gather(item, path, left_out, found)
+    elif isinstance(value, str):
+        found.setdefault(path, {})[plain_text(value)] = None
+    elif value is None or isinstance(value, int | float):
+        found.setdefault(path, {})[value if value is None or math.isfinite(value) else None] = None
 
 
 def _duration_s(manifest: Mapping[str, object]) -> float | None:

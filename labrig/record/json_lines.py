@@ -155,11 +155,6 @@ def encode_document(fields: Mapping[str, object]) -> bytes:
     return _utf8(text) + b"\n"
 
 
-def encode_value(value: object) -> bytes:
-    """Encode any value as compact JSON, infinite and undefined numbers as null. Raises as `encode_line`."""
-    return _compact(_plain(value, "value"))
-
-
 def checksum(fields: Mapping[str, object]) -> str:
     """Return the CRC-32 of a document's content as 8 hexadecimal digits, whatever its layout."""
     return f"{zlib.crc32(_compact(_plain(fields, 'document'))):08x}"
@@ -209,6 +204,11 @@ def _located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _R
 
 def _compact(value: object) -> bytes:
     return _utf8(json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
+
+
+def plain_text(text: str) -> str:
+    """Return a text as UTF-8 can hold it: half characters become their escapes."""
+    return _utf8(text).decode()
 
 
 def _utf8(text: str) -> bytes:

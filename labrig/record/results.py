@@ -1,6 +1,7 @@
 """The numbered results of a run: made from the record, kept beside it, never overwritten."""
 
 import json
+from collections.abc import Iterable
 from itertools import count
 from pathlib import Path
 
@@ -26,14 +27,24 @@ def new_result_dir(run: Path) -> Path:
     raise AssertionError("count() has no end")
 
 
-def latest_result(run: Path) -> dict[str, object] | None:
-    """Return the newest result.json; an analysis that was stopped has none, as it is written last."""
+def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] | None:
+    """Return the newest result.json; an analysis that was stopped has none, as it is written last.
+
+    The lists at its top that are named in `without` are empty, which spares most of the time where they are long.
+    """
     parent = inside(run, ANALYSIS)
     for number in sorted(_numbers(parent), reverse=True):
         path = inside(run, f"{ANALYSIS}/{number:03d}/{_RESULT}")
         if path.exists():
-            return _read_result(path)
+            return _read_result(path, without)
     return None
+
+
+def _emptied(content: bytes, name: bytes) -> bytes:
+    """Return a document with a list at its top emptied, as `encode_document` indents it; any other as it is."""
+    start = content.find(b'\n  "%s": [\n' % name)
+    end = content.find(b"\n  ]", start)
+    return content if min(start, end) < 0 else b'%s\n  "%s": [%s' % (content[:start], name, content[end:])
 
 
 def _numbers(parent: Path) -> list[int]:
@@ -41,9 +52,12 @@ def _numbers(parent: Path) -> list[int]:
     return [int(folder.name) for folder in folders if folder.name.isdecimal()]
 
 
-def _read_result(path: Path) -> dict[str, object]:
+def _read_result(path: Path, without: Iterable[str]) -> dict[str, object]:
     try:
-        result = json.loads(path.read_bytes())
+        content = path.read_bytes()
+        for name in without:
+            content = _emptied(content, name.encode())
+        result = json.loads(content)
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
     if not isinstance(result, dict):

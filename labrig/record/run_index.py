@@ -1,57 +1,222 @@
-"""A cache of what was read from many runs, in SQLite: lost, stale or corrupt, it is made again from the folders.
+"""A cache of what the runs of a folder say, in SQLite: lost, stale or corrupt, it is made again from the folders.
 
-Each row is the name of a run, a signature of the files that it was made from (time, size and inode), and a CRC line
-that holds what was read. A row whose signature or checksum does not fit is made again; a file that is no database is
-replaced; where the folder cannot be written, nothing is kept, and the answer is the same.
+`runs` has a row a run: a signature of the files that its summary was made from (time, size and inode), the summary as a
+CRC line, and the signature of the files that its leaves were made from. `leaves` has a row for each field of a run:
+its path, and its values as a JSON list. What does not fit its signature is read again; a file that is no database is
+replaced. Where the folder cannot be written, or another labrig writes it, a copy in memory gives the same answer.
 """
 
+import json
 import os
 import sqlite3
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias, TypeVar
 
+from labrig.record.condition import Condition, paths_for
 from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
 NO_FILE = "-"
 """Stands in a signature for a file that is not there."""
 
-_FORMAT = 3
-_BUSY_TIMEOUT_S = 2.0
+_FORMAT = 4
+_BUSY_TIMEOUT_S = 1.0
+_MEMORY = ":memory:"
+_TABLES = f"""
+DROP TABLE IF EXISTS runs; DROP TABLE IF EXISTS cells; DROP TABLE IF EXISTS paths; DROP TABLE IF EXISTS leaves;
+CREATE TABLE runs (run INTEGER PRIMARY KEY, name BLOB UNIQUE, signature TEXT, line BLOB, leaves_signature TEXT);
+CREATE TABLE paths (path INTEGER PRIMARY KEY, text TEXT UNIQUE);
+CREATE TABLE leaves (path INTEGER, run INTEGER, leaf TEXT, PRIMARY KEY (path, run)) WITHOUT ROWID;
+PRAGMA user_version = {_FORMAT:d};
+"""
+_KNOWN = "SELECT text, path FROM paths WHERE EXISTS (SELECT 1 FROM leaves WHERE leaves.path = paths.path)"
+# Of the paths that a name may stand for, those count that have the fewest parts in the run at hand.
+_HELD = """
+CREATE TEMP TABLE held AS SELECT run, name, leaf FROM (
+    SELECT run, path, name, leaf, rank() OVER (PARTITION BY run, name ORDER BY parts) AS place
+    FROM asked JOIN leaves USING (path)
+) WHERE place = 1 ORDER BY run, path
+"""
 
-Row = dict[str, Any]
+Value: TypeAlias = str | int | float | bool | None
+Fields: TypeAlias = Mapping[str, Sequence[Value]]
+"""Values by dotted path, such as `protocol.specimens.gelatin_percent`."""
+Row: TypeAlias = dict[str, object]
+_Answer = TypeVar("_Answer")
 
 
-def remembered(
-    runs_dir: Path, kind: str, signatures: Mapping[str, str], read: Callable[[str], Mapping[str, object]]
-) -> dict[str, Row]:
-    """Return what `read` says of each run, from the cache where the run's files have not changed since.
+class RunIndex:
+    """The open index of a folder of runs; made by `ask_index`."""
 
-    Parameters
-    ----------
-    kind : str
-        What is read of a run; each kind is kept apart.
-    signatures : Mapping
-        Name of the run's folder to the signature of the files that `read` looks at.
-    read : callable
-        Takes a name and returns what is to be kept, as JSON can say it.
-    """
+    def __init__(self, index: sqlite3.Connection) -> None:
+        self._index = index
+
+    def summaries(
+        self, signatures: Mapping[str, str], read: Callable[[str], Mapping[str, object]]
+    ) -> dict[str, Row]:
+        """Return the summary of each run, by `read` where its files have changed since.
+
+        Parameters
+        ----------
+        signatures : Mapping
+            Name of the run's folder to the signature of the files that `read` looks at.
+        read : callable
+            Takes a name and returns what is to be kept, as JSON can say it.
+        """
+        kept = {
+            os.fsdecode(name): (signature, line)
+            for name, signature, line in self._index.execute("SELECT name, signature, line FROM runs")
+        }
+        gone = [os.fsencode(name) for name in kept if name not in signatures]
+        rows, fresh = {}, []
+        for name, signature in signatures.items():
+            row = _intact(kept.get(name), signature)
+            if row is None:
+                line = encode_line(read(name))
+                fresh.append((os.fsencode(name), signature, line))
+                row = decode_line(line[:-1])
+            rows[name] = row
+        if fresh or gone:
+            with self._index:
+                self._forget_leaves(gone)
+                self._index.executemany("DELETE FROM runs WHERE name = ?", [(name,) for name in gone])
+                self._index.executemany(
+                    "INSERT INTO runs (name, signature, line) VALUES (?, ?, ?) ON CONFLICT (name)"
+                    " DO UPDATE SET signature = excluded.signature, line = excluded.line",
+                    fresh,
+                )
+        return rows
+
+    def refresh_leaves(self, signatures: Mapping[str, str], read: Callable[[str], Fields]) -> None:
+        """Bring the leaves of runs up to date, whose summaries have been asked for; parameters as there."""
+        kept = dict(self._index.execute("SELECT name, leaves_signature FROM runs"))
+        names = {os.fsencode(name): name for name in signatures}
+        stale = {key: name for key, name in names.items() if kept.get(key) != signatures[name]}
+        if not stale:
+            return
+        fields = {key: read(name) for key, name in stale.items()}
+        paths = dict.fromkeys(path for leaves in fields.values() for path in leaves)
+        with self._index:
+            self._forget_leaves(key for key in stale if kept.get(key) is not None)
+            # Another labrig that found the run gone may have taken its row out.
+            self._index.executemany("INSERT OR IGNORE INTO runs (name) VALUES (?)", [(key,) for key in stale])
+            self._index.executemany(
+                "INSERT OR IGNORE INTO paths (text) VALUES (?)", [(path,) for path in paths]
+            )
+            path_numbers = dict(self._index.execute("SELECT text, path FROM paths"))
+            run_numbers = dict(self._index.execute("SELECT name, run FROM runs"))
+            self._index.executemany(
+                "INSERT INTO leaves VALUES (?, ?, ?)",
+                sorted(
+                    (path_numbers[path], run_numbers[key], _leaf(*values))
+                    for key, leaves in fields.items()
+                    for path, values in leaves.items()
+                ),
+            )
+            self._index.executemany(
+                "UPDATE runs SET leaves_signature = ? WHERE name = ?",
+                [(signatures[name], key) for key, name in stale.items()],
+            )
+
+    def known_paths(self) -> dict[str, int]:
+        """Return the paths of the fields that runs have, with their numbers."""
+        return dict(self._index.execute(_KNOWN))
+
+    def find(
+        self, names: Collection[str], condition: Condition | None
+    ) -> dict[str, dict[str, tuple[Value, ...]]]:
+        """Return the runs that fit a condition, each with its values under each of the names; asked once an index."""
+        known = self.known_paths()
+        self._index.execute("CREATE TEMP TABLE asked (name TEXT, path INTEGER, parts INTEGER)")
+        self._index.executemany(
+            "INSERT INTO asked VALUES (?, ?, ?)",
+            [
+                (name, known[path], 0 if path == name else path.count("."))
+                for name in names
+                for path in paths_for(name, known)
+            ],
+        )
+        self._index.execute(_HELD)
+        held: dict[int, dict[str, dict[Value, None]]] = {}
+        values = cache(json.loads)
+        for run, name, leaf in self._index.execute("SELECT run, name, leaf FROM held"):
+            held.setdefault(run, {}).setdefault(name, {}).update(dict.fromkeys(values(leaf)))
+        sql, parameters = ("TRUE", ()) if condition is None else (condition.sql, condition.parameters)
+        # What was typed stands in the parameters; the expression is made of this package's own words.
+        fitting = self._index.execute(f"SELECT run, name FROM runs WHERE {sql}", parameters)  # noqa: S608
+        return {
+            os.fsdecode(folder): {name: tuple(held.get(run, {}).get(name, ())) for name in names}
+            for run, folder in fitting
+        }
+
+    def _forget_leaves(self, names: Iterable[bytes]) -> None:
+        self._index.executemany(
+            "DELETE FROM leaves WHERE path IN (SELECT path FROM paths) AND run = (SELECT run FROM runs WHERE name = ?)",
+            [(name,) for name in names],
+        )
+
+
+def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
+    """Return what `ask` returns of the index of a folder; it is asked again where the index proves to be spoilt."""
     path = runs_dir / INDEX_FILE
-    cached = cached_rows(path, kind)
-    rows: dict[str, Row] = {}
-    fresh: list[tuple[bytes, str, str, bytes]] = []
-    for name, signature in signatures.items():
-        row = intact_row(cached.pop(os.fsencode(name), None), signature)
-        if row is None:
-            line = encode_line(read(name))
-            fresh.append((os.fsencode(name), kind, signature, line))
-            row = decode_line(line[:-1])
-        rows[name] = row
-    if fresh or cached:
-        change_index(path, lambda index: _keep(index, kind, fresh, gone=cached))
-    return rows
+    places = () if path.is_symlink() else ((str(path), None), (str(path), None), (_MEMORY, path))
+    for place, source in places:
+        try:
+            with closing(_opened(place, source)) as index:
+                return ask(RunIndex(index))
+        except sqlite3.OperationalError:
+            # Another labrig writes it, or this account may not.
+            continue
+        except (sqlite3.DatabaseError, ValueError, TypeError):
+            # What SQLite says of a spoilt file may hold bytes of it that are no text, and so may the file.
+            with suppress(OSError):
+                path.unlink()
+    with closing(_opened(_MEMORY)) as index:
+        return ask(RunIndex(index))
+
+
+def _opened(place: str, source: Path | None = None) -> sqlite3.Connection:
+    """Open the index, made anew where it is of another format; with a source a copy of it. Raises `sqlite3.Error`."""
+    index = sqlite3.connect(place, timeout=_BUSY_TIMEOUT_S)
+    try:
+        if source is not None:
+            with closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", 0, uri=True)) as whole:
+                whole.executescript(
+                    "BEGIN; SELECT name FROM sqlite_master"
+                )  # backup would wait for a lock forever
+                whole.backup(index)
+        index.execute("PRAGMA synchronous = OFF")  # a power cut may spoil it; it is a cache
+        if index.execute("PRAGMA user_version").fetchone()[0] != _FORMAT:
+            index.executescript(_TABLES)
+        index.create_function("shown", 2, _shown, deterministic=True)
+        index.create_function("casefold", 1, str.casefold, deterministic=True)
+    except sqlite3.Error:
+        index.close()
+        raise
+    return index
+
+
+@lru_cache(maxsize=100_000, typed=True)  # most values are those of other runs too
+def _leaf(*values: Value) -> str:
+    return json.dumps(values, ensure_ascii=False)
+
+
+def _shown(value: Value, kind: str) -> str:
+    """Return a value of a leaf as it is written in a condition; `kind` as SQLite's json_each says it."""
+    return kind if kind in {"null", "true", "false"} else str(value)
+
+
+def _intact(row: tuple[str, bytes] | None, signature: str) -> Row | None:
+    """Return the summary of a row; None where there is none, or its signature or checksum does not fit."""
+    if row is None or row[0] != signature:
+        return None
+    try:
+        return decode_line(row[1][:-1])
+    except (ValueError, TypeError):
+        return None
 
 
 def signature_of(run: str, files: Iterable[str]) -> str:
@@ -65,73 +230,3 @@ def signature_of(run: str, files: Iterable[str]) -> str:
             continue
         parts.append(f"{found.st_mtime_ns}.{found.st_size}.{found.st_ino}")
     return " ".join(parts)
-
-
-def intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | None:
-    """Return what a row says; None where there is none, or its signature or checksum does not fit."""
-    if row is None or row[0] != signature:
-        return None
-    try:
-        return decode_line(row[1][:-1])
-    except (ValueError, TypeError):
-        return None
-
-
-def cached_rows(path: Path, kind: str) -> dict[bytes, tuple[str, bytes]]:
-    """Return signature and line of all rows of a kind, by the name of the run; none where they cannot be read."""
-    if not path.is_file() or path.is_symlink():
-        return {}
-    try:
-        with closing(opened_index(path)) as index:
-            query = "SELECT name, signature, line FROM runs WHERE kind = ?"
-            return {name: (signature, line) for name, signature, line in index.execute(query, (kind,))}
-    except (sqlite3.Error, ValueError):
-        return {}
-
-
-def _keep(
-    index: sqlite3.Connection,
-    kind: str,
-    fresh: Iterable[tuple[bytes, str, str, bytes]],
-    gone: Iterable[bytes],
-) -> None:
-    index.executemany("DELETE FROM runs WHERE name = ? AND kind = ?", [(name, kind) for name in gone])
-    index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?)", fresh)
-
-
-def change_index(path: Path, change: Callable[[sqlite3.Connection], None]) -> None:
-    """Change the index at once or not at all; one that is no database is made anew."""
-    if path.is_symlink():
-        return
-    for _ in range(2):
-        try:
-            with closing(opened_index(path)) as index, index:
-                change(index)
-        except sqlite3.OperationalError:
-            # Another labrig writes it, or this account may not: the next listing tries again.
-            return
-        except (sqlite3.DatabaseError, ValueError):
-            # What SQLite says of a spoilt file may hold bytes of it that are no text.
-            with suppress(OSError):
-                path.unlink()
-            continue
-        return
-
-
-def opened_index(path: Path) -> sqlite3.Connection:
-    """Open the index, made anew where it is of another format. Raises `sqlite3.Error`."""
-    index = sqlite3.connect(path, timeout=_BUSY_TIMEOUT_S)
-    try:
-        index.execute("PRAGMA synchronous = OFF")  # a power cut may spoil it; it is a cache
-        if index.execute("PRAGMA user_version").fetchone()[0] != _FORMAT:
-            index.executescript(
-                "DROP TABLE IF EXISTS runs; DROP TABLE IF EXISTS cells;"
-                "CREATE TABLE runs (name BLOB, kind TEXT, signature TEXT, line BLOB, PRIMARY KEY (name, kind))"
-                " WITHOUT ROWID;"
-                "CREATE TABLE cells (path BLOB, name BLOB, cell BLOB, PRIMARY KEY (path, name)) WITHOUT ROWID;"
-                f" PRAGMA user_version = {_FORMAT:d};"
-            )
-    except sqlite3.Error:
-        index.close()
-        raise
-    return index

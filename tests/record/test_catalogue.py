@@ -230,24 +230,36 @@ def test_an_unknown_field_is_named_with_those_that_there_are(tmp_path: Path) -> 
         find_runs(tmp_path, sort="colour")
 
 
-def test_a_search_does_not_believe_a_spoilt_index(tmp_path: Path) -> None:
-    """A field that was changed, lost or given to another run in the index is read again from the run's files."""
+def test_a_search_makes_a_spoilt_index_again(tmp_path: Path) -> None:
+    """With pages of the index cut off or overwritten, or a field in it that is no JSON, the runs found are the same."""
     for seed in (1, 2, 3):
         closed_run(tmp_path, f"run {seed}", seed=seed)
     expected = find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed")
     assert [one.fields["seed"] for one in expected] == [(2,), (3,)]
-    for spoil in (
-        "UPDATE cells SET cell = substr(cell, 1, 4) || '[9]' WHERE path = CAST('seed' AS BLOB)",
-        "DELETE FROM cells WHERE path = CAST('seed' AS BLOB)",
-        "UPDATE OR REPLACE cells SET path = CAST('seed' AS BLOB) WHERE path = CAST('protocol.seed' AS BLOB)",
-        "UPDATE OR REPLACE cells SET name = CAST('run 1' AS BLOB) WHERE name = CAST('run 3' AS BLOB)",
-        "UPDATE runs SET line = CAST('shape' AS BLOB) WHERE kind IN ('fields', 'shape')",
-        "DELETE FROM runs WHERE kind = 'shape'",
+    index = tmp_path / INDEX
+    good = index.read_bytes()
+    for spoilt in (
+        good[: len(good) // 2],
+        good[:4096] + bytes(len(good) - 4096),
+        good.replace(b"[2]", b"[2["),
     ):
-        with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
-            assert index.execute(spoil).rowcount > 0, spoil
-        assert find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed") == expected, spoil
-        assert find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed") == expected, spoil
+        assert spoilt != good
+        index.write_bytes(spoilt)
+        assert find_runs(tmp_path, "seed>1 and diameter_mm=1.2", "seed") == expected
+        assert len(index.read_bytes()) == len(good)
+
+
+def test_a_folder_that_cannot_be_written_is_searched(tmp_path: Path) -> None:
+    """Where another process writes the index, and without one that can be written, the same runs are found."""
+    closed_run(tmp_path, "run 1", seed=1)
+    assert len(find_runs(tmp_path, "seed=1")) == 1
+    closed_run(tmp_path, "run 2", seed=2)
+    with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
+        index.execute("BEGIN EXCLUSIVE")
+        assert [one.summary.run.name for one in find_runs(tmp_path, "seed>0", "seed")] == ["run 1", "run 2"]
+    (tmp_path / INDEX).unlink()
+    (tmp_path / INDEX).mkdir()
+    assert [one.summary.run.name for one in find_runs(tmp_path, "seed>0", "seed")] == ["run 1", "run 2"]
 
 
 def test_the_index_forgets_the_fields_of_runs_that_are_gone(tmp_path: Path) -> None:
@@ -261,10 +273,11 @@ def test_the_index_forgets_the_fields_of_runs_that_are_gone(tmp_path: Path) -> N
     shutil.rmtree(result)
     assert len(find_runs(tmp_path, "seed=7")) == 1
     with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
-        left = {(bytes(name), bytes(path)) for name, path in index.execute("SELECT name, path FROM cells")}
+        query = "SELECT name, text FROM leaves JOIN runs USING (run) JOIN paths USING (path)"
+        left = set(index.execute(query))
     assert {name for name, _ in left} == {b"one"}
-    assert (b"one", b"seed") in left
-    assert (b"one", b"result.mean_radius_mm") not in left
+    assert (b"one", "seed") in left
+    assert (b"one", "result.mean_radius_mm") not in left
 
 
 def test_a_search_reads_only_the_fields_that_it_asks_for(tmp_path: Path) -> None:
@@ -272,8 +285,33 @@ def test_a_search_reads_only_the_fields_that_it_asks_for(tmp_path: Path) -> None
     closed_run(tmp_path)
     assert len(find_runs(tmp_path, "seed=7")) == 1
     with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index, index:
-        index.execute("UPDATE cells SET cell = 'spoilt' WHERE path = CAST('operator' AS BLOB)")
+        paths = index.execute("SELECT path FROM paths WHERE text = 'operator'").fetchone()
+        index.execute("UPDATE leaves SET leaf = 'spoilt' WHERE path = ?", paths)
         before = list(index.iterdump())
     assert len(find_runs(tmp_path, "seed=7")) == 1
     with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
         assert list(index.iterdump()) == before
+
+
+def test_sections_of_a_protocol_say_what_the_whole_says(tmp_path: Path) -> None:
+    """Fields are found alike in a protocol that falls apart into sections, and in one that does not."""
+    for name, text in {
+        "sections": "seed: 7\nneedle: {diameter_mm: 1.2}\nspecimens:\n- gelatin_percent: 10\n",
+        "one piece": "{seed: 7,\nneedle: {diameter_mm: 1.2},\nspecimens: [{gelatin_percent: 10}]}\n",
+        "a remark": "# a gel\nseed: 7\nneedle:\n  # thin\n  diameter_mm: 1.2\nspecimens: [{gelatin_percent: 10}]\n",
+        "no YAML": "seed: 7\nneedle: {diameter_mm: 1.2\nspecimens: [{gelatin_percent: 10}]\n",
+        "a key twice": "seed: 7\nneedle: {diameter_mm: 1.2}\nspecimens: [{gelatin_percent: 10}]\nseed: 7\n",
+    }.items():
+        (closed_run(tmp_path, name) / "protocol.yaml").write_text(text)
+    found = find_runs(tmp_path, "protocol.seed=7 and diameter_mm=1.2 and gelatin_percent=10", "run")
+    assert sorted(one.summary.run.name for one in found) == ["a remark", "one piece", "sections"]
+
+
+def test_long_lists_of_a_result_do_not_hide_the_rest_of_it(tmp_path: Path) -> None:
+    """What stands before and behind the measurements of a result is found; they themselves are not searched."""
+    result = {"n": 3, "measurements": [{"score": 1.5}, {"score": 2.5}], "mean_radius_mm": 27.0}
+    for name, content in (("indented", encode_document(result)), ("compact", json.dumps(result).encode())):
+        (open_run(closed_run(tmp_path, name)).new_result_dir() / "result.json").write_bytes(content)
+    assert len(find_runs(tmp_path, "n=3 and mean_radius_mm=27")) == 2
+    with pytest.raises(InputError, match="no run has a field 'score'"):
+        find_runs(tmp_path, "score=1.5")

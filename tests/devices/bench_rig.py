@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from labrig.devices.bus import CanLink, open_can
-from labrig.devices.camera import Picture, PictureSource, Setting
+from labrig.devices.camera import Exposure, PictureSource
+from labrig.devices.camera_settings import Setting
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
 from labrig.devices.rig import Interrupted, Rig
@@ -35,6 +36,7 @@ class StillSource:
     """Takes every setting, and shows one picture."""
 
     def __init__(self, description: RigDescription) -> None:
+        self.exposures = 0
         self._settings: dict[str, Setting] = {}
         self._shape = (description.camera.height_px, description.camera.width_px)
 
@@ -46,9 +48,10 @@ class StillSource:
         """Return a setting."""
         return self._settings.get(name)
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure | None:
         """Return the picture."""
-        return np.zeros(self._shape, np.uint8)
+        self.exposures += 1
+        return Exposure(np.zeros(self._shape, np.uint8))
 
     def close(self) -> None:
         """Nothing is held."""

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from labrig.clock import Clock
+from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.operator import ShiftToHole
 from labrig.devices.replayed.opening import recorded_rig
@@ -247,6 +249,41 @@ def test_imported_pictures_cannot_be_replayed(tmp_path: Path) -> None:
     """A run that no procedure made is refused by name."""
     with pytest.raises(InputError, match="no procedure made it"):
         replay(open_run(killed_run(tmp_path)))
+
+
+class _StampedSource:
+    """A camera that exposes a while after it is asked, takes its time to send the picture, and tells when it was."""
+
+    def __init__(self, source: PictureSource, clock: Clock) -> None:
+        self.exposures = 0
+        self._source, self._clock = source, clock
+        self.set, self.get, self.close = source.set, source.get, source.close
+
+    def read(self) -> Exposure | None:
+        """Take 13 ms until the exposure, and 27 ms more."""
+        self.exposures += 1
+        self._clock.sleep(0.013)
+        exposure, t_s = self._source.read(), self._clock.now_s()
+        self._clock.sleep(0.027)
+        return None if exposure is None else replace(exposure, t_s=t_s, t_bound_s=0.005)
+
+
+def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> None:
+    """Positions are those at the exposure, between two readings; they steer the replay as they steered the run."""
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", SHORTER["insertion"])
+    with bench(tmp_path, protocol) as at:
+        rig = at.opened.rig
+        rig.camera._source = _StampedSource(rig.camera._source, rig.clock)
+        _, run = at.conduct(protocol)
+    seen = [line for line in run.lines("frames") if not line.get("drawn")]
+    assert {round(line["fraction"], 6) for line in seen} == {0.325}
+    assert {line["t_bound_s"] for line in seen} == {0.005}
+    assert replay(run).first_difference is None
+    late = Replay()
+    (exact,) = recordings(open_run(run.path), exact=False)
+    frames = tuple(frame._replace(t_s=1.01 * frame.t_s) for frame in exact.can_frames)
+    _replay_session(run, recorded_rig(run), replace(exact, can_frames=frames), Told(), late)
+    assert late.first_difference is None
 
 
 @pytest.mark.parametrize("slower", [1.0, 1.01])

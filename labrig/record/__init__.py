@@ -12,8 +12,8 @@
       calibration/       copies of the files that map pixels to mm
       frames/NNNNNN.png  pictures, lossless, numbered from 000000
       frames.raw         in their place, where the camera is too fast for PNG: pictures one after another
-      frames.jsonl       one line a picture: number, file, SHA-256, rig time (which may be wrong by t_bound_s), and where the
-                         axes stood (by fraction on the way from the reading before it to the one after)
+      frames.jsonl       one line a picture: number, file, SHA-256, rig time (which may be wrong by t_bound_s), and
+                         where the axes stood (by fraction on the way from the reading before it to the one after)
       states.jsonl       one line a reading of the axes
       events.jsonl       one line an event: what was asked, sent and answered; it makes the trials
       can.log            every CAN frame sent (T) and received (R), as candump writes them, in rig time; handed

@@ -1,0 +1,315 @@
+"""What every drive does: it verifies, holds, moves, and stops by itself when the computer falls silent.
+
+On real hardware the axis moves by `OpenedDrive.distance` to either side of where it stands: let it stand free, without
+a needle, and keep a hand on the emergency stop.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+
+from labrig.clock import Clock
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.cia402 import DriveState
+from labrig.devices.clocks import SimulatedClock
+from labrig.devices.dead_man import DeadManClock
+from labrig.devices.drive import STILL_LOOK_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.homing import HOMING_HERE
+from labrig.devices.simulated.bus import InProcessWire, attach
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.errors import DriveError
+
+_ANSWER_TIMEOUT_S = 0.12
+_LOOK_S = 0.01
+_PATIENCE_S = 30.0
+_SYNC = 0x080
+
+
+@dataclass(frozen=True)
+class OpenedDrive:
+    """A bus with a drive, its section of the rig file, and the rig time in which both are.
+
+    `distance` is how far the axis may move to either side of where it stands [mm or rad].
+    """
+
+    link: CanLink
+    section: AxisDescription
+    clock: Clock
+    distance: float = 1.0
+    heartbeat: HeartbeatDescription = field(default_factory=HeartbeatDescription)
+
+
+@contextmanager
+def simulated_drive(driver: str, node_id: int = 1) -> Iterator[OpenedDrive]:
+    """Put the simulated drive of a kind, on its example section, on a bus inside the process."""
+    kind, clock, wire = find_drive_kind(driver), SimulatedClock(), InProcessWire()
+    section = kind.example_section(node_id)
+    link = attach(wire, clock, _ANSWER_TIMEOUT_S)
+    node = kind.simulate(section, wire, clock, Mechanics())
+    clock.on_advance(node.tick)
+    yield OpenedDrive(link, section, clock)
+    link.close()
+    node.unplug()
+
+
+class _Bench:
+    """A drive under test, looked after as a rig would: every wait sends the computer's heartbeat."""
+
+    def __init__(self, opened: OpenedDrive) -> None:
+        self.opened = opened
+        self.clock = DeadManClock(opened.clock, opened.link, opened.heartbeat)
+        self.drive: Drive = open_drive(opened.link, opened.section, "tested", self.clock)
+        scale = opened.section.scale()
+        self.speed = scale.to_speed(scale.speed_units_below(opened.section.max_speed / 2))
+        self.window = opened.section.position_window + 1 / scale.counts_per_unit
+
+    def get_ready(self) -> None:
+        """Configure and enable the drive."""
+        self.drive.identify()
+        self.drive.configure(self.opened.heartbeat, None)
+        self.drive.enable()
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Let rig time pass until something is so."""
+        given_up_s = self.clock.now_s() + _PATIENCE_S
+        while not condition():
+            assert self.clock.now_s() < given_up_s, "it takes too long"
+            self.clock.sleep(_LOOK_S)
+
+    def wait_until_still(self) -> None:
+        """Let rig time pass until the axis stands still."""
+        for _ in self.drive.wait_until_still(_PATIENCE_S):
+            self.clock.sleep(STILL_LOOK_S)
+
+    def move_to(self, position: float) -> None:
+        """Move and wait for the end."""
+        self.drive.start_move(position, self.speed)
+        self.wait_until(lambda: self.drive.read().target_reached)
+
+    def set_going(self) -> float:
+        """Start a move forwards, wait until the axis has left where it stood, and return that place."""
+        start = self.drive.position()
+        self.drive.start_move(start + self.opened.distance, self.speed / 4)
+        self.wait_until(lambda: abs(self.drive.position() - start) > self.window)
+        return start
+
+    def home_here(self, position: float = 0.0) -> None:
+        """Take the position where the axis stands."""
+        homing = Homing(HOMING_HERE, position)
+        self.drive.start_homing(homing)
+        self.wait_until(self.drive.has_homed)
+        self.drive.finish_homing(homing)
+
+
+class DriveConformance:
+    """Tests of a kind of drive; a subclass says how one is opened."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open the bus of the drive; each test opens it anew."""
+        raise NotImplementedError
+
+    @contextmanager
+    def _bench(self) -> Iterator[_Bench]:
+        with self.open_drive() as opened:
+            yield _Bench(opened)
+
+    @contextmanager
+    def _ready(self) -> Iterator[_Bench]:
+        with self._bench() as bench:
+            bench.get_ready()
+            yield bench
+            bench.drive.close()
+
+    def test_it_says_what_it_is_and_writes_nothing_for_it(self) -> None:
+        """Model and versions are told; no object is written until the drive is configured."""
+        with self._bench() as bench:
+            identity = bench.drive.identify()
+            assert identity.model
+            assert json.dumps(identity.document())
+            sent = [
+                data
+                for _, can_id, data, way in bench.opened.link.network.take_frames()
+                if way == "T" and 0x600 < can_id < 0x680
+            ]
+            assert all(data[0] == 0x40 for data in sent)
+
+    def test_it_shares_no_process_data_with_another_drive(self) -> None:
+        """The COB-IDs that it sends and obeys are told, and none is both."""
+        with self._bench() as bench:
+            sent, obeyed = bench.drive.cob_ids()
+            assert not sent & obeyed
+
+    def test_its_settings_are_told_and_power_is_off_until_it_is_enabled(self) -> None:
+        """What was asked is in the record, ready for JSON; a move without power is refused."""
+        with self._bench() as bench:
+            bench.drive.identify()
+            bench.drive.configure(bench.opened.heartbeat, None)
+            assert bench.drive.settings()
+            assert json.dumps(bench.drive.describe())
+            assert _refuses(bench.drive.read)
+            bench.drive.verify_dead_man(bench.opened.heartbeat)
+
+    def test_enabling_moves_nothing(self) -> None:
+        """The axis holds where it stands."""
+        with self._ready() as bench:
+            before = bench.drive.position()
+            bench.clock.sleep(0.2)
+            read = bench.drive.read()
+            assert abs(read.position - before) <= bench.window
+            assert read.state is DriveState.OPERATION_ENABLED
+            bench.drive.check()
+
+    def test_moves_arrive_in_the_window(self) -> None:
+        """Forwards and back, and what is read stands at the rounded target."""
+        with self._ready() as bench:
+            start = bench.drive.position()
+            for target in (start + bench.opened.distance, start):
+                rounded = bench.drive.round_move(target, bench.speed)
+                assert rounded.sent
+                assert abs(rounded.position - target) <= bench.window
+                bench.move_to(target)
+                assert abs(bench.drive.read().position - rounded.position) <= bench.window
+
+    def test_a_move_can_be_replaced_on_its_way(self) -> None:
+        """The second target is where the axis ends, also backwards."""
+        with self._ready() as bench:
+            start = bench.set_going()
+            bench.move_to(start)
+            assert abs(bench.drive.position() - start) <= bench.window
+
+    def test_a_report_at_a_sync_tells_where_the_axis_is(self) -> None:
+        """A read that was announced returns the same as one that asks."""
+        with self._ready() as bench:
+            bench.drive.expect_report()
+            bench.opened.link.send(_SYNC, b"")
+            reported = bench.drive.read()
+            assert abs(reported.position - bench.drive.read().position) <= bench.window
+            assert all(count >= 0 for count in bench.drive.counts().values())
+
+    def test_stopping_holds_and_keeps_power(self) -> None:
+        """A stop that is only sent, and one that is answered: the axis stands still and can move again."""
+        with self._ready() as bench:
+            for stop in (bench.drive.send_stop, bench.drive.stop):
+                start = bench.set_going()
+                stop()
+                bench.wait_until_still()
+                assert bench.drive.read().state is DriveState.OPERATION_ENABLED
+                bench.move_to(start)
+
+    def test_a_quick_stop_needs_enabling_again(self) -> None:
+        """The axis stands still and refuses to move until then."""
+        with self._ready() as bench:
+            start = bench.set_going()
+            bench.drive.quick_stop()
+            bench.wait_until_still()
+            assert _refuses(bench.drive.read)
+            bench.drive.enable()
+            bench.move_to(start)
+
+    def test_an_axis_that_moves_is_not_said_to_stand_still(self) -> None:
+        """Standing still is read from the position."""
+        with self._ready() as bench:
+            start = bench.set_going()
+            assert _refuses(lambda: list(_looks(bench, 0.0)))
+            bench.move_to(start)
+
+    def test_homing_here_sets_the_position(self) -> None:
+        """Nothing moves; the drive knows itself referenced, and moves count from there."""
+        with self._ready() as bench:
+            bench.home_here(2 * bench.opened.distance)
+            assert bench.drive.is_referenced()
+            assert abs(bench.drive.position() - 2 * bench.opened.distance) <= bench.window
+            bench.home_here()
+            assert abs(bench.drive.position()) <= bench.window
+
+    def test_a_position_that_is_assumed_needs_no_reference(self) -> None:
+        """Positions count from there, moves too, until the axis is homed."""
+        with self._ready() as bench:
+            bench.drive.assume_position(40 * bench.window)
+            assert abs(bench.drive.position() - 40 * bench.window) <= bench.window
+            bench.move_to(0.0)
+            assert abs(bench.drive.read().position) <= bench.window
+            bench.home_here()
+            assert abs(bench.drive.position()) <= bench.window
+
+    def test_the_drive_itself_holds_the_limits(self) -> None:
+        """A target beyond them is not reached, whatever the computer asks for."""
+        with self._ready() as bench:
+            bench.home_here()
+            near = bench.opened.distance / 4
+            bench.drive.set_limits((-near, near))
+            try:
+                bench.drive.start_move(bench.opened.distance, bench.speed / 4)
+                bench.clock.sleep(4 * bench.opened.distance / bench.speed + 1)
+            except DriveError:
+                pass
+            bench.wait_until_still()
+            assert bench.drive.position() < bench.opened.distance / 2
+            bench.drive.reset_fault()
+            bench.drive.set_limits(None)
+            bench.drive.enable()
+            bench.move_to(0.0)
+
+    def test_the_drive_stops_when_the_computer_falls_silent(self) -> None:
+        """The dead-man: without heartbeats it stops by itself, says why, and moves only once its fault is reset."""
+        with self._ready() as bench:
+            # One that has never heard the computer does not miss it.
+            bench.clock.sleep(2 * bench.opened.heartbeat.period_ms / 1000)
+            start = bench.drive.position()
+            bench.drive.start_move(start + bench.opened.distance, bench.speed / 100)
+            bench.opened.clock.sleep(2 * bench.opened.heartbeat.timeout_ms / 1000)
+            bench.wait_until_still()
+            assert bench.drive.faults()
+            assert _refuses(bench.drive.read)
+            assert _refuses(bench.drive.enable)
+            bench.drive.reset_fault()
+            assert bench.drive.faults() == ()
+            bench.drive.enable()
+            bench.move_to(start)
+
+    def test_its_condition_can_be_read(self) -> None:
+        """Faults, current, its limit and inputs are what the drive measures, None where it does not."""
+        with self._ready() as bench:
+            assert bench.drive.faults() == ()
+            assert isinstance(bench.drive.current_ma(), float | None)
+            limit_ma = bench.drive.current_limit_ma()
+            assert limit_ma is None or limit_ma > 0
+            assert all(isinstance(active, bool) for active in bench.drive.inputs().values())
+
+    def test_a_current_limit_ends_with_the_opening(self) -> None:
+        """It holds while the drive is open, and the drive's own is back afterwards; a drive without one refuses."""
+        with self._bench() as bench:
+            own_ma = bench.drive.current_limit_ma()
+            if own_ma is None:
+                assert _refuses(lambda: bench.drive.configure(bench.opened.heartbeat, 1))
+                return
+            bench.drive.configure(bench.opened.heartbeat, own_ma // 2)
+            assert bench.drive.current_limit_ma() == own_ma // 2
+            bench.drive.close()
+            assert bench.drive.current_limit_ma() == own_ma
+
+    def test_a_closed_drive_is_without_power_and_misses_nobody(self) -> None:
+        """Both heartbeats end with it, which is no fault."""
+        with self._ready() as bench:
+            bench.drive.close()
+            bench.opened.clock.sleep(2 * bench.opened.heartbeat.timeout_ms / 1000)
+            assert bench.drive.faults() == ()
+            assert _refuses(bench.drive.read)
+
+
+def _looks(bench: _Bench, within_s: float) -> Iterator[None]:
+    for _ in bench.drive.wait_until_still(within_s):
+        bench.clock.sleep(STILL_LOOK_S)
+        yield
+
+
+def _refuses(act: Callable[[], object]) -> bool:
+    """Tell whether something raises `DriveError`."""
+    try:
+        act()
+    except DriveError:
+        return True
+    return False

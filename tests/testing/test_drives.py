@@ -1,0 +1,60 @@
+"""The drives that labrig brings pass the suite that a lab's own have to pass, on every bus."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+from labrig.devices.bus import open_can
+from labrig.devices.can_description import CanDescription, HeartbeatDescription
+from labrig.devices.clocks import SystemClock
+from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
+from tests.devices.rigs import epos2_axis
+from tests.devices.served import served_drives
+
+PATIENT = HeartbeatDescription(period_ms=100, timeout_ms=1000)
+
+
+class TestEpos2(DriveConformance):
+    """An EPOS2 on a bus inside the process."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return simulated_drive("epos2")
+
+
+@contextmanager
+def _served(interface: str) -> Iterator[OpenedDrive]:
+    section = epos2_axis(gear_ratio=1.0, lead_mm=1.0)
+    with served_drives(interface, (section.node_id,)) as served:
+        reached_by = dict(served.reached_by)
+        can = {key: reached_by.pop(key) for key in ("interface", "channel")}
+        reached_by.pop("bitrate", None)
+        clock = SystemClock()
+        link = open_can(
+            CanDescription.model_validate({**can, "options": reached_by, "answer_timeout_ms": 5000}), clock
+        )
+        yield OpenedDrive(link, section, clock, heartbeat=PATIENT)
+        link.close()
+
+
+class TestEpos2OverVirtual(DriveConformance):
+    """An EPOS2 over python-can's virtual bus, in real time."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return _served("virtual")
+
+
+class TestEpos2OverMulticast(DriveConformance):
+    """An EPOS2 over udp_multicast, in real time."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return _served("udp_multicast")
+
+
+class TestEpos2OverSlcan(DriveConformance):
+    """An EPOS2 behind an slcan adapter, in real time."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return _served("slcan")

@@ -3,9 +3,9 @@
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from labrig.errors import RecordError
+from labrig.record.catalogue import RunSummary
 from labrig.record.layout import run_lock
 from labrig.record.lock import lock_owner
 from labrig.record.manifest import read_manifest
@@ -16,26 +16,7 @@ MOST = 3
 _PUT_A_NEEDLE_IN = frozenset({"insertion", "roll-zero", "withdrawal"})
 
 
-class Listed(Protocol):
-    """A run in a list, as far as this needs it."""
-
-    @property
-    def run(self) -> Path:
-        """Its folder."""
-        ...
-
-    @property
-    def protocol(self) -> str | None:
-        """Which experiment."""
-        ...
-
-    @property
-    def exit_status(self) -> str:
-        """`incomplete` while it was not closed."""
-        ...
-
-
-def next_steps(listed: Sequence[Listed]) -> Iterator[str]:
+def next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
     """Yield for each run that was never closed who is writing it, or what goes on with it or closes it."""
     open_runs = [one for one in listed if one.exit_status == "incomplete"]
     yield from (_next_step(one) for one in open_runs[:MOST])
@@ -43,7 +24,7 @@ def next_steps(listed: Sequence[Listed]) -> Iterator[str]:
         yield f"... and {len(open_runs) - MOST} more are incomplete: labrig runs --where exit_status=incomplete"
 
 
-def _next_step(one: Listed) -> str:
+def _next_step(one: RunSummary) -> str:
     owner = lock_owner(run_lock(one.run))
     if owner is not None:
         return f"{one.run.name} is going on: {owner}"

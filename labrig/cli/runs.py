@@ -5,9 +5,10 @@ import getpass
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from datetime import datetime
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -24,8 +25,8 @@ from labrig.cli.output import AsJson, fits, print_json, print_line, print_table,
 from labrig.cli.runs_check import check
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
-from labrig.record.annotations import judge_run, note_on_run, tag_run
-from labrig.record.catalogue import find_runs
+from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
+from labrig.record.catalogue import FoundRun, RunSummary, find_runs
 from labrig.record.difference import compare_runs
 
 app = typer.Typer()
@@ -93,7 +94,7 @@ def _no_garbage_collection() -> Iterator[None]:
         gc.enable()
 
 
-def _row(found: Any) -> dict[str, object]:
+def _row(found: FoundRun) -> dict[str, object]:
     asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
     return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
@@ -102,7 +103,7 @@ def _row(found: Any) -> dict[str, object]:
 _SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
 
 
-def _print_runs(found: Sequence[Any]) -> None:
+def _print_runs(found: Sequence[FoundRun]) -> None:
     """Print a table, with a column for each field that was asked for and does not stand in it anyway.
 
     What people have said stands in columns too, or below each run where the terminal is too narrow for that.
@@ -120,7 +121,7 @@ def _print_runs(found: Sequence[Any]) -> None:
         print_table(heads, rows, [_said_line(cells) for cells in said])
 
 
-def _own_cells(summary: Any) -> list[object]:
+def _own_cells(summary: RunSummary) -> list[object]:
     done, planned = summary.trials_done, summary.trials_planned
     trials = f"{done} of {planned}" if planned else None
     return [summary.run.name, summary.protocol, summary.exit_status, trials]
@@ -129,7 +130,7 @@ def _own_cells(summary: Any) -> list[object]:
 _SAID = ("verdict", "notes", "tags")
 
 
-def _said_cells(summary: Any) -> tuple[str | None, int | None, str | None]:
+def _said_cells(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
     return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
 
 
@@ -254,7 +255,7 @@ def _shortened(value: object) -> str | None:
     return text if text is None or len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 3]}..."
 
 
-def _said(run: Path, annotations: Any) -> dict[str, object]:
+def _said(run: Path, annotations: Annotations) -> dict[str, object]:
     return {"run": str(run), **asdict(annotations)}
 
 
@@ -272,5 +273,5 @@ def _person(by: str | None) -> str:
         raise InputError("this account has no name", "say who you are with --by NAME") from error
 
 
-def _now() -> Any:
+def _now() -> datetime:
     return SystemClock().utc()

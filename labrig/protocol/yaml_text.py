@@ -12,7 +12,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError, MaxDepthExceededError
-from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.error import MarkedYAMLError, StreamMark
 from ruamel.yaml.events import AliasEvent, DocumentStartEvent, Event
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
@@ -126,7 +126,7 @@ def compose(text: str, source: str) -> Tree:
 class _RefusedError(ComposerError):
     """What YAML allows and a protocol does not."""
 
-    def __init__(self, message: str, mark: Any, hint: str = "") -> None:
+    def __init__(self, message: str, mark: StreamMark, hint: str = "") -> None:
         super().__init__(None, None, message, mark, hint)
 
 

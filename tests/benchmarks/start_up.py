@@ -1,4 +1,4 @@
-"""How long `labrig --help` takes, beside a bare Python in the same run."""
+"""How long commands take to start, beside a bare Python in the same run."""
 
 import statistics
 import subprocess
@@ -9,12 +9,21 @@ from pathlib import Path
 from tests.benchmarks.table import print_rows
 
 REPEATS = 20
+COMMANDS = (
+    ("--help",),
+    ("run", "--help"),
+    ("runs", "--runs-dir", "none"),
+    ("schema",),
+    ("check", "protocols/steerability.yaml"),
+)
 
 
 def print_table() -> None:
     """Median and fastest of twenty runs each, taken in turns."""
     labrig = str(Path(sys.executable).with_name("labrig"))
-    commands = {"python -c pass": [sys.executable, "-c", "pass"], "labrig --help": [labrig, "--help"]}
+    commands = {"python -c pass": [sys.executable, "-c", "pass"]} | {
+        " ".join(["labrig", *words]): [labrig, *words] for words in COMMANDS
+    }
     times: dict[str, list[float]] = {name: [] for name in commands}
     for _ in range(REPEATS):
         for name, command in commands.items():

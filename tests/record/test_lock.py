@@ -17,7 +17,7 @@ from labrig.record.lock import FileLock, lock_owner
 HOLDER = """
 import sys
 from pathlib import Path
-from labrig.record import FileLock
+from labrig.record.lock import FileLock
 lock = FileLock(Path(sys.argv[1])).acquire("labrig run")
 print("held", flush=True)
 sys.stdin.read()

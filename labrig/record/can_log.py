@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 from labrig.errors import Problem, RecordError
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import CAN_LOG, CAN_SUMS, inside
+from labrig.record.layout import CAN_LOG, CAN_SUMS, COPY_HINT, inside
 
 _LINE = re.compile(rb"\((\d+\.\d{6})\) can ([0-9A-F]{3})#((?:[0-9A-F]{2}){0,8}) ([TR])")
-_COPY_HINT = "take the file from a copy of the run"
 
 
 class CanFrame(NamedTuple):
@@ -55,7 +54,7 @@ class CanLog:
         for number, line in enumerate(self.content.splitlines(), start=1):
             found = _LINE.fullmatch(line)
             if found is None:
-                raise RecordError(f"{CAN_LOG}:{number}: the line is no CAN frame", _COPY_HINT)
+                raise RecordError(f"{CAN_LOG}:{number}: the line is no CAN frame", COPY_HINT)
             t_s, can_id, data, way = found.groups()
             yield CanFrame(float(t_s), int(can_id, 16), bytes.fromhex(data.decode()), way.decode())
 
@@ -76,10 +75,10 @@ def read_can_log(run: Path) -> CanLog:
     for number, line in enumerate(sums, start=1):
         end, crc32 = line.get("bytes"), line.get("part_crc32")
         if not isinstance(end, int) or not start <= end:
-            raise RecordError(f"{sums_file}:{number}: bytes is {end!r}, expected {start} or more", _COPY_HINT)
+            raise RecordError(f"{sums_file}:{number}: bytes is {end!r}, expected {start} or more", COPY_HINT)
         if f"{zlib.crc32(content[start:end]):08x}" != crc32 or end > len(content):
             place = f"{CAN_LOG}, bytes {start} to {end}"
-            damaged.append(Problem(place, "its CRC-32 does not fit its content", _COPY_HINT))
+            damaged.append(Problem(place, "its CRC-32 does not fit its content", COPY_HINT))
         start = end
     return CanLog(content[:start], tuple(damaged), _torn(content, start))
 
@@ -95,4 +94,4 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

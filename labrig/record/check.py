@@ -1,6 +1,7 @@
 """Checks a record from end to end, and says what of it is damaged or lost; changes nothing."""
 
 import hashlib
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from labrig.record.json_lines import Scan, scan_lines
 from labrig.record.layout import (
     CAN_LOG,
     CAN_SUMS,
+    COPY_HINT,
     EVENT_LINES,
     FRAME_LINES,
     FRAMES,
@@ -34,9 +36,9 @@ from labrig.record.structure import (
 )
 
 LINE_FILES = (FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES, CAN_SUMS)
+_OF_LINES = (*LINE_FILES, CAN_LOG)
 _ONLY_SOMETIMES = frozenset({TRUTH_LINES, CAN_SUMS})
 _NO_LINES = Scan((), (), (), 0, ends_with_newline=True)
-_COPY_HINT = "take the file from a copy of the run"
 _LEFT = "labrig was stopped while it wrote this; labrig runs check --repair sets it aside"
 
 
@@ -89,14 +91,14 @@ def check_run(run: Path) -> Verdict:
     torn, orphans = _leftovers(run, len(frames))
     torn = (*(problem for scan in scans.values() for problem in scan.torn), *torn, *_unlisted(run, frames))
     damage = [
-        *_links(run),
+        *links(run, run),
         *manifest_problems(manifest),
-        *_changed_since_start(run, manifest),
+        *changed_since_start(run, manifest),
         *unreadable,
         *(problem for scan in scans.values() for problem in scan.damaged),
         *_structure(scans),
         *_notes(run),
-        *_pictures(run, frames),
+        *picture_problems(run, (line for _, line in frames), read=True),
         *orphans,
     ]
     can_damage, can_torn = _can_log(run)
@@ -104,8 +106,8 @@ def check_run(run: Path) -> Verdict:
     torn = (*torn, *can_torn)
     if closed:
         # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
-        damage += [replace(problem, hint=_COPY_HINT) for problem in torn]
-        damage += _changed_since_closing(run)
+        damage += [replace(problem, hint=COPY_HINT) for problem in torn]
+        damage += changed_since_closing(run)
         torn = ()
     return Verdict(
         run,
@@ -158,16 +160,18 @@ def _structure(scans: Mapping[str, Scan]) -> Iterator[Problem]:
     yield from reference_problems(events, frames, scans[TRUTH_LINES].lines)
 
 
-def _links(run: Path) -> Iterator[Problem]:
-    for path in sorted(run.rglob("*")):
-        if path.is_symlink():
-            name = path.relative_to(run).as_posix()
-            yield Problem(
-                name, "it is a symbolic link and is not followed", "a record holds its files itself"
-            )
+def links(run: Path, folder: Path) -> Iterator[Problem]:
+    """Yield the symbolic links below a folder of the run."""
+    for parent, folders, files in os.walk(folder):
+        for name in sorted((*folders, *files)):
+            path = Path(parent, name)
+            if path.is_symlink():
+                message = "it is a symbolic link and is not followed"
+                yield Problem(path.relative_to(run).as_posix(), message, "a record holds its files itself")
 
 
-def _changed_since_start(run: Path, manifest: dict[str, object]) -> Iterator[Problem]:
+def changed_since_start(run: Path, manifest: dict[str, object]) -> Iterator[Problem]:
+    """Compare protocol, rig, calibration and differences of the code with what the manifest says of them."""
     for name, sha256 in recorded_sha256(manifest).items():
         yield from _changed(run, name, str(sha256), "the manifest")
 
@@ -176,24 +180,35 @@ def _changed(run: Path, name: str, sha256: str, by: str) -> Iterator[Problem]:
     try:
         path = inside(run, name)
         if not path.is_file():
-            yield Problem(name, f"it is missing, though {by} lists it", _COPY_HINT)
-        elif _sha256(path) != sha256:
-            yield Problem(name, f"it was changed or is damaged: its SHA-256 does not fit {by}", _COPY_HINT)
+            yield Problem(name, f"it is missing, though {by} lists it", COPY_HINT)
+        elif sha256_of(path) != sha256:
+            yield Problem(name, f"it was changed or is damaged: its SHA-256 does not fit {by}", COPY_HINT)
     except RecordError as error:
         yield Problem(name, error.message, error.hint)
 
 
-def _pictures(run: Path, frames: Iterable[tuple[int, dict[str, object]]]) -> Iterator[Problem]:
-    """Verify every picture that stands where it should; another place is a fault of its line."""
-    for _, line in frames:
+def picture_problems(run: Path, frames: Iterable[Mapping[str, object]], *, read: bool) -> Iterator[Problem]:
+    """Yield the pictures that are missing, and with `read` those that are not as they were recorded.
+
+    A picture stands in its place before its line does; another place is a fault of its line.
+    """
+    end = 0
+    for line in frames:
         picture = recorded_picture(run, line)
-        if picture is not None and picture.shape is None:
+        if picture is None:
+            continue
+        end = max(end, picture.end)
+        if picture.shape is None and (read or not (run / picture.file).exists()):
             yield from _changed(run, picture.file, picture.sha256, FRAME_LINES)
-        elif picture is not None:
+        elif picture.shape is not None and read:
             try:
                 picture.read()
             except RecordError as error:
                 yield Problem(f"{RAW_PICTURES} (frame {line['frame']})", error.message, error.hint)
+    lost = end - raw_pictures_bytes(run)
+    if lost > 0:
+        message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
+        yield Problem(RAW_PICTURES, message, COPY_HINT)
 
 
 def _leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
@@ -237,28 +252,30 @@ def _can_log(run: Path) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
     return log.damaged, log.torn
 
 
-def _changed_since_closing(run: Path) -> Iterator[Problem]:
-    """Compare every raw file with SHA256SUMS; this finds whole lines that were cut off."""
+def changed_since_closing(run: Path, *, lines_only: bool = False) -> Iterator[Problem]:
+    """Compare the raw files of a closed run, or its files of lines, with SHA256SUMS; lines that were cut off show."""
     path = run / SHA256SUMS
     if path.is_symlink() or not path.is_file():
-        yield Problem(SHA256SUMS, "it is missing, though the run was closed", _COPY_HINT)
+        yield Problem(SHA256SUMS, "it is missing, though the run was closed", COPY_HINT)
         return
     listed = set()
     for number, line in enumerate(path.read_bytes().decode(errors="replace").splitlines(), start=1):
         sha256, blanks, name = line[:64], line[64:66], line[66:]
         if blanks != "  " or not name or any(part in {"", ".", ".."} for part in name.split("/")):
-            yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", _COPY_HINT)
-        else:
-            listed.add(name)
+            yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
+            continue
+        listed.add(name)
+        if name in _OF_LINES or not lines_only:
             yield from _changed(run, name, sha256, SHA256SUMS)
-    for name in (FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES, CAN_LOG, CAN_SUMS):
+    for name in _OF_LINES:
         if name not in listed and (run / name).exists():
-            yield Problem(name, f"it is not listed in {SHA256SUMS}", _COPY_HINT)
+            yield Problem(name, f"it is not listed in {SHA256SUMS}", COPY_HINT)
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file. Raises `RecordError` where it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

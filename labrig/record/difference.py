@@ -9,7 +9,7 @@ from typing import Any
 
 from labrig.errors import RecordError
 from labrig.protocol.yaml_tree import yaml_values
-from labrig.record.layout import CALIBRATION, PROTOCOL, RIG, inside
+from labrig.record.layout import CALIBRATION, COPY_HINT, PROTOCOL, RIG, inside
 from labrig.record.manifest import read_manifest
 from labrig.record.results import latest_result
 from labrig.record.run_index import Value
@@ -116,7 +116,7 @@ def _document(run: Path, name: str) -> Mapping[str, Any]:
     try:
         document = _mapping(json.loads(path.read_bytes()))
     except (OSError, ValueError) as error:
-        raise RecordError(f"cannot read {path}: {error}", "take the file from a copy of the run") from error
+        raise RecordError(f"cannot read {path}: {error}", COPY_HINT) from error
     return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from labrig.errors import InputError, RecordError
 
 SCHEMA_VERSION = 1
+COPY_HINT = "take the file from a copy of the run"
 
 MANIFEST = "manifest.json"
 PROTOCOL = "protocol.yaml"

@@ -1,9 +1,7 @@
 """Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
 
 import atexit
-import hashlib
 import math
-import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,6 +18,13 @@ from labrig.errors import Problem, RecordError
 from labrig.protocol.load import AnyProtocol, load_protocol
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
+from labrig.record.check import (
+    changed_since_closing,
+    changed_since_start,
+    links,
+    picture_problems,
+    sha256_of,
+)
 from labrig.record.durable import disk_errors
 from labrig.record.events import (
     Event,
@@ -34,15 +39,13 @@ from labrig.record.events import (
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
     CALIBRATION,
-    CAN_LOG,
-    CAN_SUMS,
+    COPY_HINT,
     EVENT_LINES,
     FRAME_LINES,
     FRAMES,
     PROTOCOL,
     RAW_PICTURES,
     RIG,
-    SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
     WITHDRAWS,
@@ -51,7 +54,7 @@ from labrig.record.layout import (
     picture_file,
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
-from labrig.record.pictures import RecordedPicture, raw_pictures_bytes, recorded_picture
+from labrig.record.pictures import RecordedPicture, recorded_picture
 from labrig.record.places import as_url, fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import clock_problems
@@ -60,9 +63,6 @@ from labrig.record.tables import with_axis_units
 _Event = TypeVar("_Event", bound=Event)
 _Start = TypeVar("_Start", bound=TrialStart)
 _Stop = TypeVar("_Stop", bound=TrialStop)
-
-_COPY_HINT = "take the file from a copy of the run"
-_CHANGED = "is not what the run began with: its SHA-256 does not fit the manifest"
 
 # A column that no line of an empty run has is there all the same.
 _COLUMNS = {
@@ -97,21 +97,23 @@ def open_run(path: Path | str) -> "Run":
     """
     folder = local_folder(path)
     manifest = read_manifest(folder)
+    for name in recorded_sha256(manifest):
+        inside(folder, name)  # one that is a link is not opened
     lines = _line_files(folder)
     can_log = read_can_log(folder)
     torn = (*(problem for file in lines.values() for problem in check_lines(file)), *can_log.torn)
     damage = (
         *can_log.damaged,
         *manifest_problems(manifest),
-        *_changed_since_start(folder, manifest),
-        *_missing_pictures(folder, lines[FRAME_LINES]),
+        *changed_since_start(folder, manifest),
+        *links(folder, inside(folder, FRAMES)),
+        *picture_problems(folder, read_lines(lines[FRAME_LINES]), read=False),
     )
     if manifest.get("exit_status") == "incomplete":
         return Run(folder, manifest, damage, torn)
     # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
-    cut = tuple(replace(problem, hint=_COPY_HINT) for problem in torn)
-    written = lines | {name: folder / name for name in (CAN_LOG, CAN_SUMS) if (folder / name).exists()}
-    return Run(folder, manifest, (*damage, *cut, *_changed_since_closing(folder, written)))
+    cut = tuple(replace(problem, hint=COPY_HINT) for problem in torn)
+    return Run(folder, manifest, (*damage, *cut, *changed_since_closing(folder, lines_only=True)))
 
 
 def local_folder(path: Path | str) -> Path:
@@ -170,7 +172,7 @@ class Run:
         """Each time that the run was resumed: when, from which rig time `t0_s` on [s], with which code and devices."""
         sessions = self.manifest.get("sessions", [])
         if not isinstance(sessions, list) or not all(isinstance(one, dict) for one in sessions):
-            raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", _COPY_HINT)
+            raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", COPY_HINT)
         return tuple(sessions)
 
     def lines(self, stream: str) -> list[dict[str, Any]]:
@@ -297,7 +299,7 @@ class Run:
                 raise RecordError(
                     f"{self.path / FRAME_LINES}:{number + 1}: frame {frame} in {file!r}; "
                     f"expected {number} in {picture_file(number)!r}",
-                    _COPY_HINT,
+                    COPY_HINT,
                 )
         return table
 
@@ -315,7 +317,7 @@ class Run:
         places = [recorded_picture(self.path, line) for line in lines]
         if None in places:
             where = f"{self.path / FRAME_LINES}:{places.index(None) + 1}"
-            raise RecordError(f"{where}: it does not say where its picture stands", _COPY_HINT)
+            raise RecordError(f"{where}: it does not say where its picture stands", COPY_HINT)
         return tuple(place for place in places if place is not None)
 
     @cached_property
@@ -415,8 +417,9 @@ class Run:
 
     def _unchanged(self, relative: str) -> Path:
         path = inside(self.path, relative)
-        if _sha256(_read_bytes(path)) != recorded_sha256(self.manifest).get(relative):
-            raise RecordError(f"{path} {_CHANGED}", _COPY_HINT)
+        if sha256_of(path) != recorded_sha256(self.manifest).get(relative):
+            changed = "is not what the run began with: its SHA-256 does not fit the manifest"
+            raise RecordError(f"{path} {changed}", COPY_HINT)
         return path
 
 
@@ -447,69 +450,6 @@ def _line_files(run: Path) -> dict[str, Path]:
     return {name: path for name, path in files.items() if name != TRUTH_LINES or path.exists()}
 
 
-def _changed_since_start(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:
-    """Compare protocol, rig and calibration with what the manifest says of them."""
-    return tuple(
-        Problem(name, _CHANGED, _COPY_HINT)
-        for name, sha256 in recorded_sha256(manifest).items()
-        if not (path := inside(run, name)).is_file() or _sha256(_read_bytes(path)) != sha256
-    )
-
-
-def _missing_pictures(run: Path, frame_lines: Path) -> tuple[Problem, ...]:
-    """Name each picture that has a line and no file; a picture stands in its place before its line does."""
-    present, links = _files_of_pictures(run)
-    pictures = [recorded_picture(run, line) for line in read_lines(frame_lines)]
-    missing = [
-        one.file for one in pictures if one is not None and one.shape is None and one.file not in present
-    ]
-    problems = [
-        Problem(name, f"it is missing, though {FRAME_LINES} lists it", _COPY_HINT) for name in missing
-    ]
-    problems += [Problem(name, "it is a symbolic link and is not followed", _COPY_HINT) for name in links]
-    lost = max((one.end for one in pictures if one is not None), default=0) - raw_pictures_bytes(run)
-    if lost > 0:
-        message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
-        problems.append(Problem(RAW_PICTURES, message, _COPY_HINT))
-    return tuple(problems)
-
-
-def _files_of_pictures(run: Path) -> tuple[set[str], list[str]]:
-    """Return the names of what stands in frames/, and of the links among them."""
-    folder = inside(run, FRAMES)
-    if not folder.is_dir():
-        return set(), []
-    with os.scandir(folder) as entries:
-        is_link = {f"{FRAMES}/{entry.name}": entry.is_symlink() for entry in entries}
-    return set(is_link), sorted(name for name, link in is_link.items() if link)
-
-
-def _changed_since_closing(run: Path, lines: Mapping[str, Path]) -> tuple[Problem, ...]:
-    """Compare the line files of a closed run with SHA256SUMS; this finds whole lines that were cut off."""
-    sums_file = inside(run, SHA256SUMS)
-    if not sums_file.is_file():
-        return (Problem(SHA256SUMS, "it is missing, though the run was closed", _COPY_HINT),)
-    text = sums_file.read_text(errors="replace")
-    sums = {name: sha256 for sha256, _, name in (line.partition("  ") for line in text.splitlines())}
-    present = {name: _sha256(_read_bytes(path)) for name, path in lines.items()}
-    return tuple(
-        Problem(name, f"it is not as it was when the run was closed ({SHA256SUMS})", _COPY_HINT)
-        for name in (*_COLUMNS, CAN_LOG, CAN_SUMS)
-        if sums.get(name) != present.get(name)
-    )
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
 def _as_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
     """Make a table with at least these columns, in the order in which lines brought them."""
     names = dict.fromkeys((*columns, *(name for row in rows for name in row)))
@@ -518,7 +458,7 @@ def _as_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], pa
     try:
         return table.astype(whole)
     except (TypeError, ValueError) as error:
-        raise RecordError(f"{path}: {' or '.join(whole)} is no whole number: {error}", _COPY_HINT) from error
+        raise RecordError(f"{path}: {' or '.join(whole)} is no whole number: {error}", COPY_HINT) from error
 
 
 def _joined_trials(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:

@@ -11,8 +11,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
-from labrig.devices.epos2.simulated_homing import METHODS
+from labrig.devices.epos2.simulated_drive import METHODS, SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.trapezoid import Limits, running

@@ -1,52 +1,20 @@
-"""A simulated EPOS2: state machine, faults and motion of one CANopen node."""
+"""A simulated EPOS2: its objects, errors and homing, on state machine and motion of its profile."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 from labrig.clock import Clock
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402 import (
-    CHANGE_IMMEDIATELY,
-    FAULT_RESET,
-    HALT,
-    HOMING_ATTAINED,
-    NEW_SETPOINT,
-    REFERENCED,
-    RELATIVE,
-    REMOTE,
-    SETPOINT_ACKNOWLEDGED,
-    STATUSWORDS,
-    TARGET_REACHED,
-    DriveState,
-)
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
-from labrig.devices.epos2.simulated_homing import METHODS, Stretch, plan_homing
-from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402_node import SimulatedCia402Drive
 from labrig.devices.simulated.dictionary import ObjectTable
-from labrig.devices.simulated.journal import DriveEvent, Journal
-from labrig.devices.simulated.node import NmtState, Node
-from labrig.devices.simulated.sdo_server import SdoAbortError
-from labrig.devices.simulated.shaft import Mechanics, Shaft
-from labrig.devices.simulated.trapezoid import Limits
+from labrig.devices.simulated.shaft import Mechanics
 
-_STATE_BITS = {state: bits for bits, state in reversed(STATUSWORDS.items())}
-_PROFILE_POSITION, _PROFILE_VELOCITY, _HOMING = 1, 3, 6
-_MODES = frozenset({-6, -5, -3, -2, -1, 1, 3, 6, 7})
-_POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
-_FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
-
-_FOLLOWING_ERROR, _POSITION_LIMIT_ERROR, _HEARTBEAT_ERROR, _SENSOR_ERROR = 0x8611, 0xFF09, 0x8130, 0x7320
-_SWITCH_ERRORS = {0x0001: 0xFF06, 0x0002: 0xFF07}
-_DISABLING_ERRORS = frozenset({0x2310, 0x3210})
-"""Errors that switch the power stage off at once; to all others the drive reacts by a quick stop."""
-
-_RESET_COMMUNICATION_FIRST = frozenset({0x8120, 0x81FD})
-_RESET_NODE_FIRST = frozenset({0xFF04})
-_MODE_SPECIFIC = 0x2000
-_FOLLOWING_ERROR_OFF = 0xFFFFFFFF
-_NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
+METHODS = frozenset({-4, -3, -2, -1, 0, 1, 2, 7, 11, 17, 18, 23, 27, 33, 34, 35})
+_SENSOR_ERROR = 0x7320
 _NO_MECHANICS = Mechanics()
 
 _OBJECTS = ObjectTable(
@@ -57,28 +25,24 @@ _OBJECTS = ObjectTable(
 )
 
 
-class SimulatedDrive:
-    """One node.
+class SimulatedDrive(SimulatedCia402Drive):
+    """One EPOS2.
 
     Parameters
     ----------
-    wire : InProcessWire
-        The bus that it stands on; it says so with a boot-up frame.
-    node_id : int
-        Its node id.
-    clock : Clock
-        Whose time it moves in. `tick` is to be called whenever that time advances.
+    wire, node_id, clock, shaft_quadcounts, mechanics, boot_time_s
+        As `SimulatedCia402Drive` takes them.
     encoder_pulses : int
         Lines of its encoder a turn.
-    shaft_quadcounts : float
-        Where the motor's shaft stands; the counter starts at zero whatever this is, as after power on.
     hardware_version : int
         What it says it is (0x2003:02).
-    mechanics : Mechanics
-        What the shaft can run against.
-    boot_time_s : float
-        How long it is silent after a reset; a real EPOS2 took 0.26 s.
     """
+
+    modes = frozenset({-6, -5, -3, -2, -1, 1, 3, 6, 7})
+    homing_methods = METHODS
+    switch_errors: ClassVar[Mapping[int, int]] = {0x0001: 0xFF06, 0x0002: 0xFF07}
+    position_limit_error = 0xFF09
+    reset_node_first = frozenset({0xFF04})
 
     def __init__(
         self,
@@ -92,24 +56,7 @@ class SimulatedDrive:
         mechanics: Mechanics = _NO_MECHANICS,
         boot_time_s: float = 0.0,
     ) -> None:
-        self.node_id = node_id
-        self._wire = wire
-        self.journal = Journal()
-        self.forced_inputs = 0
-        self.lasting_errors: set[int] = set()
-        self._clock = clock
-        self._boot_time_s = boot_time_s
-        self._ready_s = clock.now_s()
-        self._shaft = Shaft(mechanics, clock.now_s(), shaft_quadcounts)
-        self._state = DriveState.SWITCH_ON_DISABLED
-        self._errors: list[int] = []
-        self._target = 0.0
-        self._waiting_target: float | None = None
-        self._stretches: list[Stretch] = []
-        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
-        self._moving = False
-        self._inputs = 0
-        self.node = Node(
+        super().__init__(
             wire,
             node_id,
             clock,
@@ -121,510 +68,52 @@ class SimulatedDrive:
                 co.PRODUCT_CODE: hardware_version << 16,
                 co.SERIAL_NUMBER: 1000 + node_id,
             },
-            live=self._live_objects(),
-            written=self._written,
-            is_powered=lambda: self._state in _POWERED,
-            on_nmt=self._on_nmt,
-            on_silence=lambda t_s: self._raise_error(_HEARTBEAT_ERROR, t_s),
-            on_pdo_error=self.fail,
-            before_frame=self.tick,
+            shaft_quadcounts=shaft_quadcounts,
+            mechanics=mechanics,
+            boot_time_s=boot_time_s,
         )
-        self._values = self.node.objects.value
-        self._note("boot", "power on")
-        self.node.boot()
 
-    @property
-    def shaft_quadcounts(self) -> float:
-        """Where the motor's shaft stands, whatever the counter has been set to."""
-        return self._shaft.position
+    def counts_per_turn(self) -> int:
+        """Return four quadcounts a line."""
+        return 4 * self._values(od.ENCODER_PULSES)
 
-    @property
-    def speed_quadcounts_s(self) -> float:
-        """How fast the shaft turns, with its sign."""
-        return 0.0 if self._shaft.stuck else self._shaft.velocity
+    def watched_switches(self) -> int:
+        """Return the limit switches that the execution mask lets stop the drive."""
+        return self._values(od.LIMIT_EXECUTION_MASK)
 
-    @property
-    def is_moving(self) -> bool:
-        """Whether a profile is under way."""
-        return not self._at_rest()
+    def homing_offset(self) -> int:
+        """Return the home offset, which is a way here and no position."""
+        return self._values(co.HOME_OFFSET)
 
-    @property
-    def is_homing(self) -> bool:
-        """Whether homing is under way."""
-        return self._homing
+    def home_counter(self) -> int:
+        """Return the home position."""
+        return self._values(od.HOME_POSITION)
 
-    # What tests and fault scripts do to it
-
-    def fail(self, code: int) -> None:
-        """Go to fault with an error code: tell it by EMCY, and brake or lose power as the code has it."""
-        self._raise_error(code, self._clock.now_s())
-
-    def cut_power_stage(self, code: int = 0x3220) -> None:
-        """Take the supply of the power stage away, as an emergency stop does; the fault stays until it is back."""
-        self.lasting_errors.add(code)
-        self.fail(code)
-
-    def restore_power_stage(self) -> None:
-        """Give the supply of the power stage back; the fault still has to be reset."""
-        self.lasting_errors.clear()
-
-    def block(self) -> None:
-        """Block the shaft where it stands."""
-        self._shaft.jam()
-
-    def unblock(self) -> None:
-        """Take the blockage away."""
-        self._shaft.free()
-
-    def mute(self, frames: int | None = None) -> None:
-        """Send nothing of the next frames, or for good."""
-        self.node.mute(frames)
-
-    def deafen(self) -> None:
-        """Hear nothing."""
-        self.node.deafen()
-
-    def recover(self) -> None:
-        """Hear and speak again."""
-        self.node.recover()
-
-    def abort_next(self, code: int, index: int | None = None) -> None:
-        """Refuse the next SDO request, or the next one for an object, with an abort code."""
-        self.node.abort_next(code, index)
-
-    def ignore_next(self, requests: int = 1) -> None:
-        """Leave the next SDO requests without answer or effect."""
-        self.node.ignore_next(requests)
-
-    def stop_heartbeat(self) -> None:
-        """Produce no heartbeat any more; everything else goes on."""
-        self.node.vigilance.mute = True
-
-    def set_encoder(self, pulses: int) -> None:
-        """Have another encoder resolution than before, as if somebody had changed the settings."""
-        self.node.objects.set_fixed(od.ENCODER_PULSES, pulses)
-
-    def press(self, inputs: int) -> None:
-        """Hold switches closed: the bits of 0x2071:01."""
-        self.forced_inputs |= inputs
-        self.tick()
+    def error_register(self, code: int) -> int:
+        """Return the bits that an error sets."""
+        return describe_emergency(code).register
 
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
         SimulatedDrive(self._wire, self.node_id, self._clock, shaft_quadcounts=self.shaft_quadcounts)
 
-    def unplug(self) -> None:
-        """Leave the bus without a word; what moves goes on moving."""
-        self.node.leave()
+    def set_encoder(self, pulses: int) -> None:
+        """Have another encoder resolution than before, as if somebody had changed the settings."""
+        self.node.objects.set_fixed(od.ENCODER_PULSES, pulses)
 
-    def restart(self) -> None:
-        """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
-        now_s = self._clock.now_s()
-        self._shaft.hold(now_s)
-        self._shaft.zero, before = self._shaft.position, self._moving
-        self._shaft.count_from(now_s, 0.0)
-        self._state = DriveState.SWITCH_ON_DISABLED
-        self._forget()
-        self._moving = before
-        self.node.objects.load()
-        self.node.state = NmtState.OFF
-        self._ready_s = now_s + self._boot_time_s
-        self._note("boot", "restart")
-        self._note_stillness(now_s)
-        if not self._boot_time_s:
-            self.node.boot()
+    def take_object(self, entry: Entry, value: int, before: int) -> None:
+        """Lose the position when the encoder resolution is changed."""
+        if entry == od.ENCODER_PULSES and value != before:
+            self._referenced = False
+            self.fail(_SENSOR_ERROR)
 
-    def _forget(self) -> None:
-        self._errors.clear()
-        self._target, self._waiting_target = 0.0, None
-        self._stretches.clear()
-        self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
-
-    # Time
-
-    def tick(self) -> None:
-        """Do what has become due by now."""
-        now_s = self._clock.now_s()
-        if self.node.state is NmtState.OFF and now_s >= self._ready_s:
-            self.node.boot()
-        if self._state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE}:
-            self._watch(now_s)
-        self._shaft.tick(now_s)
-        if self._homing:
-            self._go_on_homing(now_s)
-        if self._moving:
-            self._come_to_rest(now_s)
-        self._read_switches()
-        self.node.tick(now_s)
-
-    def _come_to_rest(self, now_s: float) -> None:
-        if not self._at_rest() or self._homing:
-            return
-        self._note_stillness(self._shaft.profile.end_s)
-        if self._state is DriveState.FAULT_REACTION:
-            self._shaft.hold(now_s)
-            self._set_state(DriveState.FAULT)
-        elif self._waiting_target is not None:
-            self._target, self._waiting_target = self._waiting_target, None
-            self._go(now_s)
-
-    def _note_stillness(self, t_s: float) -> None:
-        if self._moving:
-            self._moving = False
-            self._note("still", "", t_s)
-
-    def _watch(self, now_s: float) -> None:
-        """Notice software limits and following error, at the instant at which they were passed."""
-        objects, shaft = self.node.objects.values, self._shaft
-        demand, actual = shaft.at(now_s)
-        low, high = objects[co.LOWER_LIMIT], objects[co.UPPER_LIMIT]
-        if not (low <= demand <= high and low <= actual <= high):
-            passed_s = shaft.first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
-            self._raise_error(_POSITION_LIMIT_ERROR, passed_s)
-            return
-        window = objects[co.MAX_FOLLOWING_ERROR]
-        seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
-        if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
-            self._raise_error(_FOLLOWING_ERROR, shaft.first_time(lambda d, a: abs(d - a) > window, now_s))
-
-    def _read_switches(self) -> None:
-        before, self._inputs = self._inputs, self._switches()
-        pressed = self._inputs & ~before & self._values(od.LIMIT_EXECUTION_MASK)
-        if not pressed or self._homing or self._state not in _POWERED:
-            return
-        for bit, code in _SWITCH_ERRORS.items():
-            if pressed & bit:
-                self.fail(code)
-
-    def _switches(self) -> int:
-        mechanics, place, word = self._shaft.mechanics, self._shaft.position, self.forced_inputs
-        if mechanics.negative_switch is not None and place <= mechanics.negative_switch:
-            word |= _NEGATIVE_SWITCH
-        if mechanics.positive_switch is not None and place >= mechanics.positive_switch:
-            word |= _POSITIVE_SWITCH
-        if mechanics.home_switch is not None and place >= mechanics.home_switch:
-            word |= _HOME_SWITCH
-        return word
-
-    def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
-        at_s = self._clock.now_s() if t_s is None else t_s
-        self.journal.note(DriveEvent(at_s, kind, text, self._shaft.position))
-
-    # Objects
-
-    def _live_objects(self) -> dict[Entry, Callable[[], int]]:
-        return {
-            co.STATUSWORD: self._statusword,
-            co.POSITION_ACTUAL: lambda: _int32(self._shaft.actual),
-            co.POSITION_DEMAND: lambda: _int32(self._shaft.demand),
+    def live_objects(self) -> dict[Entry, Callable[[], int]]:
+        """Return the objects whose value is made when it is read."""
+        return super().live_objects() | {
             od.FOLLOWING_ERROR_ACTUAL: lambda: max(
                 -32768, min(32767, round(self._shaft.demand - self._shaft.actual))
             ),
-            co.MODE_DISPLAY: lambda: self._values(co.MODE),
             od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFF,
             od.INPUT_STATE: self._switches,
-            co.VELOCITY_ACTUAL: self._velocity_rpm,
-            co.VELOCITY_SENSOR: self._velocity_rpm,
             od.VELOCITY_AVERAGE: self._velocity_rpm,
-            co.VELOCITY_DEMAND: lambda: round(self._shaft.velocity / self._counts_per_rpm()),
         }
-
-    def _velocity_rpm(self) -> int:
-        """Return the speed in the coarse steps of a real drive: one quadcount a millisecond."""
-        return round(int(self.speed_quadcounts_s / 1000) * 1000 / self._counts_per_rpm())
-
-    def _written(self, entry: Entry, value: int, before: int) -> None:
-        if entry == co.CONTROLWORD:
-            self._obey(value, before)
-        elif entry == co.MODE:
-            self._change_mode(value, before)
-        elif entry == co.TARGET_VELOCITY:
-            if self._state is DriveState.OPERATION_ENABLED and self._values(co.MODE) == _PROFILE_VELOCITY:
-                self._run(self._values(co.CONTROLWORD))
-        elif entry == co.HOMING_METHOD and value not in METHODS:
-            self.node.objects.values[entry] = before
-            raise SdoAbortError(sdo_server.OUT_OF_RANGE)
-        elif entry == od.ENCODER_PULSES and value != before:
-            self._referenced = False
-            self.fail(_SENSOR_ERROR)
-        elif entry == co.ERROR_COUNT:
-            self.node.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
-
-    def _change_mode(self, mode: int, before: int) -> None:
-        if mode not in _MODES:
-            self.node.objects.values[co.MODE] = before
-            raise SdoAbortError(sdo_server.OUT_OF_RANGE)
-        if mode != before:
-            self._acknowledged = False
-            self._stop_homing()
-            if self.is_moving and self._state is DriveState.OPERATION_ENABLED:
-                self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
-
-    # NMT
-
-    def _on_nmt(self, command: int) -> None:
-        match command:
-            case 0x01:
-                self.node.enter(NmtState.OPERATIONAL)
-            case 0x02:
-                self.node.enter(NmtState.STOPPED)
-            case 0x80:
-                self.node.enter(NmtState.PRE_OPERATIONAL)
-            case 0x81:
-                self.restart()
-                return
-            case 0x82:
-                self._errors = [code for code in self._errors if code not in _RESET_COMMUNICATION_FIRST]
-                self.node.objects.load_communication()
-                self.node.boot()
-        self._note("nmt", f"0x{command:02X}")
-
-    # State machine
-
-    def _statusword(self) -> int:
-        word = _STATE_BITS[self._state]
-        word |= REMOTE if self.node.state is NmtState.OPERATIONAL else 0
-        word |= REFERENCED if self._referenced else 0
-        word |= TARGET_REACHED if self._arrived() else 0
-        mode = self._values(co.MODE)
-        if mode == _HOMING:
-            word |= HOMING_ATTAINED if self._attained else 0
-            return word | (_MODE_SPECIFIC if self._homing_failed else 0)
-        word |= _MODE_SPECIFIC if _FOLLOWING_ERROR in self._errors else 0
-        if mode == _PROFILE_VELOCITY:
-            return word | (SETPOINT_ACKNOWLEDGED if self._at_rest() else 0)
-        return word | (SETPOINT_ACKNOWLEDGED if self._acknowledged else 0)
-
-    def _arrived(self) -> bool:
-        """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
-        now_s, profile = self._clock.now_s(), self._shaft.profile
-        if self._homing or self._homing_failed:
-            return False
-        if self._values(co.MODE) == _PROFILE_VELOCITY and profile.segments:
-            return now_s >= profile.segments[-1].start_s
-        due_s, window = profile.end_s, self._values(co.POSITION_WINDOW)
-        if window != co.WINDOW_OFF:
-            if abs(self._shaft.demand - self._shaft.actual) > window:
-                return False
-            due_s += self._values(co.POSITION_WINDOW_TIME) / 1000
-        return now_s >= due_s
-
-    def _at_rest(self) -> bool:
-        return self._shaft.at_rest(self._clock.now_s())
-
-    def _set_state(self, state: DriveState) -> None:
-        if state is not self._state:
-            self._state = state
-            self._note("state", state.name)
-
-    def _obey(self, word: int, before: int) -> None:
-        if self._state is DriveState.FAULT:
-            if word & ~before & FAULT_RESET:
-                self._reset_fault()
-            return
-        if self._state is not DriveState.FAULT_REACTION:
-            self._change_state(word)
-        if self._state is DriveState.OPERATION_ENABLED:
-            self._operate(word, before)
-
-    def _change_state(self, word: int) -> None:
-        powered = self._state in _POWERED
-        if not word & 0x02:
-            self._set_state(DriveState.SWITCH_ON_DISABLED)
-        elif not word & 0x04:
-            self._quick_stop()
-        elif self._state is DriveState.QUICK_STOP_ACTIVE:
-            return
-        elif word & 0x0F in {0x06, 0x0E}:
-            self._set_state(DriveState.READY_TO_SWITCH_ON)
-        elif self._state is not DriveState.SWITCH_ON_DISABLED:
-            # Transitions 3 and 4 may be combined.
-            enabled = word & 0x0F == 0x0F
-            self._set_state(DriveState.OPERATION_ENABLED if enabled else DriveState.SWITCHED_ON)
-        if powered != (self._state in _POWERED):
-            self._hold()
-
-    def _hold(self) -> None:
-        """Stand still: power has come or gone."""
-        now_s = self._clock.now_s()
-        self._stop_homing()
-        self._waiting_target, self._acknowledged = None, False
-        self._shaft.hold(now_s)
-        self._note_stillness(now_s)
-
-    def _quick_stop(self) -> None:
-        if self._state is DriveState.OPERATION_ENABLED:
-            self._set_state(DriveState.QUICK_STOP_ACTIVE)
-            self._stop_homing()
-            self._brake(co.QUICK_STOP_DECELERATION, self._clock.now_s())
-        elif self._state is not DriveState.QUICK_STOP_ACTIVE:
-            self._set_state(DriveState.SWITCH_ON_DISABLED)
-
-    def _operate(self, word: int, before: int) -> None:
-        mode = self._values(co.MODE)
-        if mode == _HOMING:
-            self._homing_mode(word, before)
-        elif mode == _PROFILE_POSITION:
-            self._position_mode(word, before)
-        elif mode == _PROFILE_VELOCITY:
-            self._run(word)
-
-    # Modes
-
-    def _position_mode(self, word: int, before: int) -> None:
-        if not word & NEW_SETPOINT:
-            self._acknowledged = self._waiting_target is not None
-        elif not before & NEW_SETPOINT:
-            self._take_set_point(word)
-        if word & HALT and not before & HALT:
-            self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
-        elif before & HALT and not word & HALT:
-            self._go(self._clock.now_s())
-
-    def _take_set_point(self, word: int) -> None:
-        start = round(self._shaft.demand) if word & RELATIVE else 0
-        target = float(start + self._values(co.TARGET_POSITION))
-        self._acknowledged = True
-        if not (word & CHANGE_IMMEDIATELY or self._at_rest()):
-            self._waiting_target = target
-            return
-        self._target, self._waiting_target = target, None
-        self._note("set-point", f"{target:.0f}")
-        if not word & HALT:
-            self._go(self._clock.now_s())
-
-    def _run(self, word: int) -> None:
-        """Profile velocity mode: run at the target velocity, or brake while Halt is set."""
-        now_s = self._clock.now_s()
-        if word & HALT:
-            self._brake(co.PROFILE_DECELERATION, now_s)
-            return
-        highest = self._values(co.MAX_PROFILE_VELOCITY)
-        rpm = max(-highest, min(highest, self._values(co.TARGET_VELOCITY)))
-        self._shaft.run(now_s, rpm * self._counts_per_rpm(), self._limits(co.PROFILE_VELOCITY))
-        self._moving = True
-        self._note("set-point", f"{rpm} rpm")
-
-    def _homing_mode(self, word: int, before: int) -> None:
-        if word & HALT:
-            if self._homing:
-                self._stop_homing()
-                self._brake(co.HOMING_ACCELERATION, self._clock.now_s())
-        elif word & ~before & NEW_SETPOINT:
-            self._start_homing()
-
-    def _start_homing(self) -> None:
-        method = self._values(co.HOMING_METHOD)
-        self._attained = self._homing_failed = False
-        self._note("homing", f"method {method}")
-        stretches = plan_homing(
-            method,
-            self._shaft,
-            4 * self._values(od.ENCODER_PULSES),
-            self._values(co.HOME_OFFSET),
-        )
-        self._stretches = list(stretches)
-        self._homing = True
-        if self._stretches:
-            self._go_stretch(self._clock.now_s())
-        else:
-            self._finish_homing(self._clock.now_s())
-
-    def _go_stretch(self, t_s: float) -> None:
-        stretch = self._stretches[0]
-        speed = co.HOMING_SPEED_INDEX if stretch.slow else co.HOMING_SPEED_SWITCH
-        self._moving = True
-        self._shaft.go(t_s, stretch.target, self._limits(speed, co.HOMING_ACCELERATION))
-
-    def _go_on_homing(self, now_s: float) -> None:
-        while self._stretches:
-            if self._stretches[0].to_stop and self._shaft.stuck:
-                self._shaft.hold(now_s)
-            elif not self._at_rest():
-                return
-            start_s = min(now_s, self._shaft.profile.end_s)
-            self._stretches.pop(0)
-            if self._stretches:
-                self._go_stretch(start_s)
-                self._shaft.tick(now_s)
-        self._finish_homing(now_s)
-
-    def _finish_homing(self, now_s: float) -> None:
-        home = self._values(od.HOME_POSITION)
-        if self._values(co.HOMING_METHOD):
-            self._shaft.count_from(now_s, float(home))
-        self._homing = False
-        self._target = self._shaft.actual
-        self._attained = self._referenced = True
-        self._note_stillness(now_s)
-        self._note("homing", "attained")
-
-    def _stop_homing(self) -> None:
-        if self._homing:
-            self._stretches.clear()
-            self._homing = False
-            self._note("homing", "stopped")
-
-    # Motion
-
-    def _counts_per_rpm(self) -> float:
-        return 4 * self._values(od.ENCODER_PULSES) / 60
-
-    def _limits(self, speed: Entry, acceleration: Entry | None = None) -> Limits:
-        highest = self._values(co.MAX_ACCELERATION)
-        up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
-        down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
-        rpm = min(self._values(speed), self._values(co.MAX_PROFILE_VELOCITY))
-        scale = self._counts_per_rpm()
-        return Limits(rpm * scale, up * scale, down * scale)
-
-    def _go(self, t_s: float) -> None:
-        self._shaft.go(t_s, self._target, self._limits(co.PROFILE_VELOCITY))
-        self._moving = self._moving or not self._at_rest()
-
-    def _brake(self, entry: Entry, t_s: float) -> None:
-        self._waiting_target = None
-        if self._moving:
-            self._note("brake", entry.name, t_s)
-        self._shaft.brake(t_s, self._values(entry) * self._counts_per_rpm())
-
-    # Faults
-
-    def _raise_error(self, code: int, t_s: float) -> None:
-        if code in self._errors:
-            return
-        self._errors.append(code)
-        emergency = describe_emergency(code)
-        values = self.node.objects.values
-        history = [code, *(values[entry] for entry in co.ERROR_HISTORY[:-1])]
-        values |= dict(zip(co.ERROR_HISTORY, history, strict=True))
-        values[co.ERROR_COUNT] = min(len(co.ERROR_HISTORY), values[co.ERROR_COUNT] + 1)
-        values[co.ERROR_REGISTER] |= emergency.register | 0x01
-        self._note("emergency", f"0x{code:04X}", t_s)
-        self._react(code, t_s)
-        self.node.send_emergency(code, values[co.ERROR_REGISTER])
-
-    def _react(self, code: int, t_s: float) -> None:
-        """Brake by quick stop or switch the power stage off, whichever the error asks for."""
-        self._homing_failed = self._homing_failed or self._homing
-        self._stop_homing()
-        if self._state not in _POWERED or code in _DISABLING_ERRORS | self.lasting_errors:
-            self._hold()
-            self._set_state(DriveState.FAULT)
-        elif self._state is not DriveState.FAULT_REACTION:
-            self._brake(co.QUICK_STOP_DECELERATION, t_s)
-            self._moving = True
-            self._set_state(DriveState.FAULT_REACTION)
-
-    def _reset_fault(self) -> None:
-        kept = _RESET_COMMUNICATION_FIRST | _RESET_NODE_FIRST | self.lasting_errors
-        self._errors = [code for code in self._errors if code in kept]
-        if self._errors:
-            return
-        self._set_state(DriveState.SWITCH_ON_DISABLED)
-        self.node.objects.values[co.ERROR_REGISTER] = 0
-        self.node.send_emergency(0, 0)
-
-
-def _int32(value: float) -> int:
-    return max(-(2**31), min(2**31 - 1, round(value)))

@@ -1,7 +1,7 @@
-"""Homing methods of a simulated EPOS2, each as the stretches that the shaft travels.
+"""Homing methods of a simulated drive, each as the stretches that the shaft travels.
 
-Methods and signs are maxon's: -1 and -3 go with positive speed into the upper stop, -2 and -4 with negative speed
-into the lower one; 1, 2, 7, 11, 33, 34, -1 and -2 end at the encoder's index.
+Those below zero are maxon's, with its signs: -1 and -3 go with positive speed into the upper stop, -2 and
+-4 with negative speed into the lower one; 1, 2, 7, 11, 33, 34, -1 and -2 end at the encoder's index.
 """
 
 import math
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from labrig.devices.simulated.shaft import Shaft
 
-METHODS = frozenset({-4, -3, -2, -1, 0, 1, 2, 7, 11, 17, 18, 23, 27, 33, 34, 35})
 _TO_INDEX = frozenset({-2, -1, 1, 2, 7, 11})
 _FOR_EVER = 1e12
 
@@ -35,7 +34,7 @@ class Stretch:
 
 def plan_homing(method: int, shaft: Shaft, quadcounts_per_turn: int, offset: float) -> tuple[Stretch, ...]:
     """Return the stretches of a method from where the shaft stands, the home offset last."""
-    if method in {0, 35}:
+    if method in {0, 35, 37}:
         return ()
     if method in {33, 34}:
         index = _next_index(shaft.actual, 1 if method == 34 else -1, shaft.zero, quadcounts_per_turn)

@@ -16,7 +16,7 @@ ANALYSES = [
     *(f"labrig.experiments.{path.parent.name}.analysis" for path in ROOT.glob("experiments/*/analysis.py")),
 ]
 DOCUMENTED = {
-    "analysis": {"load_result"},
+    "experiments": {"ExperimentDeclaration"},
     "geometry": {"fit_circle"},
     "record": {"open_run"},
     "report": {"run_tables"},

@@ -36,7 +36,3 @@ The result does not depend on the number of worker processes. An analysis that m
 for a `PictureWork` and goes on with what was seen. So one run, and several of different lengths, keep every core busy
 until the end.
 """
-
-from labrig.analysis.result import load_result
-
-__all__ = ["load_result"]

@@ -6,9 +6,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
+from inspect import isgeneratorfunction
 from pathlib import Path
 from typing import Any
 
+from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.pictures import (
     Analysis,
     Part,
@@ -19,16 +21,17 @@ from labrig.analysis.pictures import (
     look_at,
     seen,
 )
-from labrig.analysis.result import AnalysisResult
-from labrig.analysis.run import BY_PICTURES, analysis_of, analyze_run
+from labrig.analysis.result import AnyResult
+from labrig.analysis.run import analysis_of, analyze_run
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
 from labrig.record.pictures import picture_count
-from labrig.record.reader import open_run
+from labrig.record.reader import Run, open_run
 from labrig.vision.mask import Mask
 
 RunsProgress = Callable[[int, int, Path], None]
-Outcome = AnalysisResult | LabrigError
+ExperimentOf = Callable[[Run], MeasuredExperiment]
+Outcome = AnyResult | LabrigError
 
 # Parts of the runs to come that are handed out while one is waited for, for each worker: it never runs dry while this
 # process writes a result, and the runs that are open stay few.
@@ -37,6 +40,7 @@ _PARTS_AHEAD = 16
 
 def analyze_runs(
     runs: Sequence[Path],
+    experiment_of: ExperimentOf,
     *,
     overrides: Sequence[str] = (),
     workers: int = DEFAULT_WORKERS,
@@ -54,6 +58,8 @@ def analyze_runs(
     ----------
     runs : sequence of Path
         Their folders, each once.
+    experiment_of : callable
+        Gives the experiment of a run; it crosses to other processes by its name.
     progress : callable or None
         Called with how many pictures are done, how many the runs have together, and which run they are of. A run
         that has none, such as a design, counts as one.
@@ -70,7 +76,7 @@ def analyze_runs(
     MachineError
         When a worker process dies.
     """
-    order = _Order(tuple(overrides), created, dict(provenance), mask)
+    order = _Order(experiment_of, tuple(overrides), created, dict(provenance), mask)
     meter = _Meter(runs, progress)
     outcomes: list[Outcome] = []
     begun: deque[_Begun] = deque()
@@ -87,6 +93,7 @@ def analyze_runs(
 class _Order:
     """How every run is analysed."""
 
+    experiment_of: ExperimentOf
     overrides: tuple[str, ...]
     created: datetime
     provenance: Mapping[str, Any]
@@ -126,11 +133,19 @@ def _begin(run: Path, order: _Order, pool: Executor) -> _Begun:
     """Hand the parts of a run to the pool: some pictures each, or the run as a whole."""
     try:
         opened = open_run(run)
-        if not isinstance(opened.protocol, BY_PICTURES):
+        experiment = order.experiment_of(opened)
+        if not isgeneratorfunction(experiment.analyze):
             whole = pool.submit(_analyzed, run, order).result
             return _Begun([whole], lambda _: whole()[0])
         analysis = analysis_of(
-            opened, order.overrides, order.created, order.provenance, order.mask, workers=1, progress=None
+            opened,
+            experiment,
+            overrides=order.overrides,
+            created=order.created,
+            provenance=order.provenance,
+            mask=order.mask,
+            workers=1,
+            progress=None,
         )
         work = next(analysis)
     except LabrigError as error:
@@ -146,7 +161,7 @@ def _ended(one: _Begun, meter: _Meter) -> Outcome:
 
 
 def _concluded(
-    analysis: Analysis[AnalysisResult], work: PictureWork, parts: Sequence[Part], progress: Progress
+    analysis: Analysis[AnyResult], work: PictureWork, parts: Sequence[Part], progress: Progress
 ) -> Outcome:
     """Wait for the answers, and let the analysis go on with them."""
     try:
@@ -162,9 +177,11 @@ def _refused(error: LabrigError, _: Progress) -> Outcome:
 def _analyzed(run: Path, order: _Order) -> list[Outcome]:
     """Analyse a run as a whole, in a worker process."""
     try:
+        opened = open_run(run)
         return [
             analyze_run(
-                open_run(run),
+                opened,
+                order.experiment_of(opened),
                 overrides=order.overrides,
                 workers=1,
                 created=order.created,

@@ -1,7 +1,10 @@
 """What a run keeps beside its pictures: the map from pixels to mm, and the mask of what is not the needle."""
 
+from collections.abc import Mapping
+
 from labrig.errors import InputError
-from labrig.protocol.protocols import ImportProtocol
+from labrig.protocol.sections import Scale
+from labrig.protocol.yaml_file import model_of_values
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
@@ -28,12 +31,13 @@ def load_mapping(run: Run) -> PlaneMap:
     plane_path = run.calibration_path(PLANE_FILE)
     if plane_path.is_file():
         return load_plane(plane_path, load_lens(run))
-    scale = run.protocol.scale if isinstance(run.protocol, ImportProtocol) else None
-    if scale is None:
+    stated = run.protocol.get("scale")
+    if not isinstance(stated, Mapping):
         raise InputError(
             f"{run.path} has no calibration/{PLANE_FILE}, so its pictures have no scale",
             "record it with a calibrated rig, or import the pictures again with --px-per-mm or --plane",
         )
+    scale = model_of_values(stated, f"scale of {run.path}", Scale)
     return PlaneMap.from_scale(scale.px_per_mm, scale.origin_px, scale.insertion)
 
 

@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.result import PictureResult, Point, TrialOrigin
+from labrig.analysis.result import Point, TrialOrigin
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
-from labrig.protocol.protocols import Sheath, SheathOrigin
+from labrig.protocol.sections import Sheath, SheathOrigin
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.sheath import SheathPose, measure_sheath
@@ -123,42 +123,6 @@ def find_origins(
     wanted = [line for line in lines if line["role"] == role and line.get("trial") is not None]
     found = [_found(read, line, plane, sheath) for line in wanted]
     return _told_of_bumps(_beside_others(found, sheath))
-
-
-def refused_by_origin(
-    results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
-) -> tuple[PictureResult, ...]:
-    """Return the pictures, those of a trial whose sheath stands elsewhere than it should refused."""
-    reasons = {one.trial: one.reason for one in origins if one.tip_mm is not None and not one.accepted}
-    return tuple(
-        one.model_copy(update={"accepted": False, "reason": reasons[one.trial]})
-        if one.trial in reasons and one.accepted
-        else one
-        for one in results
-    )
-
-
-def from_origins(
-    results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
-) -> tuple[PictureResult, ...]:
-    """Return the pictures with the origin that holds for each, and the needle's tip told from it.
-
-    It is the one of the trial; of an imported picture the sheath's end in that picture.
-    """
-    by_trial = {one.trial: one for one in origins}
-    return tuple(_from_origin(one, None if one.trial is None else by_trial.get(one.trial)) for one in results)
-
-
-def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResult:
-    place, heading_rad = (
-        (one.sheath_tip_mm, one.sheath_heading_rad) if origin is None else (origin.tip_mm, origin.heading_rad)
-    )
-    if place is None or heading_rad is None:
-        return one
-    known: dict[str, object] = {"origin_mm": place, "origin_heading_rad": heading_rad}
-    if one.tip_mm is not None:
-        known["tip_from_origin_mm"] = told_from(one.tip_mm, place, heading_rad)
-    return one.model_copy(update=known)
 
 
 def aside_mm(tip_mm: Point, origin: TrialOrigin | None) -> float:

@@ -9,14 +9,14 @@ import csv
 import io
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from labrig.errors import InputError, RecordError
 from labrig.protocol.model import Model
@@ -25,6 +25,7 @@ from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 
 RESULT_FILE = "result.json"
+TABLES_FILE = "tables.json"
 LINES_FILE = "centre_lines.npz"
 
 Point = tuple[float, float]
@@ -32,87 +33,15 @@ FloatArray = NDArray[np.float64]
 _NONE: Mapping[str, str] = {}
 
 
-class PictureResult(Model):
-    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused.
+@dataclass(frozen=True)
+class Rows:
+    """A table: the model of a row, whose fields are the columns, and the rows."""
 
-    `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
-    needle's tip told from them, (aside, along). Everything else is told in the plane's frame.
-    """
-
-    frame: int
-    image: str
-    role: str
-    trial: int | None
-    specimen: str | None
-    gelatin_percent: float | None
-    hole: int | None
-    needle_id: str | None
-    insertion_mm: float | None
-    found: bool
-    accepted: bool
-    reason: str | None
-    radius_mm: float | None = None
-    radius_ci95_mm: Point | None = None
-    sigma_radius_mm: float | None = None
-    sigma_calibration_mm: float | None = None
-    centre_mm: Point | None = None
-    bend: str | None = None
-    tip_mm: Point | None = None
-    tip_px: Point | None = None
-    sheath_tip_mm: Point | None = None
-    sheath_heading_rad: float | None = None
-    entry_mm: Point | None = None
-    origin_mm: Point | None = None
-    origin_heading_rad: float | None = None
-    tip_from_origin_mm: Point | None = None
-    arc_length_mm: float | None = None
-    residual_rms_mm: float | None = None
+    model: type[Model]
+    rows: Sequence[Model]
 
 
-class SpecimenResult(Model):
-    """One needle in one gel: `n` radii of final pictures, their mean, sample SD and its 95 % interval."""
-
-    name: str
-    needle_id: str
-    gelatin_percent: float
-    trials: int
-    n: int
-    mean_radius_mm: float | None
-    sd_radius_mm: float | None
-    ci95_mm: Point | None
-    refused: int
-    refused_reasons: tuple[str, ...]
-    without_final_picture: int
-
-
-class SpecimenTruth(Model):
-    """What was drawn for one needle in one gel, and how far the measurement is from it."""
-
-    name: str
-    needle_id: str
-    n_drawn: int
-    drawn_mean_radius_mm: float
-    drawn_sd_radius_mm: float | None
-    error_of_mean_mm: float | None
-    worst_error_mm: float | None
-
-
-class TruthComparison(Model):
-    """Measured beside drawn, on simulated rigs.
-
-    `intervals_holding_truth` counts the accepted pictures whose 95 % interval holds the radius drawn for
-    them.
-    """
-
-    specimens: tuple[SpecimenTruth, ...]
-    mean_radius_mm: float
-    worst_error_of_mean_mm: float | None
-    pictures: int
-    worst_error_mm: float | None
-    intervals_holding_truth: int
-
-
-class _Common(Model):
+class Result(Model):
     """What every result carries: which it is, what it was made from and by what.
 
     `damage` says what of the record was missing or changed when the result was made, `where: what` each.
@@ -126,6 +55,11 @@ class _Common(Model):
     inputs: dict[str, str]
     provenance: dict[str, Any]
     damage: tuple[str, ...] = ()
+
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        """What the result says row by row, by the name of the table; each is written as CSV beside it."""
+        return {}
 
 
 @dataclass(frozen=True)
@@ -207,231 +141,37 @@ class Sentinel(Model):
         return None if self.drift is None else 100.0 * self.drift
 
 
-class CurvatureResult(_Common):
-    """Of steerability runs and imported pictures."""
-
-    kind: Literal["curvature"] = "curvature"
-    specimens: tuple[SpecimenResult, ...]
-    mean_radius_mm: float | None
-    measurements: tuple[PictureResult, ...]
-    truth: TruthComparison | None
-    origins: tuple[TrialOrigin, ...] = ()
-    sentinel: Sentinel | None = None
+def origin_rows(origins: Sequence[TrialOrigin]) -> dict[str, Rows]:
+    """Return the table of the origins of trials; none where no sheath was looked for."""
+    return {"origins": Rows(TrialOrigin, origins)} if origins else {}
 
 
-class CalibrationResult(_Common):
-    """Of camera calibration runs; `intrinsics` and `plane` are what was found, None where nothing was.
-
-    `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
-    coverage.
-    """
-
-    kind: Literal["calibration"] = "calibration"
-    accepted: bool
-    reasons: tuple[str, ...]
-    intrinsics: dict[str, Any] | None
-    plane: dict[str, Any] | None
-
-    corners: dict[str, tuple[Point, ...]]
-
-
-class HingeCell(Model):
-    """One point of the searched grid: clearance, inclination, and what both hinges allow."""
-
-    clearance_mm: float
-    beta_cut_deg: float
-    beta_a_deg: float
-    beta_b_deg: float
-
-
-class DesignResult(_Common):
-    """Of design runs: the document that `labrig design --json` prints too, and the searched grid.
-
-    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says, or the reason
-    why it cannot give the radius. `accepted`: there is something to cut, by the one or, for a tube that equation (3)
-    does not speak of, by the other.
-    """
-
-    kind: Literal["design"] = "design"
-    accepted: bool = True
-    beta_cut_deg: float
-    beta_rot_deg: float
-    radius_mm: float
-    clearance_mm: float
-    tube: dict[str, float]
-    equation_3: dict[str, Any]
-    tolerance: dict[str, Any]
-    table_1: dict[str, float] | None
-    links: int | None
-    measured: dict[str, Any] | None
-    search: dict[str, Any]
-    cells: tuple[HingeCell, ...]
-
-
-class InsertionStep(Model):
-    """One look at the needle on its way, estimated again from the recorded picture; points are (y, z).
-
-    `tip_mm` is where the template found the tip, None where it did not, for the `reason`; `believed` says whether the
-    estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
-    needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
-    simulated worlds alone.
-    """
-
-    frame: int
-    t_s: float
-    depth_mm: float
-    tip_mm: Point | None
-    reason: str | None
-    score: float | None
-    estimate_mm: Point
-    position_sd_mm: float
-    heading_rad: float
-    heading_sd_rad: float
-    radius_mm: float | None
-    believed: bool
-    nis: float | None
-    innovation_mm: Point | None
-    clearance_mm: float | None
-    true_mm: Point | None
-    true_heading_rad: float | None
-
-
-class InsertionCommand(Model):
-    """What the step that steers says at a picture, by the settings of the result and knowing the turns that were made.
-
-    `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
-    turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
-    first, and why to stop; after the first stop there are no more.
-    """
-
-    frame: int | None
-    depth_mm: float
-    roll_rad: float
-    observe_at_mm: float
-    run_to_mm: float
-    sought: str | None
-    replans: int
-    stop: str | None
-
-
-class InsertionPlan(Model):
-    """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
-
-    depth_mm: float
-    t_s: float
-    frame: int | None
-    because: str
-    found: bool
-    reason: str | None
-    arcs: int
-    length_mm: float | None
-    clearance_mm: float | None
-    path_mm: tuple[Point, ...]
-
-
-class InsertionObstacle(Model):
-    """A sphere that was to be kept off, its centre (x, y, z)."""
-
-    position_mm: tuple[float, float, float]
-    radius_mm: float
-
-
-class InsertionTrial(Model):
-    """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
-
-    `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
-    `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
-    is no tip. `sigma_target_error_mm` holds the reading of the end, lens and plane map, and what the grid pictures say
-    of drift. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
-    to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
-    of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
-    the live run to the last digit, as it is with its settings and its code; older results say neither that nor
-    `commands`.
-    """
-
-    trial: int
-    start_t_s: float
-    outcome: str
-    stop: str
-    cause: str
-    reached: bool
-    target_mm: tuple[float, ...]
-    tolerance_mm: float
-    obstacles: tuple[InsertionObstacle, ...]
-    final_frame: int | None
-    tip_mm: Point | None
-    shaft_mm: tuple[Point, ...]
-    target_error_mm: float | None
-    sigma_target_error_mm: float | None = None
-    unmeasured: str | None
-    template_error_mm: float | None
-    true_target_error_mm: float | None
-    true_min_clearance_mm: float | None
-    true_path_mm: tuple[Point, ...]
-    replans: int
-    length_mm: float | None
-    missed_sightings: int
-    mean_nis: float | None
-    steps: tuple[InsertionStep, ...]
-    plans: tuple[InsertionPlan, ...]
-    as_recorded: bool | None = None
-    commands: tuple[InsertionCommand, ...] = ()
-
-
-class InsertionResult(_Common):
-    """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
-
-    `causes` counts why the others did not.
-    """
-
-    kind: Literal["insertion"] = "insertion"
-    made: int
-    arrived: int
-    causes: dict[str, int]
-    reached: bool
-    target_error_mm: float | None
-    true_target_error_mm: float | None
-    true_min_clearance_mm: float | None
-    replans: int
-    length_mm: float | None
-    insertions: tuple[InsertionTrial, ...]
-    origins: tuple[TrialOrigin, ...] = ()
-    sentinel: Sentinel | None = None
-
-
-class RollZeroResult(_Common):
-    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused.
-
-    `offset_mm` is where the sheath stands aside, the constant of that fit; None in results of earlier versions.
-    """
-
-    kind: Literal["roll-zero"] = "roll-zero"
-    accepted: bool
-    reasons: tuple[str, ...]
-    needle_id: str
-    rolls_rad: tuple[float, ...]
-    deflections_mm: tuple[float, ...]
-    fit: dict[str, float] | None
-    offset_mm: float | None = None
-    origins: tuple[TrialOrigin, ...] = ()
-    sentinel: Sentinel | None = None
-
-
-AnyResult: TypeAlias = CurvatureResult | CalibrationResult | DesignResult | InsertionResult | RollZeroResult
-_CONTENT: TypeAdapter[AnyResult] = TypeAdapter(Annotated[AnyResult, Field(discriminator="kind")])
+Content_co = TypeVar("Content_co", bound=Result, covariant=True)
 
 
 @dataclass(frozen=True)
-class AnalysisResult:
+class AnalysisResult(Generic[Content_co]):
     """A result on disk: its folder, and what it says."""
 
     path: Path
-    content: AnyResult
+    content: Content_co
 
     @property
     def document(self) -> Mapping[str, Any]:
         """The content as `result.json` holds it."""
         return self.content.model_dump(mode="json")
+
+
+AnyResult: TypeAlias = AnalysisResult[Result]
+"""A result of whatever experiment."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What an analysis hands over to be written: the result, and what else it saves into the result's folder."""
+
+    content: Result
+    save: Callable[[Path], None] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -450,24 +190,31 @@ class CentreLines:
 NO_LINES = CentreLines({}, {}, {})
 
 
-def write_result(path: Path, content: AnyResult, lines: CentreLines = NO_LINES) -> AnalysisResult:
+def write_result(path: Path, findings: Findings) -> AnyResult:
     """Write a result into its folder, `result.json` last.
+
+    `tables.json` names each table, its file, its columns with their units, and how many rows it has.
 
     Raises
     ------
     DiskError
         When it cannot be written.
     """
-    result = AnalysisResult(path, content)
-    if isinstance(content, CurvatureResult):
-        write_atomically(path / LINES_FILE, _pack(lines))
-        write_atomically(path / "measurements.csv", _csv(content.measurements, PictureResult))
-        write_atomically(path / "specimens.csv", _csv(content.specimens, SpecimenResult))
-    if isinstance(content, CurvatureResult | InsertionResult | RollZeroResult) and content.origins:
-        write_atomically(path / "origins.csv", _csv(content.origins, TrialOrigin))
-    if isinstance(content, InsertionResult):
-        for one in content.insertions:
-            write_atomically(path / f"steps-{one.trial}.csv", _csv(one.steps, InsertionStep))
+    if findings.save is not None:
+        findings.save(path)
+    result = AnalysisResult(path, findings.content)
+    listed = {}
+    for name, table in findings.content.tables.items():
+        columns = _columns(table.model)
+        write_atomically(path / f"{name}.csv", _csv(table, columns))
+        listed[name] = {
+            "file": f"{name}.csv",
+            "columns": [
+                {"name": column, "unit": _unit(column)} for pair in columns.values() for column in pair
+            ],
+            "rows": len(table.rows),
+        }
+    write_atomically(path / TABLES_FILE, encode_document(listed))
     write_atomically(path / RESULT_FILE, encode_document(result.document))
     return result
 
@@ -478,8 +225,19 @@ def result_numbers(run: Run) -> tuple[int, ...]:
     return tuple(sorted(int(file.parent.name) for file in folder.glob(f"[0-9]*/{RESULT_FILE}")))
 
 
-def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
+def newest_result_folder(run: Run) -> Path | None:
+    """Return the folder of the newest result; None where there is none. Raises `RecordError` for a link."""
+    numbers = result_numbers(run)
+    return run.own(f"analysis/{numbers[-1]:03d}") if numbers else None
+
+
+def load_result(run: Run, model: type[Result], number: int | None = None) -> AnyResult | None:
     """Return a result of a run: the one of that number, or the newest; None where it has none at all.
+
+    Parameters
+    ----------
+    model : type
+        Of the experiment's result.
 
     Raises
     ------
@@ -501,7 +259,7 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
     try:
         for file in path.iterdir():
             run.own(f"analysis/{wanted:03d}/{file.name}")
-        content = _CONTENT.validate_json((path / RESULT_FILE).read_bytes())
+        content = model.model_validate_json((path / RESULT_FILE).read_bytes())
     except (OSError, ValidationError) as error:
         raise RecordError(
             f"{path / RESULT_FILE} cannot be read: {_first_fault(error)}",
@@ -510,15 +268,22 @@ def load_result(run: Run, number: int | None = None) -> AnalysisResult | None:
     return AnalysisResult(path, content)
 
 
-def load_centre_lines(result: AnalysisResult) -> CentreLines:
-    """Read the centre lines of a result.
+def save_centre_lines(lines: CentreLines, folder: Path) -> None:
+    """Write the centre lines into the folder of a result. Raises `DiskError`."""
+    write_atomically(folder / LINES_FILE, _pack(lines))
+
+
+def load_centre_lines(folder: Path) -> CentreLines:
+    """Read the centre lines of a result; none where it has no such file.
 
     Raises
     ------
     RecordError
-        When the file is missing or damaged.
+        When the file is damaged.
     """
-    file = result.path / LINES_FILE
+    file = folder / LINES_FILE
+    if not file.exists():
+        return NO_LINES
     try:
         with np.load(file, allow_pickle=False) as arrays:
             return _unpack({name: arrays[name] for name in arrays.files})
@@ -589,16 +354,26 @@ _PAIRS = {
 _LEFT_OUT = {"bend"}
 # What a spreadsheet would take for the start of a formula.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "percent"}
 
 
-def _csv(rows: Sequence[Model], model: type[Model]) -> bytes:
-    """Return the table of the rows, one column a field, units in the names; what is unknown is empty."""
+def _columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
+    """Return the columns that each field of a row becomes."""
+    return {name: _PAIRS.get(name, (name,)) for name in model.model_fields if name not in _LEFT_OUT}
+
+
+def _unit(column: str) -> str | None:
+    """Return the unit in the name of a column; None of one without."""
+    return _UNITS.get(column.rpartition("_")[2])
+
+
+def _csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
+    """Return a table as text, units in the names of the columns; what is unknown is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    names = [name for name in model.model_fields if name not in _LEFT_OUT]
-    writer.writerow([column for name in names for column in _PAIRS.get(name, (name,))])
-    for row in rows:
-        writer.writerow([cell for name in names for cell in _cells(name, getattr(row, name))])
+    writer.writerow([column for pair in columns.values() for column in pair])
+    for row in table.rows:
+        writer.writerow([cell for name in columns for cell in _cells(name, getattr(row, name))])
     return text.getvalue().encode("utf-8")
 
 

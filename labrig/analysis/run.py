@@ -1,45 +1,28 @@
 """From a run to its result: the one door."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.calibration import analyze_calibration
-from labrig.analysis.curvature import analyze_curvature
-from labrig.analysis.design import analyze_design
-from labrig.analysis.insertion import analyze_insertion
+from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.mapping import load_kept_mask
 from labrig.analysis.pictures import Analysis, Progress, concluded, look_at
-from labrig.analysis.result import AnalysisResult, Stamp, load_result, result_numbers, write_result
-from labrig.analysis.roll_zero import analyze_roll_zero
+from labrig.analysis.result import AnyResult, Stamp, load_result, result_numbers, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError, RecordError
-from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
-from labrig.protocol.load import AnyProtocol, load_protocol
-from labrig.protocol.protocols import (
-    CameraCalibrationProtocol,
-    DesignProtocol,
-    ImportProtocol,
-    SteerabilityProtocol,
-)
-from labrig.record.durable import write_atomically
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.vision.mask import Mask
-
-BY_PICTURES = (SteerabilityProtocol, ImportProtocol, RollZeroProtocol)
-"""Protocols whose analysis is made of pictures that can be measured one by one, in any process."""
-
-_OVERRIDABLE = ("analysis.",)
-# How an insertion was steered can be asked of its pictures again; see `labrig.analysis.insertion`.
-_OVERRIDABLE_IN_INSERTIONS = ("estimator.", "planner.", "policy.")
 
 
 def analyze_run(
     run: Run,
+    experiment: MeasuredExperiment,
     *,
     overrides: Sequence[str] = (),
     workers: int = DEFAULT_WORKERS,
@@ -47,13 +30,15 @@ def analyze_run(
     created: datetime,
     provenance: Mapping[str, Any],
     mask: Mask | None = None,
-) -> AnalysisResult:
+) -> AnyResult:
     """Measure a run, or study the design that it asks for, and write a new numbered result, `RUN/analysis/NNN/`.
 
     Parameters
     ----------
+    experiment : MeasuredExperiment
+        The experiment of the run.
     overrides : sequence of str
-        `analysis.key=value` each, put over the protocol's analysis section; kept in the result.
+        `section.key=value` each, put over the protocol; kept in the result.
     workers : int
         Processes that measure or search. The result is the same for any number of them.
     progress : callable or None
@@ -68,7 +53,7 @@ def analyze_run(
     Raises
     ------
     InputError
-        When an override is not of the analysis section, or the run has no map from pixels to mm.
+        When an override is not of a section that may be changed, or the run has no map from pixels to mm.
     FileFormatError
         When an override cannot be used, or a calibration file of the run is malformed.
     RecordError
@@ -76,95 +61,95 @@ def analyze_run(
     DiskError, MachineError
         When the result cannot be written, or a worker process dies.
     """
-    analysis = analysis_of(run, overrides, created, provenance, mask, workers=workers, progress=progress)
+    analysis = analysis_of(
+        run,
+        experiment,
+        overrides=overrides,
+        created=created,
+        provenance=provenance,
+        mask=mask,
+        workers=workers,
+        progress=progress,
+    )
     return concluded(analysis, lambda work: look_at(work, workers, progress))
 
 
 def analysis_of(
     run: Run,
+    experiment: MeasuredExperiment,
+    *,
     overrides: Sequence[str],
     created: datetime,
     provenance: Mapping[str, Any],
     mask: Mask | None,
-    *,
     workers: int,
     progress: Progress | None,
-) -> Analysis[AnalysisResult]:
+) -> Analysis[AnyResult]:
     """Give the analysis of a run, which asks for the pictures that it wants to be measured; as `analyze_run`."""
     if run.withdraws is not None:
         raise InputError(
             f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
             f"labrig reanalyze {run.path.parent / run.withdraws}",
         )
-    protocol = _resolved_protocol(run, overrides)
+    protocol = _resolved_protocol(run, experiment, overrides)
     stamp = Stamp(
-        parent=_parent(run),
+        parent=_parent(run, experiment),
         created=created.isoformat(timespec="seconds"),
         overrides=tuple(overrides),
         inputs=_input_hashes(run.path),
         provenance=dict(provenance),
         damage={problem.where: problem.message for problem in run.damage},
     )
-    mask = load_kept_mask(run) if mask is None else mask
+    request = AnalysisRequest(stamp, load_kept_mask(run) if mask is None else mask, workers, progress)
+    found = experiment.analyze(run, protocol, request)
+    findings = (yield from found) if isinstance(found, Generator) else found
     # The folder is made once there is something to put into it: an analysis that fails leaves nothing behind.
-    if isinstance(protocol, CameraCalibrationProtocol):
-        calibration = analyze_calibration(run, protocol, stamp, progress)
-        folder = run.new_result_dir()
-        calibration.save(folder)
-        return write_result(folder, calibration.content)
-    if isinstance(protocol, SteerabilityProtocol | ImportProtocol):
-        content, lines = yield from analyze_curvature(run, protocol, stamp, mask)
-        folder = run.new_result_dir()
-        if mask is not None:
-            write_atomically(folder / mask.kept_as, mask.content)
-        return write_result(folder, content, lines)
-    if isinstance(protocol, DesignProtocol):
-        answer, study = analyze_design(protocol, stamp, workers, progress)
-        folder = run.new_result_dir()
-        study.save(folder, stamp.provenance)
-        return write_result(folder, answer)
-    if isinstance(protocol, InsertionProtocol):
-        arrivals = analyze_insertion(run, protocol, stamp, mask, progress)
-        return write_result(run.new_result_dir(), arrivals)
-    if isinstance(protocol, RollZeroProtocol):
-        zero = yield from analyze_roll_zero(run, protocol, stamp, mask)
-        return write_result(run.new_result_dir(), zero)
-    raise InputError(f"runs of the experiment {protocol.experiment!r} have no analysis", "use a newer labrig")
+    return write_result(run.new_result_dir(), findings)
 
 
-def _parent(run: Run) -> int | None:
+def _parent(run: Run, experiment: MeasuredExperiment) -> int | None:
     """Return the number of the newest result with the run's own settings; else of the newest that can be read."""
     readable: list[int] = []
     for number in reversed(result_numbers(run)):
         with suppress(RecordError):
-            result = load_result(run, number)
+            result = load_result(run, experiment.result_model, number)
             readable.append(number)
             if result is not None and _has_own_settings(result):
                 return number
     return readable[0] if readable else None
 
 
-def _has_own_settings(result: AnalysisResult) -> bool:
+def _has_own_settings(result: AnyResult) -> bool:
     return not result.content.overrides and "mask" not in result.content.settings
 
 
-def _resolved_protocol(run: Run, overrides: Sequence[str]) -> AnyProtocol:
+def _resolved_protocol(
+    run: Run, experiment: MeasuredExperiment, overrides: Sequence[str]
+) -> ExperimentProtocol:
     """Return the run's protocol with the overrides on it; only how it is measured can be changed."""
-    recorded = run.protocol
-    prefixes = _OVERRIDABLE_IN_INSERTIONS if isinstance(recorded, InsertionProtocol) else _OVERRIDABLE
+    sections = experiment.reanalysis_keys
     for override in overrides:
-        if not override.startswith(prefixes):
-            example = (
-                "policy.deviation_mm=1" if prefixes is not _OVERRIDABLE else "analysis.window_start_mm=5"
-            )
-            section = override.partition("=")[0].partition(".")[0]
-            near = get_close_matches(section, [one.rstrip(".") for one in prefixes], 1)
-            meant = f"did you mean {near[0]}.? " if near else ""
+        section = override.partition("=")[0].partition(".")[0]
+        if section not in sections or not override.startswith(f"{section}."):
             raise InputError(
-                f"{override!r} cannot be changed after the run: only {', '.join(f'{one}*' for one in prefixes)} can",
-                f"{meant}for example {example}",
+                f"{override!r} cannot be changed after the run: {_changeable(sections)}",
+                _example(section, experiment) if sections else "run its protocol again",
             )
-    return load_protocol(run.path / "protocol.yaml", overrides) if overrides else recorded
+    return load_protocol(run.protocol_path, {experiment.name: experiment.protocol_model}, overrides)
+
+
+def _changeable(sections: Sequence[str]) -> str:
+    return f"only {', '.join(f'{section}.*' for section in sections)} can" if sections else "nothing can"
+
+
+def _example(section: str, experiment: MeasuredExperiment) -> str:
+    """Return what was probably meant, and a key that can be changed."""
+    near = get_close_matches(section, experiment.reanalysis_keys, 1)
+    meant = f"did you mean {near[0]}.? " if near else ""
+    first = experiment.reanalysis_keys[0]
+    model = experiment.protocol_model.model_fields[first].annotation
+    keys = getattr(model, "model_fields", {})
+    return f"{meant}for example {first}.{next(iter(keys), 'key')}=VALUE"
 
 
 def _input_hashes(path: Path) -> dict[str, str]:

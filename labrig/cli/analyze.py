@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
 from labrig.cli.progress import progress
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
-from labrig.protocol.protocols import DesignProtocol
+from labrig.experiments.registry import experiment_of
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
@@ -17,13 +17,14 @@ from labrig.vision.mask import load_mask
 
 def analyze_several(
     paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...], mask: Path | None
-) -> dict[Path, AnalysisResult | LabrigError]:
+) -> dict[Path, AnyResult | LabrigError]:
     """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
     runs = list(dict.fromkeys(paths))
     excluded = None if mask is None else load_mask(mask)
     with progress(f"measuring {len(runs)} runs", 1.0) as reporter:
         outcomes = analyze_runs(
             runs,
+            experiment_of,
             overrides=overrides,
             progress=lambda done, total, run: reporter(
                 done / total, f"{done} of {total} pictures, {run.name}"
@@ -37,19 +38,16 @@ def analyze_several(
 
 def analyze(
     path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
-) -> AnalysisResult:
+) -> AnyResult:
     """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
     run = open_run(path)
-    doing, things = (
-        ("searching rotations for", "hinges")
-        if isinstance(run.protocol, DesignProtocol)
-        else ("measuring", "pictures")
-    )
-    with progress(f"{doing} {path.name}", 1.0) as reporter:
+    experiment = experiment_of(run)
+    with progress(f"measuring {path.name}", 1.0) as reporter:
         return analyze_run(
             run,
+            experiment,
             overrides=overrides,
-            progress=lambda done, total: reporter(done / total, f"{done} of {total} {things}"),
+            progress=lambda done, total: reporter(done / total, f"{done} of {total} {experiment.counts}"),
             created=SystemClock().utc(),
             provenance=collect_provenance(command_line),
             mask=None if mask is None else load_mask(mask),

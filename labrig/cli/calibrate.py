@@ -158,13 +158,13 @@ def adopt(
     as_json: AsJson = False,
 ) -> None:
     """Refuse a calibration that was refused, and existing files, without --force."""
-    from labrig.analysis.result import load_result
     from labrig.devices.rig_file import load_rig
+    from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
 
     run = open_run(run_path)
     require_undamaged(run)
-    result = load_result(run)
+    result = result_of(run)
     if result is None or not {"intrinsics.json", "plane.json"} <= {
         path.name for path in result.path.iterdir()
     }:

@@ -13,7 +13,7 @@ from labrig.devices.homing import HOME_ORDER
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import load_rig
 from labrig.errors import InputError
-from labrig.experiments.commissioning import (
+from labrig.runner.commissioning import (
     USUAL_DISTANCE,
     Finding,
     check_backlash,

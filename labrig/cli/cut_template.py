@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.needle import needle_in
 from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
 from labrig.errors import InputError
+from labrig.experiments.registry import protocol_of
 from labrig.record.reader import open_run
 from labrig.vision.picture import Picture, read_picture
 from labrig.vision.plane import Insertion, PlaneMap
@@ -59,7 +59,7 @@ def recorded_frame(folder: Path, frame: int | None) -> TipSource:
         frame = int(shown.iloc[-1])
     image, line = run.read_frame(frame), frames.iloc[frame]
     roll_rad = line.get("rotation_rad")
-    needle = needle_in(run.protocol)
+    needle = protocol_of(run).pictured_needle
     return TipSource(
         folder / str(line["file"]),
         image,

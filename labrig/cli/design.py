@@ -70,8 +70,10 @@ def design(
     Exit with 0 when equation (3) says what to cut, also where our contour cannot give the radius and says why; with 1
     when neither gives it, or the tube is one that only our contour speaks of and it cannot.
     """
-    from labrig.analysis.design import DesignOrder, MeasuredRadius, Tolerances
-    from labrig.cli.design_study import Outputs, carry_out, measured_radius, print_design, run_by_name
+    from labrig.cli.design_study import Outputs, carry_out, measured_radius, run_by_name
+    from labrig.cli.finished import print_summary
+    from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, Tolerances
+    from labrig.experiments.hinge_design.summary import summarise
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)
@@ -90,5 +92,5 @@ def design(
     if as_json:
         print_json(document)
     else:
-        print_design(document)
+        print_summary(summarise(document))
     return 0 if document["accepted"] else 1

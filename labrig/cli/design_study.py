@@ -1,18 +1,22 @@
 """The work behind `labrig design`: what it is given, the files that it writes, and the text for people."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.design import DesignOrder, DesignStudy, design_file, hinge_table, study_design
-from labrig.analysis.result import load_result
 from labrig.cli.damage import require_undamaged
-from labrig.cli.output import interval, number, print_line, print_table, say
+from labrig.cli.output import say
 from labrig.cli.progress import progress
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
-from labrig.needle.study import STEEPEST_CUT_DEG
+from labrig.experiments.hinge_design.study import (
+    DesignOrder,
+    DesignStudy,
+    design_file,
+    hinge_table,
+    study_design,
+)
 from labrig.record.durable import write_atomically
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import open_run
@@ -55,7 +59,7 @@ class Outputs:
             say(f"design: {self.out}")
         if self.figure is not None:
             # matplotlib takes half a second to load, and most calls draw nothing.
-            from labrig.report.design_figure import hinge_figure
+            from labrig.experiments.hinge_design.figure import hinge_figure
 
             picture = hinge_figure(study.cells, study.plane, self.figure.suffix.lower().removeprefix("."))
             write_atomically(self.figure, picture)
@@ -101,8 +105,8 @@ def measured_radius(radius_mm: float | None, run: Path | None, beta_cut_deg: flo
         return radius_mm
     opened = open_run(run)
     require_undamaged(opened)
-    result = load_result(opened)
-    mean_mm = None if result is None else result.document.get("mean_radius_mm")
+    result = opened.latest_result()
+    mean_mm = None if result is None else result.get("mean_radius_mm")
     if not isinstance(mean_mm, float):
         raise AnswerIsNoError(f"{run} has no mean radius", "run a sweep, or `labrig reanalyze` it")
     return mean_mm
@@ -116,73 +120,3 @@ def carry_out(order: DesignOrder, outputs: Outputs) -> Document:
         )
     outputs.write(study)
     return study.document
-
-
-def print_design(document: Document) -> None:
-    """Print the answer for people."""
-    search = document["search"]
-    print_line(
-        f"A radius of {number(document['radius_mm'], 2)} mm at a clearance of {document['clearance_mm']:g} mm: "
-        f"two hinges turn {number(document['beta_rot_deg'], 2)} degrees."
-    )
-    print_table(("", "equation (3)", "our contour"), _rows(document, search))
-    if document["table_1"] is not None:
-        print_line(
-            f"Table I prints {document['table_1']['beta_cut_deg']} degrees; "
-            f"equation (3) solved for it gives {number(document['beta_cut_deg'], 2)}."
-        )
-    if document["links"] is not None:
-        print_line(f"The tip takes {document['links']} links.")
-    if document["measured"] is not None:
-        _print_measured(document["measured"])
-    for sentence in _warnings(document):
-        print_line(sentence)
-
-
-def _rows(document: Document, search: Document) -> list[list[str]]:
-    paper_fit, own_fit = document["equation_3"], search["fit"]
-    rows = [
-        [
-            "inclination to cut [degrees]",
-            number(document["beta_cut_deg"], 2),
-            number(search["beta_cut_deg"], 2),
-        ],
-        ["hinges turn [degrees]", number(document["beta_rot_deg"], 2), number(search["beta_rot_deg"], 2)],
-        [
-            "of it hinge a, hinge b",
-            "-",
-            f"{number(search['beta_a_deg'], 2)}, {number(search['beta_b_deg'], 2)}",
-        ],
-        [
-            "radius within tolerances [mm]",
-            interval(document["tolerance"]["radius_mm"]),
-            interval(None if search["tolerance"] is None else search["tolerance"]["radius_mm"]),
-        ],
-    ]
-    for label, key, digits in (
-        ("degrees per degree of inclination", "a", 3),
-        ("degrees per mm of clearance", "b", 1),
-        ("constant [degrees]", "c", 3),
-        ("RMSE of the plane [degrees]", "rmse_deg", 4),
-    ):
-        rows.append([label, number(paper_fit[key], digits), number(own_fit[key], digits)])
-    return rows
-
-
-def _print_measured(measured: Document) -> None:
-    own = measured["search_clearance_mm"]
-    print_line(
-        f"Measured {number(measured['radius_mm'], 2)} mm means {number(measured['beta_rot_deg'], 2)} degrees; cut at "
-        f"{number(measured['beta_cut_deg'], 2)} degrees, a clearance of {number(measured['clearance_mm'], 4)} mm by "
-        f"equation (3), {number(own, 4)} mm by our contour."
-    )
-
-
-def _warnings(document: Document) -> Iterator[str]:
-    if not document["equation_3"]["same_tube"]:
-        yield "Equation (3) was fitted to a tube of 1.2 and 0.7 mm; for this one only our contour was searched."
-    if document["search"]["reason"] is not None:
-        yield f"No answer of our own: {document['search']['reason']}."
-    if document["search"]["inside_grid"] is False:
-        yield f"The inclination is beyond the searched grid, which ends at {STEEPEST_CUT_DEG:g} degrees."
-    yield "Our contour is not the paper's, whose figure 2 is not in its text: it shows trends, and is not for cutting."

@@ -51,13 +51,12 @@ def export(
 
 
 def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
-    from labrig.analysis.result import load_result
     from labrig.record.reader import open_run
     from labrig.report.export import FORMATS
     from labrig.report.tables import run_tables
 
     opened = open_run(run)
-    tables = run_tables(opened, load_result(opened))
+    tables = run_tables(opened, opened.latest_result())
     for name in formats:
         for file, content in FORMATS[name](opened, tables).items():
             write_atomically(folder / file, content)

@@ -9,8 +9,8 @@ from labrig.cli.mapping import plane_map
 from labrig.cli.output import say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, PictureError
+from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.protocol.model import Direction
-from labrig.protocol.protocols import ImportProtocol
 from labrig.protocol.yaml_file import dump_yaml, model_of_values
 from labrig.record.provenance import collect_provenance
 from labrig.record.writer import Recorder

@@ -17,8 +17,9 @@ from labrig.cli.options import (
     PxPerMmOption,
     SheathDiameterOption,
 )
-from labrig.cli.output import AsJson, interval, number, print_json, print_table, say
+from labrig.cli.output import AsJson, print_json, print_table, say
 from labrig.errors import InputError, PictureError
+from labrig.text import interval, number
 
 app = typer.Typer(no_args_is_help=True)
 

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from labrig.errors import RecordError
 from labrig.record.catalogue import RunSummary
@@ -13,7 +14,7 @@ from labrig.record.manifest import read_manifest
 MOST = 3
 """How many are told; the others stand in the list as `incomplete`."""
 
-_PUT_A_NEEDLE_IN = frozenset({"insertion", "roll-zero", "withdrawal"})
+_WITHDRAWAL = "withdrawal"
 
 
 def next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
@@ -29,10 +30,10 @@ def _next_step(one: RunSummary) -> str:
     if owner is not None:
         return f"{one.run.name} is going on: {owner}"
     place = shlex.quote(str(one.run))
-    if one.protocol == "steerability":
+    if can_resume(one.protocol):
         return f"{one.run.name} was interrupted; go on with it: labrig resume {place}"
     close = f"labrig runs check {place} --repair"
-    if one.protocol not in _PUT_A_NEEDLE_IN or _is_simulated(one.run):
+    if not _may_leave_a_needle(one.protocol) or _is_simulated(one.run):
         return f"{one.run.name} was interrupted; close it: {close}"
     withdraw = f"labrig devices withdraw --rig FILE --run {place}"
     return (
@@ -48,3 +49,21 @@ def _is_simulated(run: Path) -> bool:
     except RecordError:
         return False
     return isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+
+
+def can_resume(experiment: str | None) -> bool:
+    """Return whether an interrupted run of an experiment can be continued; not where it is not installed."""
+    found = _installed(experiment)
+    return found is not None and found.can_resume
+
+
+def _may_leave_a_needle(experiment: str | None) -> bool:
+    """Return whether a needle may be in tissue; of an experiment that is not installed nobody knows."""
+    found = _installed(experiment)
+    return experiment == _WITHDRAWAL or found is None or found.puts_needle_in_tissue
+
+
+def _installed(experiment: str | None) -> Any:
+    from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+
+    return find_experiment(experiment) if experiment is not None and experiment in PROTOCOL_MODELS else None

@@ -230,18 +230,6 @@ def _cell(value: object) -> str:
     )
 
 
-def number(value: object, digits: int = 3) -> str:
-    """Return a number with its digits, or a dash where it is unknown."""
-    return f"{value:.{digits}f}" if isinstance(value, int | float) else "-"
-
-
-def interval(value: object, digits: int = 2) -> str:
-    """Return a 95 % interval as `lo to hi`, or a dash where it is unknown."""
-    if isinstance(value, Sequence) and len(value) == 2:
-        return f"{number(value[0], digits)} to {number(value[1], digits)}"
-    return "-"
-
-
 def plural(count: int, noun: str) -> str:
     """Return the count with its noun, in the plural where it needs one."""
     return f"{count} {noun}" + ("" if count == 1 else "s")

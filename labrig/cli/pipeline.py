@@ -26,23 +26,25 @@ from labrig.errors import (
     MachineError,
     TargetMissedError,
 )
-from labrig.experiments.conduct import Outcome, conduct, conduct_without_rig
-from labrig.experiments.plan import estimate, find_problems, trials_planned
-from labrig.experiments.session import Session
-from labrig.protocol.load import AnyProtocol
-from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
+from labrig.experiments.registry import RegisteredExperiment
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.durable import require_free_bytes
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
+from labrig.runner.experiment import Experiment, RunPlan
+from labrig.runner.plan import estimate
+from labrig.runner.session import Session
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be run: the protocol, on which rig if any, where the record goes, and what the command line named."""
+    """What is to be run: an experiment and its protocol, on which rig if any, into which record, by which command."""
 
-    protocol: AnyProtocol
+    experiment: RegisteredExperiment
+    protocol: ExperimentProtocol
     rig: RigDescription | None
     runs_dir: Path
     run_name: str | None
@@ -73,13 +75,13 @@ def perform(order: Order) -> Finished:
     """
     if order.runs_dir.exists() and not order.runs_dir.is_dir():
         raise InputError(f"--runs-dir {order.runs_dir} is a file", "name a folder")
-    problems = find_problems(order.protocol, order.rig)
-    if problems:
-        raise FileFormatError(problems)
-    needs = estimate(order.protocol, order.rig)
+    plan = order.experiment.plan(order.protocol, order.rig)
+    if plan.problems:
+        raise FileFormatError(plan.problems)
+    needs = estimate(plan, order.rig)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
     require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
-    return conclude(_record(order, needs.work), order.command_line)
+    return conclude(_record(order, plan, needs.work), order.command_line)
 
 
 def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
@@ -101,10 +103,10 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
     try:
         result = analyze(path, command_line)
         # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
-        from labrig.report.page import write_report
+        from labrig.cli.reporting import write_page
 
         say("writing the report")
-        report = write_report(open_run(path), result, SystemClock().utc())
+        report = write_page(open_run(path), result)
     except Interruption as interruption:
         return _unmeasured(path, str(interruption))
     except AnswerIsNoError as error:
@@ -123,25 +125,24 @@ def _unmeasured(path: Path, signal_name: str) -> Finished:
     return Finished(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
-def _record(order: Order, work: float) -> Recorded:
+def _record(order: Order, plan: RunPlan, work: float) -> Recorded:
     """Open the record, with a rig where the protocol needs one, conduct the experiment, and close both."""
-    protocol = order.protocol
+    experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 
         def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-            recorder = _open_record(order, rig.clock, rig.describe())
-            return recorder.path, conduct(protocol, Session(rig, recorder, reporter))
+            recorder = _open_record(order, plan, rig.clock, rig.describe())
+            return recorder.path, conduct(experiment, protocol, Session(rig, recorder, reporter))
 
-        return record_on_rig(protocol, order.rig, work, order.command_line, act)
-    if not isinstance(protocol, DesignProtocol):
-        raise InputError(f"the experiment {protocol.experiment} needs a rig", "name one with --rig FILE")
+        return record_on_rig(experiment, protocol, order.rig, work, order.command_line, act)
     clock = SystemClock()
-    recorder = _open_record(order, clock, {})
-    return Recorded(recorder.path, conduct_without_rig(protocol, recorder, clock), "", None)
+    recorder = _open_record(order, plan, clock, {})
+    return Recorded(recorder.path, conduct_without_rig(experiment, recorder, clock), "", None)
 
 
 def record_on_rig(
-    protocol: AnyProtocol,
+    experiment: Experiment,
+    protocol: ExperimentProtocol,
     description: RigDescription,
     work: float,
     command_line: tuple[str, ...],
@@ -155,9 +156,7 @@ def record_on_rig(
     ):
         path, outcome = act(rig, reporter)
         needle = _needle_left(rig, path)
-    return Recorded(
-        path, outcome, needle, interrupted(), can_resume=isinstance(protocol, SteerabilityProtocol)
-    )
+    return Recorded(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
 
 
 def _needle_left(rig: Rig, run: Path) -> str:
@@ -179,7 +178,7 @@ def _needle_left(rig: Rig, run: Path) -> str:
     )
 
 
-def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> Recorder:
+def _open_record(order: Order, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
     started = clock.utc()
     manifest = {
         "experiment": order.protocol.experiment,
@@ -187,9 +186,12 @@ def _open_record(order: Order, clock: Clock, devices: Mapping[str, object]) -> R
         "operator": order.protocol.operator,
         "seed": order.protocol.seed,
         "started": started.isoformat(timespec="seconds"),
-        "trials_planned": trials_planned(order.protocol),
+        "trials_planned": plan.trials,
         "sources": order.sources.document(),
         "provenance": collect_provenance(order.command_line),
+        "plugins": {
+            order.experiment.name: f"{order.experiment.plugin.package} {order.experiment.plugin.version}"
+        },
         "devices": devices,
     }
     name = order.run_name

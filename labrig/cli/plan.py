@@ -5,9 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.output import AsJson, number, plural, print_json, print_line, print_table
+from labrig.cli.output import AsJson, plural, print_json, print_line, print_table
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, OutputExistsError
+from labrig.text import number
 
 
 def plan(
@@ -22,8 +23,7 @@ def plan(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
-    from labrig.cli.scenario import problem_of
-    from labrig.protocol.load import load_scenario
+    from labrig.experiments.insertion.scenario import load_scenario, problem_of
     from labrig.steering.planner import plan_path
 
     if figure is not None:

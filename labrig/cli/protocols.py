@@ -21,12 +21,13 @@ def check(
 ) -> int:
     """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.rigs import rig_for
-    from labrig.experiments.plan import estimate, find_problems, foreseen_refusal
+    from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
     from labrig.protocol.load import load_protocol
+    from labrig.runner.plan import estimate
 
     protocol_settings, rig_settings = split_overrides(settings)
     try:
-        loaded = load_protocol(protocol, protocol_settings, seed)
+        loaded = load_protocol(protocol, PROTOCOL_MODELS, protocol_settings, seed)
         description = rig_for(loaded, protocol, rig, rig_settings)
     except FileFormatError as error:
         if not as_json:
@@ -35,10 +36,9 @@ def check(
             say(line)
         _print_check(error.problems, None, None)
         return error.exit_code
-    problems = find_problems(loaded, description)
-    if not problems and (refusal := foreseen_refusal(loaded, description)) is not None:
-        problems = (refusal,)
-    needs = estimate(loaded, description)
+    plan = find_experiment(loaded.experiment).plan(loaded, description)
+    problems = plan.problems if plan.refusal is None else (plan.refusal,)
+    needs = estimate(plan, description)
     if as_json:
         _print_check(problems, needs.duration_s, needs.disk_bytes)
     else:
@@ -79,11 +79,12 @@ def schema(
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema; editors that know it complete and check the YAML files."""
+    from labrig.experiments.registry import PROTOCOL_MODELS
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
     if of is Of.PROTOCOL:
-        print_line(schema_text(protocol_schema()).rstrip())
+        print_line(schema_text(protocol_schema(PROTOCOL_MODELS)).rstrip())
         return
     from labrig.devices.rig_file import rig_schema
 

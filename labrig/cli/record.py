@@ -24,19 +24,18 @@ from labrig.cli.options import (
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, print_json, print_line
-from labrig.devices.clocks import SystemClock
 from labrig.errors import RecordError
 
 
 def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
     """Write RUN/report.html of each run; a run without a result gets a page that says so."""
-    from labrig.analysis.result import load_result
+    from labrig.cli.reporting import write_page
+    from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
-    from labrig.report.page import write_report
 
     def one(path: Path) -> dict[str, object]:
         loaded = open_run(path)
-        page = write_report(loaded, load_result(loaded), SystemClock().utc())
+        page = write_page(loaded, result_of(loaded))
         if not as_json:
             print_line(str(page))
         return undamaged({"report": str(page), "reason": None}, loaded.damage)
@@ -52,12 +51,14 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
-    from labrig.analysis.result import load_result
+    from labrig.analysis.result import NO_LINES, load_centre_lines, newest_result_folder
+    from labrig.experiments.registry import view_of
     from labrig.record.reader import open_run
     from labrig.report.rerun_view import open_view, write_view
 
     run = open_run(run_path)
-    path = write_view(run, load_result(run))
+    folder = newest_result_folder(run)
+    path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), view_of(run))
     damage = tell_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})

@@ -17,13 +17,15 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every command and every line is the recorded one, and with 1 at the first that differs."""
-    from labrig.experiments.replay import replay_run, replay_work
+    from labrig.experiments.registry import experiment_of, protocol_of
     from labrig.record.reader import open_run
+    from labrig.runner.replay import replay_run, replay_work
 
     run = open_run(run_path)
     require_undamaged(run)
-    with progress(f"replaying {run_path.name}", replay_work(run)) as reporter:
-        found = replay_run(run, reporter)
+    experiment, protocol = experiment_of(run), protocol_of(run)
+    with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
+        found = replay_run(run, experiment, protocol, reporter)
     difference = found.first_difference
     document = {
         "run": str(run_path),

@@ -1,6 +1,7 @@
 """A sweep goes on after a crash, a power cut or a stop, on the rig and by the protocol that it had."""
 
 import json
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -16,12 +17,9 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
-from labrig.experiments.conduct import Outcome, conduct_rest
-from labrig.experiments.plan import estimate, trials_planned
-from labrig.experiments.resumption import Past, past_of, trials_left
-from labrig.experiments.session import Session
+from labrig.experiments.registry import experiment_of, protocol_of
 from labrig.protocol.model import Model
-from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import differing_values
 from labrig.record.durable import require_free_bytes
@@ -29,6 +27,11 @@ from labrig.record.events import RunStop
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct_rest
+from labrig.runner.experiment import Experiment, Remainder
+from labrig.runner.plan import estimate
+from labrig.runner.session import Session
+from labrig.runner.withdrawal import recorded_path
 
 _NOT_THE_RIG = ("faults",)
 """What a rig file holds beside how the rig stands: faults are scripted for one session of a simulated rig."""
@@ -36,11 +39,12 @@ _NOT_THE_RIG = ("faults",)
 
 @dataclass(frozen=True)
 class Continuation:
-    """A run that can be continued: its protocol and past, on which rig, and the command that said so."""
+    """A run that can be continued: what is left of it, on which rig, and the command that said so."""
 
     run: Run
-    protocol: SteerabilityProtocol
-    past: Past
+    experiment: Experiment
+    protocol: ExperimentProtocol
+    remainder: Remainder
     rig: RigDescription
     command_line: tuple[str, ...]
 
@@ -70,19 +74,39 @@ def resume_run(
     if run.manifest.get("exit_status") == "success":
         say(f"{path} has come to its end; it is measured again")
         return conclude(Recorded(path, Outcome("success", "", None), "", None), command_line)
-    past = past_of(run)
-    assert isinstance(run.protocol, SteerabilityProtocol)
-    description = _unchanged(run, _sources(run, protocol, rig))
-    left = trials_left(run.protocol, past)
-    if not left:
+    experiment = experiment_of(run)
+    if not experiment.can_resume:
+        raise InputError(
+            f"a run of the experiment {experiment.name} is not continued: nothing of it can be kept",
+            _instead(run, experiment),
+        )
+    recorded = protocol_of(run)
+    description = _unchanged(run, recorded, _sources(run, protocol, rig))
+    remainder = experiment.resume(recorded, run)
+    if not remainder.left:
         return conclude(_closed_without_rig(path, command_line), command_line)
-    say(f"{path}: {sum(one.finished for one in past.begun)} insertions are kept, {len(left)} are left")
-    continuation = Continuation(run, run.protocol, past, description, command_line)
-    needs = estimate(run.protocol, description)
-    share = len(left) / trials_planned(run.protocol)
+    say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left")
+    continuation = Continuation(run, experiment, recorded, remainder, description, command_line)
+    plan = experiment.plan(recorded, description)
+    needs = estimate(plan, description)
+    share = remainder.left / plan.trials
     least_free_mb = description.recording.least_free_mb
     require_free_bytes(path, int(share * needs.disk_bytes + 1e6 * least_free_mb))
     return conclude(_record_rest(continuation, needs.work), command_line)
+
+
+def _instead(run: Run, experiment: Experiment) -> str:
+    """Return what to do about a run that cannot be continued."""
+    devices = run.manifest.get("devices")
+    if not devices:
+        return "import the folder again, or close the run as it stands: labrig runs check --repair"
+    simulated = isinstance(devices, Mapping) and devices.get("kind") == "simulated"
+    if simulated or not experiment.puts_needle_in_tissue or not recorded_path(run):
+        return "run its protocol again"
+    return (
+        "if its needle is still in tissue, take it out along its path: "
+        f"labrig devices withdraw --rig FILE --run {shlex.quote(str(run.path))}; then run its protocol again"
+    )
 
 
 def _undamaged(path: Path) -> Run:
@@ -111,13 +135,13 @@ def _sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
     return sources
 
 
-def _unchanged(run: Run, sources: Sources) -> RigDescription:
+def _unchanged(run: Run, recorded: ExperimentProtocol, sources: Sources) -> RigDescription:
     """Return the rig if it, the protocol and the calibration are what the run began with."""
     protocol, description = sources.load()
     if description is None or run.rig_path is None:
         raise InputError(f"{run.path} moves no rig", "run its protocol again")
     problems = [
-        *_differences(str(sources.protocol), _values(run.protocol), _values(protocol)),
+        *_differences(str(sources.protocol), _values(recorded), _values(protocol)),
         *_differences(str(sources.rig), _values(load_rig(run.rig_path)), _values(description)),
         *_calibration_differences(run, description),
     ]
@@ -182,6 +206,8 @@ def _record_rest(continuation: Continuation, work: float) -> Recorded:
             devices=rig.describe(),
         )
         session = Session(rig, recorder, reporter)
-        return recorder.path, conduct_rest(continuation.protocol, session, continuation.past)
+        return recorder.path, conduct_rest(continuation.experiment, continuation.remainder, session)
 
-    return record_on_rig(continuation.protocol, continuation.rig, work, command_line, act)
+    return record_on_rig(
+        continuation.experiment, continuation.protocol, continuation.rig, work, command_line, act
+    )

@@ -12,8 +12,8 @@ from labrig.cli.signals import SignalNote, note_signals
 from labrig.devices.rig import Opening, Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
-from labrig.protocol.load import AnyProtocol
-from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.sections import ExperimentProtocol, Needle
 
 
 def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
@@ -62,7 +62,7 @@ def rig_for_person(
 
 
 def rig_for(
-    protocol: AnyProtocol, protocol_file: Path, given: Path | None, overrides: Sequence[str]
+    protocol: ExperimentProtocol, protocol_file: Path, given: Path | None, overrides: Sequence[str]
 ) -> RigDescription | None:
     """Return the rig that the protocol runs on; None, and no file read, for a design.
 
@@ -82,10 +82,14 @@ def rig_for(
     FileFormatError
         With every fault of the rig file, or when the simulated world has no room for the protocol's needle.
     """
-    if isinstance(protocol, DesignProtocol):
+    experiment = find_experiment(protocol.experiment)
+    if not experiment.moves_rig:
         if given is not None or overrides:
-            raise InputError("a design moves no rig", "leave out --rig and --set rig.*")
+            raise InputError(
+                f"the experiment {experiment.name} moves no rig", "leave out --rig and --set rig.*"
+            )
         return None
     with rig_settings_as_typed():
         rig = load_rig(rig_file(given, protocol_file), overrides)
-    return rig.with_needle(protocol.needle) if isinstance(protocol, SteerabilityProtocol) else rig
+    needle = getattr(protocol, "needle", None)
+    return rig.with_needle(needle) if isinstance(needle, Needle) else rig

@@ -43,14 +43,17 @@ def run(
     from labrig.cli.pipeline import Order, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
+    from labrig.experiments.registry import find_experiment
 
     sources = Sources(protocol, rig, tuple(settings or ()), seed)
     loaded, description = sources.load()
     if description is not None:
         remark_on_yes(description, yes=yes)
+    experiment = find_experiment(loaded.experiment)
     command_line = tuple(map(mask_passwords, sys.argv))
-    order = Order(loaded, description, runs_dir, run_name, command_line, sources.named(loaded))
-    return tell(perform(order), as_json)
+    named = sources.named(loaded)
+    order = Order(experiment, loaded, description, runs_dir, run_name, command_line, named)
+    return tell(perform(order), experiment, as_json)
 
 
 def resume(
@@ -65,5 +68,8 @@ def resume(
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than the run began with."""
     from labrig.cli.finished import tell
     from labrig.cli.resume_run import resume_run
+    from labrig.experiments.registry import experiment_of
+    from labrig.record.reader import open_run
 
-    return tell(resume_run(run_path, protocol, rig, tuple(sys.argv)), as_json)
+    finished = resume_run(run_path, protocol, rig, tuple(sys.argv))
+    return tell(finished, experiment_of(open_run(run_path)), as_json)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from labrig.cli.next_steps import can_resume
 from labrig.cli.options import RunsArgument
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
 from labrig.devices.clocks import SystemClock
@@ -95,6 +96,6 @@ def _state(row: dict[str, Any]) -> str:
     if row["writer"] is not None:
         return f"being written by {row['writer']}"
     if row["exit_status"] == "incomplete":
-        goes_on = ", labrig resume goes on with it" if row["protocol"] == "steerability" else ""
+        goes_on = ", labrig resume goes on with it" if can_resume(row["protocol"]) else ""
         return f"interrupted; --repair closes it{goes_on}"
     return f"closed as {row['exit_status']}"

@@ -7,8 +7,9 @@ from pathlib import Path
 from labrig.cli.options import rig_file, split_overrides
 from labrig.cli.rigs import rig_for
 from labrig.devices.rig_file import RigDescription
-from labrig.protocol.load import AnyProtocol, load_protocol
-from labrig.protocol.protocols import DesignProtocol
+from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.words import mask_passwords
 
 
@@ -21,15 +22,15 @@ class Sources:
     settings: tuple[str, ...]
     seed: int | None
 
-    def load(self) -> tuple[AnyProtocol, RigDescription | None]:
+    def load(self) -> tuple[ExperimentProtocol, RigDescription | None]:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
         protocol_settings, rig_settings = split_overrides(list(self.settings))
-        protocol = load_protocol(self.protocol, protocol_settings, self.seed)
+        protocol = load_protocol(self.protocol, PROTOCOL_MODELS, protocol_settings, self.seed)
         return protocol, rig_for(protocol, self.protocol, self.rig, rig_settings)
 
-    def named(self, protocol: AnyProtocol) -> "Sources":
+    def named(self, protocol: ExperimentProtocol) -> "Sources":
         """Return these with the rig file that stands for one that was not named."""
-        if isinstance(protocol, DesignProtocol):
+        if not find_experiment(protocol.experiment).moves_rig:
             return self
         return Sources(self.protocol, rig_file(self.rig, self.protocol), self.settings, self.seed)
 

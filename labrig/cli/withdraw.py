@@ -14,15 +14,15 @@ from labrig.devices.needle_state import rig_state
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
-from labrig.experiments.conduct import Outcome, conduct_withdrawal
-from labrig.experiments.session import Session
-from labrig.experiments.stance import Stance
-from labrig.experiments.withdrawal import recorded_path
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct_withdrawal
+from labrig.runner.session import Session
+from labrig.runner.stance import Stance
+from labrig.runner.withdrawal import recorded_path
 
 
 def withdraw_and_tell(
@@ -144,7 +144,7 @@ def _record(rig: Rig, left: Run) -> Recorder:
         folder.parent,
         free_name(folder.parent, started, "withdrawal"),
         manifest,
-        dump_yaml(left.protocol),
+        left.protocol_path.read_text(encoding="utf-8"),
         dump_yaml(rig.description),
         {},
         code_diff=collect_code_diff(),

@@ -19,8 +19,8 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.errors import InputError
 from labrig.plugins import CAMERAS, DRIVES
 from labrig.protocol.model import Conflict, Model, Name
-from labrig.protocol.protocols import Needle
 from labrig.protocol.schema import JsonSchema, model_schema
+from labrig.protocol.sections import Needle
 from labrig.protocol.yaml_file import load_yaml_model, model_of_values
 from labrig.simulation.description import WorldDescription
 

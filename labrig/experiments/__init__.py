@@ -1,26 +1,22 @@
-"""experiments: the procedures that move the rig.
+"""experiments: a folder for each experiment, and the registry that finds them.
 
-A procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and where progress is told. It
-moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
-starts, as a list of `PlannedMove`, so that `labrig check` and `labrig run` refuse the same protocols.
+An experiment's `__init__.py` is a declaration: its name, its title, and where each of its parts stands. The parts are
+`protocol.py` (its model), `procedure.py` (what it does on a rig), `events.py` (what it writes), `analysis.py` (run ->
+result), `result.py` (the result's model and tables) and `page.py` with its template. The registry reads declarations
+from the entry-point group `labrig.experiments`, labrig's own and those of other packages alike, and imports a part
+when it is first used: neither a list of runs nor an analysis loads a procedure or a bus.
 
-An insertion alone decides from pictures what it does next, through `vision` and `steering`, which know no rig. It
-rests on the needle's roll zero, which the rig's state holds while the needle is clamped as it was. A picture in which
-nothing is seen stops the axes and leaves the needle where it is; a target that is missed, or a tip that is lost, ends
-with the needle withdrawn. Where the protocol has `sheath.origin`, the sheath is found in the picture taken once it is
-in: the insertion starts there, a roll zero is told from there, and no needle leaves a sheath that stands elsewhere
-than origin and linear encoder allow. A protocol without it, as in records of before, starts at the plane's origin.
+What computes never reaches what moves: `analysis`, `page`, `result`, `events` and `protocol` import neither `runner`
+nor `devices` nor a procedure. No experiment imports another; what two share stands in `shared/` or in a room below.
 
-Graph paper before and after a run (`sentinel`) is asked for by one function, whatever the experiment (`bench`).
-
-`replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
-nothing but what protocol, rig file, calibration and devices tell it.
-
-A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
-
-`conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer did), with the axes stopped in every case. `conduct_rest` goes on with a sweep that was
-interrupted: `past_of` reads what its record holds, the rest is scheduled, and draws of a simulated world come from seed
-and purpose, so that the rest is what it would have been. A design moves nothing: its record is made
-by `conduct_without_rig`, and nothing is planned for it.
+- `steerability`: section V-B of the paper, insertions without turning the bevel, gel by gel
+- `insertion`: section V-C, to a target between obstacles, the tip seen and the path planned anew
+- `roll_zero`: which roll of the rotation axis bends the needle towards -y
+- `camera_calibration`: the lens by a chessboard (Zhang 1999), the steering plane by graph paper
+- `hinge_design`: section III, what to cut for a radius; moves nothing
+- `imported_pictures`: pictures that were taken elsewhere, made into a run by `labrig import`
 """
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+__all__ = ["ExperimentDeclaration"]

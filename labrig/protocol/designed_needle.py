@@ -91,17 +91,7 @@ def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plai
     }
 
 
-def _of_scenario(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, Plain]:
-    return {
-        "diameter_mm": design.diameter_mm,
-        "radius_mm": design.radius_mm,
-        "radius_low_mm": design.radius_low_mm,
-        "radius_high_mm": design.radius_high_mm,
-    }
-
-
 IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _of_protocol)
-IN_SCENARIO = Filling(("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm"), _of_scenario)
 
 
 def _details(design: NeedleDesign) -> dict[str, Plain]:

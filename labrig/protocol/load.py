@@ -1,47 +1,28 @@
 """Protocol file -> the model of the experiment that it names."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import Field
 
-from labrig.protocol.designed_needle import IN_PROTOCOL, IN_SCENARIO, with_design
+from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, with_design
 from labrig.protocol.explain import choice_fault
-from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
+from labrig.protocol.model import Model
 from labrig.protocol.overrides import overridden
-from labrig.protocol.protocols import (
-    CameraCalibrationProtocol,
-    DesignProtocol,
-    ImportProtocol,
-    Needle,
-    SteerabilityProtocol,
-)
-from labrig.protocol.scenario import Scenario
 from labrig.protocol.schema import JsonSchema, model_schema
+from labrig.protocol.sections import ExperimentProtocol, Needle
 from labrig.protocol.tree import Position, Tree, file_format_error
 from labrig.protocol.yaml_file import model_of_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.protocol.yaml_tree import require_kind, tree_of_file
 
-AnyProtocol: TypeAlias = (
-    SteerabilityProtocol
-    | InsertionProtocol
-    | RollZeroProtocol
-    | CameraCalibrationProtocol
-    | ImportProtocol
-    | DesignProtocol
-)
+Models: TypeAlias = Mapping[str, type[ExperimentProtocol]]
+"""The model of each experiment's protocol, by the name that stands behind `experiment:`."""
 
-_MODELS: dict[str, type[AnyProtocol]] = {
-    "steerability": SteerabilityProtocol,
-    "insertion": InsertionProtocol,
-    "roll-zero": RollZeroProtocol,
-    "camera-calibration": CameraCalibrationProtocol,
-    "import": ImportProtocol,
-    "design": DesignProtocol,
-}
-
+AnyModel = TypeVar("AnyModel", bound=Model)
 
 _OTHER_KINDS = {
     "axes": (
@@ -51,13 +32,17 @@ _OTHER_KINDS = {
 }
 
 
-def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | None = None) -> AnyProtocol:
+def load_protocol(
+    path: Path | str, models: Models, overrides: Sequence[str] = (), seed: int | None = None
+) -> ExperimentProtocol:
     """Return the protocol in a file; the numbers of a design file that it names are put into it.
 
     Parameters
     ----------
     path : Path or str
         The YAML file; its `experiment:` names the model.
+    models : Mapping
+        The experiments that are known.
     overrides : sequence of str
         `dotted.key=value` each, put over the file's values.
     seed : int, optional
@@ -71,35 +56,36 @@ def load_protocol(path: Path | str, overrides: Sequence[str] = (), seed: int | N
     tree = overridden(tree_of_file(Path(path)), overrides)
     if seed is not None:
         tree = tree.put(("seed",), seed, Position("--seed"))
-    return _protocol_of(tree, Path(path).parent)
+    return _protocol_of(tree, models, Path(path).parent)
 
 
-def parse_protocol(text: str, source: str) -> AnyProtocol:
+def parse_protocol(text: str, source: str, models: Models) -> ExperimentProtocol:
     """Return the protocol in a text; `source` names it in messages. Raises as `load_protocol`."""
-    return _protocol_of(read_tree(text, source), None)
+    return _protocol_of(read_tree(text, source), models, None)
 
 
-def load_scenario(path: Path | str) -> Scenario:
-    """Return the scenario in a file, YAML or JSON; the numbers of a design file that it names are put into it.
+def load_designed_model(path: Path | str, model: type[AnyModel], filling: Filling) -> AnyModel:
+    """Return the model in a file whose needle may name a design file; its numbers are put in as `filling` says.
 
     Raises
     ------
     FileFormatError
         With every problem of the file.
     """
-    return model_of_tree(with_design(tree_of_file(Path(path)), Path(path).parent, IN_SCENARIO), Scenario)
+    return model_of_tree(with_design(tree_of_file(Path(path)), Path(path).parent, filling), model)
 
 
-def protocol_schema() -> JsonSchema:
+def protocol_schema(models: Models) -> JsonSchema:
     """Return the JSON Schema (draft 2020-12) of a protocol file, for editors."""
-    return model_schema(Annotated[AnyProtocol, Field(discriminator="experiment")], "labrig protocol")
+    union: Any = reduce(or_, models.values())
+    return model_schema(Annotated[union, Field(discriminator="experiment")], "labrig protocol")
 
 
-def _protocol_of(tree: Tree, folder: Path | None) -> AnyProtocol:
+def _protocol_of(tree: Tree, models: Models, folder: Path | None) -> ExperimentProtocol:
     if not tree.holds(("experiment",)):
         require_kind(tree, _OTHER_KINDS)
-    model = _MODELS.get(str(tree.value(("experiment",))))
+    model = models.get(str(tree.value(("experiment",))))
     if model is None:
-        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(_MODELS))])
+        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
     takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
     return model_of_tree(with_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)

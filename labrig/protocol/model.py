@@ -16,6 +16,8 @@ NonNegativeMm: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
 SpeedMmS: TypeAlias = Annotated[float, Field(gt=0, le=100)]
 Seed: TypeAlias = Annotated[int, Field(ge=0, le=2**32 - 1)]
 PixelUv: TypeAlias = tuple[float, float]
+Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
+PointMm: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 Direction: TypeAlias = Literal["right", "left", "up", "down"]
 
 # Joiners that scripts and emoji need; every other invisible character could make two names look the same.

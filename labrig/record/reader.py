@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
-from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.protocol.yaml_tree import yaml_values
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.check import (
@@ -230,17 +230,38 @@ class Run:
         return read_annotations(self.path)
 
     @cached_property
-    def protocol(self) -> AnyProtocol:
-        """The protocol as it was resolved for this run.
+    def protocol(self) -> Mapping[str, Any]:
+        """The protocol as it was resolved for this run, a document; what it means is its experiment's to say.
 
         Raises
         ------
         RecordError
             When protocol.yaml is missing or was changed.
         FileFormatError
-            When this labrig no longer knows what it says.
+            When it is no YAML.
         """
-        return load_protocol(self._unchanged(PROTOCOL))
+        return yaml_values(self.protocol_path)
+
+    @property
+    def protocol_path(self) -> Path:
+        """The file of that protocol.
+
+        Raises
+        ------
+        RecordError
+            When it is missing or was changed.
+        """
+        return self._unchanged(PROTOCOL)
+
+    @property
+    def plugin_packages(self) -> Mapping[str, str]:
+        """The package and version that each experiment, drive and camera of the run came from, by its name."""
+        packages = self.manifest.get("plugins")
+        return (
+            {str(name): str(package) for name, package in packages.items()}
+            if isinstance(packages, Mapping)
+            else {}
+        )
 
     @property
     def rig_path(self) -> Path | None:

@@ -8,25 +8,11 @@ from datetime import datetime
 from markupsafe import Markup
 
 from labrig import __version__
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
-from labrig.protocol.insertion import InsertionProtocol, RollZeroProtocol
-from labrig.protocol.protocols import (
-    CameraCalibrationProtocol,
-    DesignProtocol,
-    ImportProtocol,
-    Needle,
-    SteerabilityProtocol,
-)
 from labrig.record.reader import Run
-from labrig.report.words import UNKNOWN, count_of, interval, joined, moment, shown
+from labrig.report.words import UNKNOWN, Rows, count_of, moment, shown
 
-_EYEBROWS = {
-    "steerability": "Steerability test",
-    "camera-calibration": "Camera calibration",
-    "import": "Imported pictures",
-    "design": "Design of the hinges",
-}
 _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
 
 
@@ -55,16 +41,33 @@ class Heading:
 
 
 def make_heading(
-    run: Run, verdict: Sequence[str], created: datetime, result: AnalysisResult | None = None
+    run: Run,
+    verdict: Sequence[str],
+    created: datetime,
+    result: AnyResult | None = None,
+    *,
+    kind: str,
+    facts: Rows = (),
+    can_resume: bool = False,
 ) -> Heading:
-    """Return the head of a page whose body says `verdict` in a sentence or two, and rests on `result`."""
+    """Return the head of a page whose body says `verdict` in a sentence or two, and rests on `result`.
+
+    Parameters
+    ----------
+    kind : str
+        What the experiment is called.
+    facts : tuple
+        What it says of its protocol.
+    can_resume : bool
+        Whether an interrupted run can be continued.
+    """
     problems = tuple((problem.where, problem.message, problem.hint) for problem in run.problems)
     known = {f"{where}: {message}" for where, message, _ in problems}
     measured = () if result is None else result.content.damage
     status = str(run.manifest.get("exit_status", "incomplete"))
     return Heading(
-        eyebrow=_EYEBROWS.get(run.protocol.experiment, run.protocol.experiment),
-        title=run.protocol.title or run.path.name,
+        eyebrow=kind,
+        title=str(run.protocol.get("title") or run.path.name),
         run_name=run.path.name,
         status=status,
         status_word=_STATUS_WORDS.get(status, status),
@@ -73,11 +76,11 @@ def make_heading(
         verdict=(
             *_how_it_ended(run, status),
             *_where_the_needle_is(run, status),
-            *_what_next(run, status),
+            *_what_next(run, status, can_resume=can_resume),
             *verdict,
         ),
-        facts=tuple((term, value) for term, value in _facts(run) if value != UNKNOWN),
-        notes=run.protocol.notes.strip(),
+        facts=tuple((term, value) for term, value in _facts(run, facts) if value != UNKNOWN),
+        notes=str(run.protocol.get("notes") or "").strip(),
         said=_said(run),
         written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
         problems=problems,
@@ -146,13 +149,13 @@ def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
     )
 
 
-def _what_next(run: Run, status: str) -> tuple[str, ...]:
+def _what_next(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
     """Return the commands that take a needle out which may be in tissue, and go on with a sweep."""
     steps, place = [], shlex.quote(str(run.path))
     if not _is_simulated(run) and _where_the_needle_is(run, status):
         withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
         steps.append(Markup("Take it out along its path: {}.").format(withdraw))
-    if status != "success" and isinstance(run.protocol, SteerabilityProtocol):
+    if status != "success" and can_resume:
         steps.append(Markup("Go on with the sweep: <code>labrig resume {}</code>.").format(place))
     return tuple(steps)
 
@@ -162,19 +165,21 @@ def _trials_ended(run: Run) -> int:
     return int((~run.trials["exit_status"].isin(["incomplete", "interrupted"])).sum())
 
 
-def _trials_done(run: Run) -> int:
-    return int((run.trials["exit_status"] == "success").sum())
+def trials_done(run: Run) -> str:
+    """Return how many trials came to their end, of how many that were planned."""
+    done = int((run.trials["exit_status"] == "success").sum())
+    return f"{done} of {shown(run.manifest.get('trials_planned'))}"
 
 
-def _facts(run: Run) -> list[tuple[str, str]]:
+def _facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
     manifest = run.manifest
     return [
         ("Run", run.path.name),
-        ("Operator", shown(run.protocol.operator)),
+        ("Operator", shown(run.protocol.get("operator"))),
         ("Started", moment(manifest.get("started"))),
         ("Ended", moment(manifest.get("ended"))),
         *_resumed(run),
-        *_experiment_facts(run),
+        *facts,
         ("Pictures recorded", _pictures(run)),
         ("Seed", shown(manifest.get("seed"))),
     ]
@@ -199,66 +204,5 @@ def _repetition(lost: Mapping[str, object], again: Mapping[str, object]) -> str:
 
 def _pictures(run: Run) -> str:
     """Return how many pictures there are; unknown of a run that takes none."""
-    return UNKNOWN if isinstance(run.protocol, DesignProtocol) else str(len(run.frame_table))
-
-
-def _experiment_facts(run: Run) -> list[tuple[str, str]]:
-    protocol = run.protocol
-    if isinstance(protocol, SteerabilityProtocol):
-        insertion = protocol.insertion
-        return [
-            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-            ("Design radius", _design_radius(protocol.needle)),
-            ("Gels", joined(f"{one.gelatin_percent:g} %" for one in protocol.specimens)),
-            ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
-            ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
-            ("Insertions made", f"{_trials_done(run)} of {shown(run.manifest.get('trials_planned'))}"),
-        ]
-    if isinstance(protocol, ImportProtocol):
-        return [("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm")]
-    if isinstance(protocol, CameraCalibrationProtocol):
-        board = protocol.board
-        return [
-            ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
-            ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
-        ]
-    if isinstance(protocol, InsertionProtocol):
-        return [
-            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-            ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
-            ("Obstacles", str(len(protocol.obstacles))),
-            ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
-            ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
-            ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
-            (
-                "Insertions that arrived",
-                f"{_trials_done(run)} of {shown(run.manifest.get('trials_planned'))}",
-            ),
-        ]
-    if isinstance(protocol, RollZeroProtocol):
-        return [
-            ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-            ("Gel", f"{protocol.roll_zero.specimen.gelatin_percent:g} %"),
-            ("Insertions", f"{protocol.roll_zero.rolls}, {protocol.roll_zero.length_mm:g} mm deep"),
-        ]
-    return _design_facts(protocol)
-
-
-def _design_radius(needle: Needle) -> str:
-    if needle.design is None:
-        return f"{needle.design_radius_mm:g} mm"
-    low_to_high = interval((needle.design.radius_low_mm, needle.design.radius_high_mm))
-    return f"{needle.design_radius_mm:g} mm, {low_to_high} within tolerance"
-
-
-def _design_facts(protocol: DesignProtocol) -> list[tuple[str, str]]:
-    tube, tolerances = protocol.tube, protocol.tolerances
-    return [
-        (
-            "Tube",
-            f"{tube.outer_diameter_mm:g} / {tube.inner_diameter_mm:g} mm, links of {tube.link_length_mm:g} mm",
-        ),
-        ("Radius wanted", f"{protocol.radius_mm:g} mm"),
-        ("Clearance", f"{protocol.clearance_mm:g} ± {tolerances.clearance_mm:g} mm"),
-        ("Inclination", f"± {tolerances.cut_deg:g} degrees"),
-    ]
+    takes_some = run.rig_path is not None or not run.frame_table.empty
+    return str(len(run.frame_table)) if takes_some else UNKNOWN

@@ -8,9 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.analysis.result import CentreLines, PictureResult
-from labrig.errors import RecordError
-from labrig.record.reader import Run
 from labrig.vision.picture import Picture, size_of
 from labrig.vision.plane import PlaneMap
 
@@ -29,29 +26,6 @@ class JpegSize:
 THUMBNAIL = JpegSize(420, 70)
 PLATE = JpegSize(840, 75)
 VIEW = JpegSize(1280, 85)
-# A polyline of this many points looks like a curve at any size that a page has.
-_LINE_POINTS = 60
-_CIRCLE_POINTS = 180
-# Long enough that a degree shows.
-_DIRECTION_MM = 30.0
-
-
-@dataclass(frozen=True)
-class DrawnPicture:
-    """A picture with lines over it.
-
-    `width` and `height` are those of the recorded picture; every line is the `points` of an SVG polyline in
-    its pixels, whatever size the JPEG has.
-    """
-
-    href: str
-    width: int
-    height: int
-    shaft: str = ""
-    window: str = ""
-    circle: tuple[str, ...] = ()
-    tip: Pixel | None = None
-    found: tuple[Pixel, Pixel] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,54 +36,6 @@ class Arrow:
     start: Pixel
     end: Pixel
     label: Pixel
-
-
-@dataclass(frozen=True)
-class CameraView:
-    """Figure 7c: one picture with the axes of the steering plane, a scale bar and the sheath named."""
-
-    picture: DrawnPicture
-    axes: tuple[Arrow, ...]
-    scale_mm: float
-    scale: tuple[Pixel, Pixel]
-    sheath: Pixel
-    text_px: float
-
-
-def draw_thumbnail(run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap) -> DrawnPicture | None:
-    """Return a small picture with shaft and circle; None where the picture cannot be read."""
-    return _draw(run, one, lines, plane, THUMBNAIL)
-
-
-def draw_camera_view(
-    run: Run,
-    one: PictureResult,
-    lines: CentreLines,
-    plane: PlaneMap,
-    commanded_mm: tuple[float, float] | None = None,
-) -> CameraView | None:
-    """Return the camera's view of a picture in which the sheath was found; None where it cannot be shown.
-
-    The axes start where the sheath's tip was commanded to be, or, where that is not known, at its tip.
-    """
-    picture = _draw(run, one, lines, plane, VIEW)
-    if picture is None or one.sheath_tip_mm is None:
-        return None
-    origin = np.asarray(one.sheath_tip_mm if commanded_mm is None else commanded_mm)
-    length_mm, bar = scale_bar((picture.width, picture.height), plane)
-    text_px = picture.width / 48
-    u, v = pixel(plane.to_px([np.asarray(one.sheath_tip_mm) - (0.0, 0.6 * length_mm)])[0])
-    return CameraView(
-        picture=picture,
-        axes=tuple(
-            _axis(name, origin, np.asarray(direction) * length_mm, plane)
-            for name, direction in (("z", (0.0, 1.0)), ("y", (1.0, 0.0)))
-        ),
-        scale_mm=length_mm,
-        scale=bar,
-        sheath=(min(max(u, 2.5 * text_px), picture.width - 2.5 * text_px), v),
-        text_px=text_px,
-    )
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -127,66 +53,9 @@ def jpeg(image: Picture, size: JpegSize) -> bytes:
     return content.tobytes()
 
 
-def _draw(
-    run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap, size: JpegSize
-) -> DrawnPicture | None:
-    try:
-        image = run.read_frame(one.frame)
-    except RecordError:
-        return None
-    width, height = size_of(image)
-    shaft = lines.px.get(one.frame, np.empty((0, 2)))
-    window = shaft[slice(*lines.window.get(one.frame, (0, 0)))]
-    return DrawnPicture(
-        href=data_uri(jpeg(image, size), "image/jpeg"),
-        width=width,
-        height=height,
-        shaft=polyline(_thinned(shaft)),
-        window=polyline(_thinned(window)),
-        circle=_circle(one, plane, (width, height)),
-        tip=one.tip_px,
-        found=_found(one, plane),
-    )
-
-
-def _found(one: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
-    """Return the line that shows the trial's origin and direction; None where they are not known."""
-    if one.origin_mm is None or one.origin_heading_rad is None:
-        return None
-    along = np.array([np.sin(one.origin_heading_rad), np.cos(one.origin_heading_rad)])
-    start, end = plane.to_px(np.asarray(one.origin_mm) + np.outer([0.0, _DIRECTION_MM], along))
-    return pixel(start), pixel(end)
-
-
-def _circle(one: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
-    """Return the fitted circle as the polylines of it that lie in the picture."""
-    if not one.accepted or one.centre_mm is None or one.radius_mm is None:
-        return ()
-    angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS)
-    mm = np.asarray(one.centre_mm) + one.radius_mm * np.column_stack((np.cos(angle), np.sin(angle)))
-    px = plane.to_px(mm)
-    inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
-    runs = (px[first:last] for first, last in zip(edges[::2], edges[1::2], strict=True))
-    return tuple(polyline(run) for run in runs if len(run) > 1)
-
-
-def _thinned(points: FloatArray) -> FloatArray:
-    """Return at most `_LINE_POINTS` of the points, both ends among them."""
-    if len(points) <= _LINE_POINTS:
-        return points
-    kept = np.linspace(0, len(points) - 1, _LINE_POINTS).round().astype(np.intp)
-    return np.asarray(points[kept])
-
-
 def polyline(px: FloatArray) -> str:
     """Return pixels (N, 2) as the `points` of an SVG polyline."""
     return " ".join(f"{u:.1f},{v:.1f}" for u, v in px)
-
-
-def _axis(name: str, origin_mm: FloatArray, vector_mm: FloatArray, plane: PlaneMap) -> Arrow:
-    start, end, label = plane.to_px([origin_mm, origin_mm + vector_mm, origin_mm + 1.18 * vector_mm])
-    return Arrow(name, pixel(start), pixel(end), pixel(label))
 
 
 def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixel, Pixel]]:

@@ -4,13 +4,11 @@ import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.record.reader import Run
-from labrig.report.words import UNKNOWN, flattened, moment
+from labrig.report.words import UNKNOWN, Rows, flattened, moment
 
 _CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")
-
-Rows = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,7 @@ class Section:
     rows: Rows
 
 
-def make_provenance(run: Run, result: AnalysisResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
+def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
     """Return every section that has something to say."""
     devices = run.manifest.get("devices")
     measured = () if result is None else _code(result.content.provenance)
@@ -53,7 +51,7 @@ def _session_sections(run: Run) -> Iterator[Section]:
         yield Section(f"Resumed with, session {number}", (began, *_code(session.get("provenance")), *changes))
 
 
-def _analysis(result: AnalysisResult) -> Rows:
+def _analysis(result: AnyResult) -> Rows:
     content = result.content
     return (
         ("result", f"analysis/{result.path.name}"),
@@ -64,7 +62,7 @@ def _analysis(result: AnalysisResult) -> Rows:
     )
 
 
-def _hashes(run: Run, result: AnalysisResult | None) -> Rows:
+def _hashes(run: Run, result: AnyResult | None) -> Rows:
     inputs = {} if result is None else result.content.inputs
     recorded = (row for row in _rows(run.manifest.get("hashes")) if row[1] not in inputs.values())
     return (*inputs.items(), *recorded)

@@ -17,19 +17,12 @@ import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 
-from labrig.analysis.mapping import load_mapping
-from labrig.analysis.result import (
-    AnalysisResult,
-    CentreLines,
-    CurvatureResult,
-    InsertionResult,
-    load_centre_lines,
-)
+from labrig.analysis.result import CentreLines
 from labrig.errors import MachineError
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.reader import Run
 from labrig.report.pictures import JpegSize, jpeg
-from labrig.report.rerun_insertion import send_insertion
+from labrig.report.view import View
 
 VIEW_FILE = "view.rrd"
 _TIME = "rig_time"
@@ -39,15 +32,17 @@ _SHAFT_COLOUR = (86, 180, 233)
 _AXES = ("insertion_mm", "rotation_rad", "linear_mm")
 
 
-def write_view(run: Run, result: AnalysisResult | None) -> Path:
+def write_view(run: Run, lines: CentreLines, view: View) -> Path:
     """Write `RUN/view.rrd`, replacing an older one, and return its path.
 
     Parameters
     ----------
     run : Run
         Of any experiment and any exit status.
-    result : AnalysisResult or None
-        Where the shaft lines come from; None shows the record alone.
+    lines : CentreLines
+        The shafts that were found.
+    view : View
+        What its experiment adds.
 
     Raises
     ------
@@ -63,24 +58,21 @@ def write_view(run: Run, result: AnalysisResult | None) -> Path:
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     write_atomically(unfinished, b"")
     try:
-        _fill(unfinished, run, result)
+        _fill(unfinished, run, lines, view)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
     return path
 
 
-def _fill(file: Path, run: Run, result: AnalysisResult | None) -> None:
-    content = None if result is None else result.content
-    insertion = content if isinstance(content, InsertionResult) else None
+def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
     stream = rr.RecordingStream("labrig", recording_id=run.path.name)
-    stream.save(file, default_blueprint=_blueprint(insertion=insertion is not None))
+    stream.save(file, default_blueprint=_blueprint(view))
     try:
         _send_axes(stream, run.states)
         _send_events(stream, run.events)
-        _send_pictures(stream, run, _lines_of(result))
-        if insertion is not None:
-            send_insertion(stream, insertion, load_mapping(run), _TIME)
+        _send_pictures(stream, run, lines)
+        view.send(stream, _TIME)
     finally:
         stream.disconnect()
 
@@ -108,29 +100,21 @@ def open_view(path: Path) -> None:
     )
 
 
-def _blueprint(*, insertion: bool) -> rrb.Blueprint:
-    """Return what stands where; the curves of the estimate are those of an insertion."""
-    estimate = (rrb.TimeSeriesView(origin="/estimate", name="Tip (mm, degrees)"),) if insertion else ()
+def _blueprint(view: View) -> rrb.Blueprint:
+    """Return what stands where."""
+    curves = tuple(rrb.TimeSeriesView(origin=origin, name=name) for origin, name in view.curves)
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial2DView(origin="/camera", name="Camera"),
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="/axes", name="Axes (mm, rad)"),
-                *estimate,
+                *curves,
                 rrb.TextLogView(origin="/events", name="Events"),
-                row_shares=[3, *(3 for _ in estimate), 2],
+                row_shares=[3, *(3 for _ in curves), 2],
             ),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline=_TIME, state="collapsed"),
-    )
-
-
-def _lines_of(result: AnalysisResult | None) -> CentreLines | None:
-    return (
-        load_centre_lines(result)
-        if result is not None and isinstance(result.content, CurvatureResult)
-        else None
     )
 
 
@@ -163,14 +147,14 @@ def _is_missing(value: object) -> bool:
     return value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value))
 
 
-def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines | None) -> None:
+def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines) -> None:
     for line in run.frame_table.to_dict("records"):
         frame = int(line["frame"])
         stream.set_time(_TIME, duration=float(line["t_s"]))
         stream.set_time(_FRAME, sequence=frame)
         picture = rr.EncodedImage(contents=jpeg(run.read_frame(frame), _PICTURE), media_type="image/jpeg")
         stream.log("/camera", picture)
-        if lines is not None:
+        if lines.px:
             shaft = [lines.px[frame]] if frame in lines.px else []
             # An empty one ends the line of the picture before.
             stream.log(

@@ -8,7 +8,6 @@ from typing import Any
 
 import pandas as pd
 
-from labrig.analysis.result import AnalysisResult
 from labrig.record.annotations import Annotations
 from labrig.record.reader import Run
 from labrig.record.tables import with_numbers_apart
@@ -22,14 +21,14 @@ _NOTE = ("note", "revision", "text", "by", "at")
 _LEFT_OUT = frozenset({"schema_version", "inputs", "provenance", "rolls_rad", "deflections_mm", "variations"})
 
 
-def run_tables(run: Run, result: AnalysisResult | None) -> Tables:
+def run_tables(run: Run, result: Mapping[str, Any] | None) -> Tables:
     """Return all that a run says as tables.
 
     Parameters
     ----------
-    result : AnalysisResult or None
-        Its single values become the table `result`, each list of its rows one more: `measurements`, `specimens`,
-        `insertions` ...
+    result : Mapping or None
+        The document of a result. Its single values become the table `result`, each list of its rows one more:
+        `measurements`, `specimens`, `insertions` ...
 
     Returns
     -------
@@ -50,7 +49,7 @@ def run_tables(run: Run, result: AnalysisResult | None) -> Tables:
     if not run.truth.empty:
         tables |= _spread("truth", run.truth)
     if result is not None:
-        tables |= _result_tables(result.document)
+        tables |= _result_tables(result)
     return {name: _flat(with_numbers_apart(table)) for name, table in tables.items()}
 
 

@@ -7,6 +7,9 @@ from markupsafe import Markup, escape
 UNKNOWN = "–"
 _MINUS = "−"
 
+Rows = tuple[tuple[str, str], ...]
+"""Terms, and what is said of each."""
+
 
 def number(value: float | None, digits: int = 2) -> str:
     """Return a number with its digits and a true minus sign, or a dash where it is unknown."""

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult, CurvatureResult
+from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.experiments.registry import experiment_of
+from labrig.experiments.shared.curvature_result import CurvatureResult
+from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
 
 SWEEP = Sweep(without_needle=frozenset({3}))
@@ -30,7 +31,9 @@ class Measured:
 
 def measure(run: Run, *overrides: str, workers: int = 1) -> Measured:
     """Analyse a run in this process."""
-    result = analyze_run(run, overrides=overrides, workers=workers, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(
+        run, experiment_of(run), overrides=overrides, workers=workers, created=NOW, provenance=PROVENANCE
+    )
     return Measured(open_run(run.path), result)
 
 

@@ -6,10 +6,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from labrig.analysis.result import InsertionResult
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.experiments.insertion.result import InsertionResult
+from labrig.experiments.registry import experiment_of
+from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.test_insertion import conducted, insertion
 
@@ -27,7 +27,9 @@ def recorded(*overrides: str) -> Run:
 
 def analysed(run: Run, *overrides: str) -> InsertionResult:
     """Analyse a run of insertions."""
-    result = analyze_run(run, overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(
+        run, experiment_of(run), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE
+    )
     assert isinstance(result.content, InsertionResult)
     return result.content
 

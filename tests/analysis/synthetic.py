@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import parse_protocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
@@ -114,6 +114,7 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
             insertions=insertions,
         ),
         "synthetic",
+        PROTOCOL_MODELS,
     )
     manifest = {
         "experiment": "steerability", "started": NOW, "title": sweep.title, "operator": sweep.operator, "seed": 7,
@@ -172,7 +173,7 @@ sheath_diameter_mm: 2.0
 scale: {px_per_mm: 10, origin_px: [120, 70], insertion: right}
 analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}
 """
-    protocol = parse_protocol(text, "synthetic")
+    protocol = parse_protocol(text, "synthetic", PROTOCOL_MODELS)
     manifest = {"experiment": "import", "started": NOW, "title": "Loose pictures", "provenance": PROVENANCE}
     recorder = Recorder.create(folder, "import", manifest, dump_yaml(protocol), None, {})
     for number, radius_mm in enumerate(radii_mm):
@@ -196,7 +197,7 @@ insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
 roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
 """
     manifest = {"experiment": "roll-zero", "started": NOW, "title": "Roll zero", "provenance": PROVENANCE}
-    protocol = dump_yaml(parse_protocol(text, "synthetic"))
+    protocol = dump_yaml(parse_protocol(text, "synthetic", PROTOCOL_MODELS))
     recorder = Recorder.create(
         folder, "roll-zero", manifest, protocol, None, {"plane.json": plane_file(folder)}
     )
@@ -239,7 +240,12 @@ plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
         "provenance": PROVENANCE,
     }
     recorder = Recorder.create(
-        folder, "calibration", manifest, dump_yaml(parse_protocol(text, "synthetic")), None, {}
+        folder,
+        "calibration",
+        manifest,
+        dump_yaml(parse_protocol(text, "synthetic", PROTOCOL_MODELS)),
+        None,
+        {},
     )
     for view in range(views):
         if hold_board:

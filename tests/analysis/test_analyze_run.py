@@ -13,10 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.analysis.result import CurvatureResult, load_centre_lines, load_result
+from labrig.analysis.result import load_centre_lines
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, InputError, RecordError
-from labrig.record import open_run
+from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.shared.curvature_result import CurvatureResult
+from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.conftest import Measured, measure
 from tests.analysis.synthetic import LENGTH_MM, NOW, PROVENANCE, Sweep, aborted, record_import, record_sweep
@@ -144,16 +146,17 @@ def test_workers_end_with_a_parent_that_was_killed(measured: Measured) -> None:
     """After SIGKILL to the measuring process none of its workers is left waiting."""
     script = """
 import os, signal, sys
-from labrig.analysis import analyze_run
-from labrig.record import open_run
-from labrig.vision import load_mask
+from labrig.analysis.run import analyze_run
+from labrig.experiments.registry import experiment_of
+from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW
 
 def die(done, total):
     print(open(f"/proc/self/task/{os.getpid()}/children").read(), flush=True)
     os.kill(os.getpid(), signal.SIGSTOP)
 
-analyze_run(open_run(sys.argv[1]), workers=2, progress=die, created=NOW, provenance={})
+run = open_run(sys.argv[1])
+analyze_run(run, experiment_of(run), workers=2, progress=die, created=NOW, provenance={})
 """
     root = Path(__file__).parents[2]
     command = [sys.executable, "-c", script, str(measured.run.path)]
@@ -172,6 +175,7 @@ def test_progress_is_told_after_each_picture(measured: Measured) -> None:
     told: list[tuple[int, int]] = []
     analyze_run(
         measured.run,
+        experiment_of(measured.run),
         workers=1,
         progress=lambda done, total: told.append((done, total)),
         created=NOW,
@@ -194,8 +198,8 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: 
 
 def test_results_are_read_back_as_they_were_written(measured: Measured) -> None:
     """load_result gives the newest result, or the one asked for, equal to what analyze_run returned."""
-    assert load_result(measured.run, 1) == measured.result
-    newest = load_result(measured.run)
+    assert result_of(measured.run, 1) == measured.result
+    newest = result_of(measured.run)
     assert newest is not None
     assert newest.path.name == max(path.name for path in (measured.run.path / "analysis").iterdir())
 
@@ -203,9 +207,9 @@ def test_results_are_read_back_as_they_were_written(measured: Measured) -> None:
 def test_a_run_that_was_never_analysed_has_no_result(folder: Path) -> None:
     """None says that there is none; asking for a number that is not there is an error that lists them."""
     run = record_sweep(folder)
-    assert load_result(run) is None
+    assert result_of(run) is None
     with pytest.raises(InputError, match="no result 004"):
-        load_result(run, 4)
+        result_of(run, 4)
 
 
 def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
@@ -216,10 +220,10 @@ def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
     document = json.loads(file.read_text())
     file.write_text(json.dumps({**document, "schema_version": 2}))
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
-        load_result(run)
+        result_of(run)
     (result.path / "centre_lines.npz").write_bytes(b"PK")
     with pytest.raises(RecordError, match=r"centre_lines\.npz"):
-        load_centre_lines(result)
+        load_centre_lines(result.path)
 
 
 def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None:
@@ -263,7 +267,7 @@ def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(folder: Pa
 
 def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: Measured) -> None:
     """The stored lines are those of the pictures, in mm and in pixels, with the window that was fitted."""
-    lines = load_centre_lines(measured.result)
+    lines = load_centre_lines(measured.result.path)
     frame = measured.content.measurements[2].frame
     mm, px = lines.mm[frame], lines.px[frame]
     first, end = lines.window[frame]
@@ -315,7 +319,7 @@ def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
     result = measure(open_run(run.path), workers=2).result
     assert isinstance(result.content, CurvatureResult)
     assert result.content.measurements == ()
-    assert load_centre_lines(result).mm == {}
+    assert load_centre_lines(result.path).mm == {}
 
 
 def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
@@ -325,7 +329,7 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
     file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')
     run = record_sweep(folder / "runs", Sweep())
     mask = load_mask(file)
-    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
+    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
     assert isinstance(result.content, CurvatureResult)
     assert not any(one.found for one in result.content.measurements)
     assert (result.path / "mask.json").read_bytes() == file.read_bytes()

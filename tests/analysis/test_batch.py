@@ -5,10 +5,11 @@ from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
 from labrig.analysis.divergence import first_divergence
-from labrig.analysis.result import AnalysisResult, load_result
+from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError
-from labrig.record import open_run
+from labrig.experiments.registry import experiment_of, result_of
+from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
 
@@ -21,6 +22,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     told: list[tuple[int, int, str]] = []
     outcomes = analyze_runs(
         [*runs, tmp_path / "none"],
+        experiment_of,
         workers=2,
         progress=lambda done, total, run: told.append((done, total, run.name)),
         created=NOW,
@@ -36,7 +38,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     assert [result.path for result in results] == [run / "analysis" / "002" for run in runs]
     assert [result.content.parent for result in results] == [1, 1, 1]
     for run, result in zip(runs, results, strict=True):
-        read = load_result(open_run(run), 2)
+        read = result_of(open_run(run), 2)
         assert read is not None
         assert first_divergence(read.document, results[0].document) is None
         assert first_divergence(result.document, results[0].document) is None
@@ -46,7 +48,12 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     """An error with places comes back from a worker process with all of them."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
     outcomes = analyze_runs(
-        runs, overrides=["analysis.window_start_mm=-1"], workers=2, created=NOW, provenance=PROVENANCE
+        runs,
+        experiment_of,
+        overrides=["analysis.window_start_mm=-1"],
+        workers=2,
+        created=NOW,
+        provenance=PROVENANCE,
     )
     assert [type(outcome) for outcome in outcomes] == [FileFormatError, FileFormatError]
     assert all(isinstance(outcome, FileFormatError) and outcome.problems for outcome in outcomes)
@@ -59,9 +66,17 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
     mask = load_mask(polygon)
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
     alone = [
-        analyze_run(open_run(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask) for run in runs
+        analyze_run(
+            open_run(run),
+            experiment_of(open_run(run)),
+            workers=1,
+            created=NOW,
+            provenance=PROVENANCE,
+            mask=mask,
+        )
+        for run in runs
     ]
-    together = analyze_runs(runs, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
+    together = analyze_runs(runs, experiment_of, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
     for run, one, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
         assert first_divergence(one.document, other.document) is None

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from labrig.analysis.divergence import first_divergence
-from labrig.analysis.result import CalibrationResult, load_result
 from labrig.analysis.run import analyze_run
+from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.experiments.registry import experiment_of, result_of
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.refraction import Gel
@@ -16,7 +17,7 @@ from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 
 
 def _analyse(run: Run) -> tuple[CalibrationResult, Path]:
-    result = analyze_run(run, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(run, experiment_of(run), created=NOW, provenance=PROVENANCE)
     assert isinstance(result.content, CalibrationResult)
     return result.content, result.path
 
@@ -35,7 +36,7 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     assert load_plane(folder / "plane.json", lens).mm_per_px == pytest.approx(0.0646, abs=0.001)
     assert content.intrinsics is not None
     assert content.intrinsics["fx"] == lens.fx
-    assert load_result(run) is not None
+    assert result_of(run) is not None
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
@@ -70,7 +71,11 @@ def test_progress_counts_the_pictures(run: Run) -> None:
     """The callback hears of every picture."""
     told: list[tuple[int, int]] = []
     analyze_run(
-        run, progress=lambda done, total: told.append((done, total)), created=NOW, provenance=PROVENANCE
+        run,
+        experiment_of(run),
+        progress=lambda done, total: told.append((done, total)),
+        created=NOW,
+        provenance=PROVENANCE,
     )
     assert told[-1] == (13, 13)
 
@@ -80,7 +85,7 @@ def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) ->
     content, folder = _analyse(record_calibration(tmp_path, views=0))
     assert (content.accepted, content.intrinsics, content.plane) == (False, None, None)
     assert "no picture of the board" in content.reasons[0]
-    assert [file.name for file in folder.iterdir()] == ["result.json"]
+    assert sorted(file.name for file in folder.iterdir()) == ["result.json", "tables.json"]
 
 
 def test_photographs_without_a_board_are_refused(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from labrig.analysis.design import design_file, hinge_table
 from labrig.errors import AnswerIsNoError, InputError
+from labrig.experiments.hinge_design.study import design_file, hinge_table
 from labrig.needle.equations import EQUATION_3
 from labrig.needle.study import Cell
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from labrig.analysis.grouping import Trial, mean_of_means, summarise_specimens
-from labrig.analysis.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
-from labrig.analysis.result import PictureResult
-from labrig.analysis.truth import compare_with_truth
+from labrig.experiments.shared.curvature_result import PictureResult
+from labrig.experiments.shared.grouping import Trial, mean_of_means, summarise_specimens
+from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
+from labrig.experiments.shared.truth import compare_with_truth
 
 
 def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> Trial:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import InputError
-from labrig.record import open_run
+from labrig.record.reader import open_run
 from tests.analysis.insertions import analysed, observations, recorded
 
 

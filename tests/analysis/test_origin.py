@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from labrig.analysis.origin import find_origins, from_origins, refused_by_origin, told_from
-from labrig.analysis.result import PictureResult, TrialOrigin
-from labrig.protocol.protocols import Sheath, SheathOrigin
+from labrig.analysis.origin import find_origins, told_from
+from labrig.analysis.result import TrialOrigin
+from labrig.experiments.shared.curvature_result import PictureResult
+from labrig.experiments.shared.picture_results import from_origins, refused_by_origin
+from labrig.protocol.sections import Sheath, SheathOrigin
 from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import ORIGIN_PX, PX_PER_MM, SIZE, needle_picture
 

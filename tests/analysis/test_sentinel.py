@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labrig.analysis.result import PictureResult, Sentinel
-from labrig.analysis.sentinel import watch, watched
+from labrig.analysis.result import Sentinel
+from labrig.analysis.sentinel import watch
+from labrig.experiments.shared.curvature_result import PictureResult
+from labrig.experiments.shared.picture_results import watched
 from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
 

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from labrig.analysis.divergence import first_divergence
-from labrig.analysis.result import InsertionResult
-from labrig.analysis.what_if import compare_steering, steered
+from labrig.experiments.insertion.result import InsertionResult
+from labrig.experiments.insertion.what_if import compare_steering, steered
 from tests.analysis.insertions import analysed, observations, recorded
 
 

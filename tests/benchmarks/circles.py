@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.geometry import fit_circle
-from labrig.geometry.circle import CircleMethod
+from labrig.geometry.circle import CircleMethod, fit_circle
 from tests.benchmarks.table import print_rows
 
 CIRCLES = Path(__file__).parents[3] / "shared" / "data" / "circlefit"

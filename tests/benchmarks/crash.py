@@ -19,13 +19,12 @@ from time import perf_counter
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.rig import open_rig
-from labrig.experiments.conduct import conduct_rest
-from labrig.experiments.resumption import past_of, trials_left
-from labrig.experiments.session import Session
-from labrig.record import open_run
+from labrig.experiments.registry import experiment_of
 from labrig.record.check import check_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import conduct_rest
+from labrig.runner.session import Session
 from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, UNKILLED, never, rig, short_sweep
 from tests.benchmarks.table import print_rows
 from tests.devices.rigs import Person
@@ -144,20 +143,21 @@ def _resume(path: Path) -> None:
     protocol, run = short_sweep(), open_run(path)
     if run.manifest["exit_status"] == "success":
         return
-    past = past_of(run)
-    if not trials_left(protocol, past):
+    sweep_experiment = experiment_of(run)
+    remainder = sweep_experiment.resume(protocol, run)
+    if not remainder.left:
         recorder = Recorder.reopen(path, "benchmark")
         recorder.close("success", "", _STARTED)
         return
     with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
         recorder = Recorder.reopen(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        conduct_rest(protocol, Session(opened, recorder, lambda _done, _doing: None), past)
+        conduct_rest(sweep_experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
 
 
 def radii_of(run: Run) -> dict[int, float]:
     """Measure a run and return the radius of each trial's final picture."""
-    result = analyze_run(run, created=_STARTED, provenance={}, workers=1)
+    result = analyze_run(run, experiment_of(run), created=_STARTED, provenance={}, workers=1)
     return {
         int(one["trial"]): float(one["radius_mm"])
         for one in result.document["measurements"]

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
-from labrig.experiments.conduct import conduct
-from labrig.experiments.session import Session
+from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from labrig.protocol.protocols import SteerabilityProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import conduct
+from labrig.runner.session import Session
 from tests.devices.rigs import CALIBRATION, Person, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -30,6 +31,7 @@ def short_sweep() -> SteerabilityProtocol:
     """Return a sweep of two insertions that takes half a second."""
     protocol = load_protocol(
         PROTOCOLS / "steerability.yaml",
+        PROTOCOL_MODELS,
         [
             "insertions_per_specimen=2",
             "specimens=[{name: gel, gelatin_percent: 13}]",
@@ -96,7 +98,11 @@ def run_sweep(folder: Path) -> None:
             dump_yaml(description),
             {name: CALIBRATION / f"simulated-{name}" for name in ("intrinsics.json", "plane.json")},
         )
-        conduct(protocol, Session(opened, recorder, lambda _done, _doing: None))
+        conduct(
+            find_experiment(protocol.experiment),
+            protocol,
+            Session(opened, recorder, lambda _done, _doing: None),
+        )
 
 
 def main() -> None:

@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.geometry import fit_circle
-from labrig.vision import calibrate_intrinsics
+from labrig.geometry.circle import fit_circle
 from labrig.vision.boards import board_points_mm
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings, measure_curvature
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.zhang import calibrate_intrinsics
 from tests.benchmarks.table import print_rows
 from tests.vision.rendering import Bench, Gel, Lens, Needle
 

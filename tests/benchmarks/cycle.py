@@ -8,10 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from labrig.analysis.insertion_settings import insertion_settings
-from labrig.experiments.aim import aim_of
-from labrig.experiments.sight import Eye, look_for_tip
-from labrig.protocol.insertion import InsertionProtocol
+from labrig.experiments.insertion.aim import aim_of
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.shared.sight import Eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
@@ -71,7 +72,7 @@ def _ms(seconds: float) -> str:
 
 def _cycles(seed: int) -> list[tuple[float, float, float]]:
     """Return the times of finding and of deciding, and the processor time [s], at each look of one insertion."""
-    protocol = load_protocol(PROTOCOL)
+    protocol = load_protocol(PROTOCOL, PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
     eye = _eye()
     aim = aim_of(protocol, eye.plane)

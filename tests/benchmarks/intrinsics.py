@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.vision import calibrate_intrinsics
 from labrig.vision.boards import BoardSearch
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import read_picture
 from labrig.vision.projection import projection_sigma_px
-from labrig.vision.zhang import calibrate_from_pictures
+from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 from tests.benchmarks.table import print_rows
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

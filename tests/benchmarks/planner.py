@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from labrig.steering import plan_path
+from labrig.steering.planner import plan_path
 from labrig.steering.problem import PlanProblem
 from tests.benchmarks.oracle import oracle_solves
 from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.steering import plan_path
+from labrig.steering.planner import plan_path
 from labrig.steering.problem import Obstacle, PlanProblem
 from tests.benchmarks.oracle import integrated_path
 

@@ -15,9 +15,9 @@ import psutil
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig_file import load_rig
-from labrig.record import open_run
 from labrig.record.check import check_run
 from labrig.record.pictures import Picture, Store
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.simulation.world import World
 from tests.benchmarks.table import print_rows

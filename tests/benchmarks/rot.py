@@ -6,9 +6,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from labrig.record import open_run
 from labrig.record.catalogue import list_runs
 from labrig.record.pictures import Store
+from labrig.record.reader import open_run
 from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows
 from tests.record.faults import Values, full_run, is_noticed_or_unchanged, raw_files, told, values

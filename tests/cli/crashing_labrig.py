@@ -9,10 +9,11 @@ from pathlib import Path
 from labrig.devices.operator import Answer, OperatorRequest
 from labrig.devices.rig import Opening, open_rig
 from labrig.devices.rig_file import load_rig
-from labrig.experiments.session import Session
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.writer import Recorder
+from labrig.runner.session import Session
 
 SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 
@@ -34,7 +35,7 @@ def main(rig_file: Path, runs_dir: Path) -> None:
         rig.needle.mark_out()
         rig.reference_axes()
         manifest = {"experiment": "steerability", "started": rig.clock.utc()}
-        protocol, text = dump_yaml(load_protocol(SWEEP)), dump_yaml(description)
+        protocol, text = dump_yaml(load_protocol(SWEEP, PROTOCOL_MODELS)), dump_yaml(description)
         recorder = Recorder.create(runs_dir, "crashed", manifest, protocol, text, {})
         session = Session(rig, recorder, lambda _done, _doing: None)
         session.note("trial_start", trial=0)

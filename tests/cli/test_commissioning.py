@@ -14,6 +14,7 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import open_run
@@ -121,7 +122,7 @@ def test_no_at_the_prompt_moves_nothing(labrig: Labrig, at_bench: BenchAt) -> No
 
 def _left_in_tissue(folder: Path) -> Path:
     """Leave the record of a run that was killed with its needle in tissue, its bevel turned on the way."""
-    protocol = load_protocol(SWEEP)
+    protocol = load_protocol(SWEEP, PROTOCOL_MODELS)
     manifest = {"experiment": "steerability", "started": "2026-11-20T10:00:00+00:00"}
     recorder = Recorder.create(folder, "killed", manifest, dump_yaml(protocol), None, {})
     recorder.event("trial_start", 0.0, trial=0)

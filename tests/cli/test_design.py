@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from labrig.cli.design_study import print_design
+from labrig.cli.finished import print_summary
 from labrig.cli.main import run_command
+from labrig.experiments.hinge_design.summary import summarise
 from labrig.needle.tube import TABLE_1, Tube
 from labrig.protocol.design_file import load_design
 from tests.cli.conftest import Labrig, Sweep
@@ -117,7 +118,7 @@ def test_the_design_file_says_how_it_was_made(designed: Designed) -> None:
 
 def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixture[str]) -> None:
     """The text names both inclinations, table I, the measured needle and what our contour is not."""
-    print_design(designed.document)
+    print_summary(summarise(designed.document))
     text = capsys.readouterr().out
     for part in ("4.12", "3.33", "Table I prints 4.13", "13 links", "Measured", "not for cutting"):
         assert part in text

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from labrig.protocol.design_file import load_design
-from labrig.record import open_run
+from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
 from tests.protocol.designs import sweep_with
 
@@ -60,7 +60,7 @@ def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
     run = open_run(ran.run)
     assert run.problems == ()
     assert not (ran.run / "rig.yaml").exists()
-    assert run.protocol.experiment == "design"
+    assert run.protocol["experiment"] == "design"
     assert list(run.events["kind"]) == ["run_start", "run_stop"]
     assert (len(run.frames), run.manifest["devices"]) == (0, {})
 
@@ -202,6 +202,6 @@ def test_a_sweep_takes_the_design_of_a_run(ran: Ran, labrig: Labrig, tmp_path: P
     assert design.radius_low_mm < drawn_mm * 30 / 28.34 < design.radius_high_mm
     assert drawn_mm != 28.34
     protocol = run.protocol
-    assert protocol.experiment == "steerability"
-    assert protocol.needle.design_radius_mm == 30.0
+    assert protocol["experiment"] == "steerability"
+    assert protocol["needle"]["design_radius_mm"] == 30.0
     assert "within tolerance" in Path(done.json()["report"]).read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from labrig.record import open_run
 from labrig.record.check import check_run
+from labrig.record.reader import open_run
 from tests.cli.conftest import RIG, ROOT, SHORT_SWEEP, SWEEP
 from tests.record.faults import killed_run
 

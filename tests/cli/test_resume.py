@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
 from labrig.record.check import check_run
 from labrig.record.lock import FileLock
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, Sweep
 from tests.cli.cut_runs import cut_short
@@ -156,7 +157,7 @@ def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> No
 
 def test_an_insertion_that_cannot_be_continued_names_the_way_out(labrig: Labrig, tmp_path: Path) -> None:
     """Of a real rig the refusal says how its needle is taken out; a simulated one has none left in its gel."""
-    protocol = dump_yaml(load_protocol(ROOT / "protocols" / "insertion.yaml"))
+    protocol = dump_yaml(load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS))
     for kind in ("real", "simulated"):
         manifest = {
             "experiment": "insertion",

@@ -13,8 +13,8 @@ from labrig.devices.rig_file import (
     unknown_entries,
 )
 from labrig.errors import FileFormatError, InputError, LimitError
-from labrig.protocol.protocols import Needle, NeedleDesignSection
 from labrig.protocol.schema import schema_text
+from labrig.protocol.sections import Needle, NeedleDesignSection
 from labrig.protocol.yaml_file import dump_yaml, model_of_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.simulation.description import DesignDescription

@@ -23,12 +23,13 @@ from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.errors import MachineError, SafetyStopError, WireError
-from labrig.experiments.conduct import Outcome, conduct
-from labrig.experiments.session import Session
-from labrig.protocol.load import AnyProtocol
+from labrig.experiments.registry import find_experiment
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.session import Session
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, simulated_rig
 from tests.experiments.sessions import Told, Watched, sweep
@@ -299,7 +300,7 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
 
 
 def _conduct(
-    cell: Cell, folder: Path, protocol: AnyProtocol, description: RigDescription
+    cell: Cell, folder: Path, protocol: ExperimentProtocol, description: RigDescription
 ) -> tuple[Outcome, Run]:
     recorder = Recorder.create(
         folder,
@@ -313,7 +314,7 @@ def _conduct(
     cell.rig.operator = Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
     cell.plant.clock.on_advance(lambda: _strike_on_the_way(cell))
     try:
-        outcome = conduct(protocol, Session(cell.rig, recorder, Told()))
+        outcome = conduct(find_experiment(protocol.experiment), protocol, Session(cell.rig, recorder, Told()))
     finally:
         cell.free_disk()
     return outcome, open_run(recorder.path)

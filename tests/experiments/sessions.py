@@ -6,22 +6,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from labrig.devices.operator import Answer, Operator, OperatorRequest
-from labrig.experiments.conduct import Outcome, conduct
-from labrig.experiments.session import Session
-from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import Problem
+from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.experiment import RunPlan
+from labrig.runner.session import Session
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 ONE_INSERTION = ("insertions_per_specimen=1", "specimens=[{name: gel-10, gelatin_percent: 10}]")
 
 
-def sweep(*overrides: str) -> AnyProtocol:
+def sweep(*overrides: str) -> ExperimentProtocol:
     """Return the sweep of one insertion into one gel."""
-    return load_protocol(PROTOCOLS / "steerability.yaml", [*ONE_INSERTION, *overrides])
+    return load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, [*ONE_INSERTION, *overrides])
 
 
 @dataclass
@@ -69,14 +73,14 @@ class Bench:
         """The session of a run."""
         return Session(self.opened.rig, self.recorder, self.told)
 
-    def conduct(self, protocol: AnyProtocol) -> tuple[Outcome, Run]:
+    def conduct(self, protocol: ExperimentProtocol) -> tuple[Outcome, Run]:
         """Conduct a run and open its record."""
-        outcome = conduct(protocol, self.session)
+        outcome = conduct(find_experiment(protocol.experiment), protocol, self.session)
         return outcome, open_run(self.recorder.path)
 
 
 @contextmanager
-def bench(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
+def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
     """Open a simulated rig and a record."""
     description = simulated_rig(*overrides)
     with opened_rig(description) as opened:
@@ -95,3 +99,13 @@ def bench(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) 
             description.calibration_files(),
         )
         yield Bench(opened, recorder, Told())
+
+
+def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
+    """Return what the experiment of a protocol plans on a rig."""
+    return find_experiment(protocol.experiment).plan(protocol, rig)
+
+
+def find_problems(protocol: ExperimentProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
+    """Return what rules a protocol out on a rig."""
+    return plan_of(protocol, rig).problems

@@ -6,24 +6,25 @@ import pytest
 
 from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.errors import FileFormatError
-from labrig.experiments.plan import find_problems, foreseen_refusal
-from labrig.protocol.insertion import InsertionProtocol
-from labrig.protocol.load import AnyProtocol, load_protocol
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from tests.devices.rigs import load_rig, simulated_rig
-from tests.experiments.sessions import PROTOCOLS
+from tests.experiments.sessions import PROTOCOLS, find_problems, plan_of
 
 SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 
 
-def insertion(*overrides: str) -> AnyProtocol:
+def insertion(*overrides: str) -> ExperimentProtocol:
     """Return the example with some values changed."""
-    return load_protocol(PROTOCOLS / "insertion.yaml", overrides)
+    return load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, overrides)
 
 
 def test_the_example_suits_the_simulated_rig() -> None:
     """Nothing of it is refused, and a path leads to its target."""
     assert find_problems(insertion(), simulated_rig()) == ()
-    assert foreseen_refusal(insertion(), simulated_rig()) is None
+    assert plan_of(insertion(), simulated_rig()).refusal is None
 
 
 @pytest.mark.parametrize(
@@ -93,7 +94,7 @@ def test_a_target_named_by_its_pixel_is_aimed_at() -> None:
 
 def test_a_target_without_a_path_is_told_by_the_check() -> None:
     """The planner's reason stands beside the target's key."""
-    refusal = foreseen_refusal(insertion("target.position_mm=[0,25,12]"), simulated_rig())
+    refusal = plan_of(insertion("target.position_mm=[0,25,12]"), simulated_rig()).refusal
     assert refusal is not None
     assert refusal.where == "target"
     assert "turning circles" in refusal.message

@@ -7,18 +7,21 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult, InsertionResult, RollZeroResult
+from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
-from labrig.experiments.conduct import Outcome
-from labrig.protocol.load import AnyProtocol, load_protocol
-from labrig.record import open_run
-from labrig.record.reader import Run
-from labrig.report.page import write_report
+from labrig.experiments.insertion.result import InsertionResult
+from labrig.experiments.registry import PROTOCOL_MODELS, experiment_of
+from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.reader import Run, open_run
+from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
 from tests.experiments.test_insertion import EVEN, certified, insertion
+from tests.pages import write_page
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
@@ -32,7 +35,9 @@ def nearer(opened: Bench, part: float) -> None:
     world.description = world.description.model_copy(update={"lens": moved})
 
 
-def conducted(opened: Bench, protocol: AnyProtocol, bump: float, when: type[object]) -> tuple[Outcome, Run]:
+def conducted(
+    opened: Bench, protocol: ExperimentProtocol, bump: float, when: type[object]
+) -> tuple[Outcome, Run]:
     """Conduct a run in which the camera comes nearer once the operator has answered a kind of request."""
     bumps = [bump]
 
@@ -47,12 +52,12 @@ def conducted(opened: Bench, protocol: AnyProtocol, bump: float, when: type[obje
 
 def analysed(run: Run) -> AnalysisResult:
     """Analyse a run."""
-    return analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+    return analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
 
 
 def page(run: Run, result: AnalysisResult) -> str:
     """Return the run's page."""
-    return write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+    return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 
 
 def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: Path) -> None:
@@ -100,9 +105,9 @@ def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
     assert not any(isinstance(one, LayGraphPaper | ClearBench) for one in watched.asked)
 
 
-def roll_zero(*overrides: str) -> AnyProtocol:
+def roll_zero(*overrides: str) -> ExperimentProtocol:
     """Return a short search for the roll zero."""
-    return load_protocol(PROTOCOLS / "roll-zero.yaml", [*STEPS, *overrides])
+    return load_protocol(PROTOCOLS / "roll-zero.yaml", PROTOCOL_MODELS, [*STEPS, *overrides])
 
 
 def events(run: Run, kind: str) -> list[dict[str, Any]]:

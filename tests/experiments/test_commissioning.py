@@ -22,7 +22,8 @@ from labrig.errors import (
     LimitError,
     SafetyStopError,
 )
-from labrig.experiments.commissioning import (
+from labrig.record.json_lines import decode_line
+from labrig.runner.commissioning import (
     check_backlash,
     check_limits,
     check_travel,
@@ -31,7 +32,6 @@ from labrig.experiments.commissioning import (
     judge_backlash,
     judge_travel,
 )
-from labrig.record.json_lines import decode_line
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
 from tests.experiments.sessions import Watched
 

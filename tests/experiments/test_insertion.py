@@ -14,11 +14,12 @@ import pytest
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
-from labrig.experiments.conduct import Outcome, conduct
-from labrig.experiments.session import Session
-from labrig.protocol.load import AnyProtocol, load_protocol
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.reader import Run, open_run
+from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.session import Session
 from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
@@ -30,13 +31,13 @@ EVEN = (
 )
 
 
-def insertion(*overrides: str) -> AnyProtocol:
+def insertion(*overrides: str) -> ExperimentProtocol:
     """Return a short insertion without obstacles, with the needle's roll zero certified before."""
-    return load_protocol(PROTOCOLS / "insertion.yaml", [*SHORT, *overrides])
+    return load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*SHORT, *overrides])
 
 
 @contextmanager
-def certified(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
+def certified(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
     """Open a rig on which a needle is mounted, the axes are referenced, and its roll zero is certified."""
     with bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
@@ -46,18 +47,20 @@ def certified(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = 
         yield opened
 
 
-def conducted(tmp_path: Path, protocol: AnyProtocol, overrides: Sequence[str] = EVEN) -> tuple[Outcome, Run]:
+def conducted(
+    tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = EVEN
+) -> tuple[Outcome, Run]:
     """Conduct an insertion."""
     with certified(tmp_path, protocol, overrides) as opened:
         return opened.conduct(protocol)
 
 
 def conduct_telling(
-    opened: Bench, protocol: AnyProtocol, then: Callable[[float, str], None]
+    opened: Bench, protocol: ExperimentProtocol, then: Callable[[float, str], None]
 ) -> tuple[Outcome, Run]:
     """Conduct an insertion and call back with each progress that it tells."""
     session = Session(opened.opened.rig, opened.recorder, then)
-    outcome = conduct(protocol, session)
+    outcome = conduct(find_experiment(protocol.experiment), protocol, session)
     return outcome, open_run(opened.recorder.path)
 
 

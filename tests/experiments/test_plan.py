@@ -2,16 +2,20 @@
 
 from pathlib import Path
 
-from labrig.experiments.plan import estimate, find_problems, planned_moves, trials_planned
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.steerability.plan import trial_moves
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from labrig.protocol.protocols import SteerabilityProtocol
+from labrig.runner.plan import estimate
 from tests.devices.rigs import BENCH, load_rig, simulated_rig
-from tests.experiments.sessions import PROTOCOLS, bench, sweep
+from tests.experiments.sessions import PROTOCOLS, bench, find_problems, plan_of, sweep
 
 
 def test_the_example_protocol_suits_the_simulated_rig() -> None:
     """Nothing of the paper's sweep is beyond the simulated rig."""
-    assert find_problems(load_protocol(PROTOCOLS / "steerability.yaml"), simulated_rig()) == ()
+    assert (
+        find_problems(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS), simulated_rig()) == ()
+    )
 
 
 def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
@@ -48,11 +52,12 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
     """Rig time and the number of pictures come out within a few percent."""
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
-    needs = estimate(protocol, simulated_rig())
+    plan = plan_of(protocol, simulated_rig())
+    needs = estimate(plan, simulated_rig())
     with bench(tmp_path, protocol) as rig:
         _, run = rig.conduct(protocol)
         took_s = rig.opened.rig.clock.now_s()
     assert len(run.frames) == needs.pictures
     assert abs(took_s - needs.duration_s) < 0.05 * needs.duration_s
-    assert trials_planned(protocol) == 1
-    assert [move.axis for move in planned_moves(protocol)] == ["linear", "insertion", "insertion", "linear"]
+    assert plan.trials == 1
+    assert [move.axis for move in trial_moves(protocol)] == ["linear", "insertion", "insertion", "linear"]

@@ -11,30 +11,33 @@ from labrig.clock import Clock
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.operator import ShiftToHole
+from labrig.devices.replayed.comparison import ReplayDifference
 from labrig.devices.replayed.opening import recorded_rig
 from labrig.devices.replayed.recording import recordings
 from labrig.errors import InputError
-from labrig.experiments.conduct import conduct, conduct_rest, conduct_without_rig
-from labrig.experiments.replay import Replay, _replay_session, replay_run
-from labrig.experiments.resumption import past_of
-from labrig.experiments.session import Session
-from labrig.protocol.load import AnyProtocol, load_protocol
-from labrig.protocol.protocols import DesignProtocol, SteerabilityProtocol
+from labrig.experiments.hinge_design.protocol import DesignProtocol
+from labrig.experiments.registry import PROTOCOL_MODELS, experiment_of, find_experiment, protocol_of
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record import open_run
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
+from labrig.runner.replay import Replay, _replay_session, _Replayed, replay_run
+from labrig.runner.session import Session
 from tests.experiments.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
 from tests.record.faults import killed_run
 
 
 def replay(run: Run) -> Replay:
     """Replay a run of which nothing has been read yet."""
-    return replay_run(open_run(run.path), Told())
+    again = open_run(run.path)
+    return replay_run(again, experiment_of(again), protocol_of(again), Told())
 
 
-def recorded(tmp_path: Path, protocol: AnyProtocol, *overrides: str) -> Run:
+def recorded(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
     """Record a run on the simulated rig."""
     with bench(tmp_path, protocol, overrides) as at:
         _, run = at.conduct(protocol)
@@ -58,7 +61,7 @@ SHORTER = {
 @pytest.mark.parametrize("name", sorted(path.stem for path in PROTOCOLS.glob("*.yaml")))
 def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name: str) -> None:
     """Every command, question, event, state, picture and CAN frame is the recorded one, times included."""
-    protocol = load_protocol(PROTOCOLS / f"{name}.yaml", SHORTER.get(name, ()))
+    protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
     run = (
         designed(tmp_path, protocol) if isinstance(protocol, DesignProtocol) else recorded(tmp_path, protocol)
     )
@@ -74,7 +77,7 @@ def designed(tmp_path: Path, protocol: DesignProtocol) -> Run:
     clock = SimulatedClock()
     manifest = {"experiment": "design", "started": clock.utc()}
     recorder = Recorder.create(tmp_path, "run", manifest, dump_yaml(protocol), None, {})
-    conduct_without_rig(protocol, recorder, clock)
+    conduct_without_rig(find_experiment("design"), recorder, clock)
     return open_run(recorder.path)
 
 
@@ -85,17 +88,14 @@ def test_nothing_is_written_by_a_replay(insertion: Run) -> None:
     assert {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()} == before
 
 
-def with_protocol(run: Run, *overrides: str) -> Run:
-    """Return a run whose procedure is told to do something else than it did."""
-    changed = open_run(run.path)
-    changed.__dict__["protocol"] = sweep(*overrides)
-    return changed
+def replay_with(run: Run, *overrides: str) -> ReplayDifference | None:
+    """Replay a run whose procedure is told to do something else than it did, and return the first difference."""
+    return replay_run(run, experiment_of(run), sweep(*overrides), Told()).first_difference
 
 
 def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run) -> None:
     """A procedure that would go 39 mm deep instead of 40 is found at the target of that move, after two pictures."""
-    found = replay_run(with_protocol(insertion, "insertion.length_mm=39"), Told())
-    difference = found.first_difference
+    difference = replay_with(insertion, "insertion.length_mm=39")
     assert difference is not None
     assert (difference.what, difference.frame, difference.trial) == ("command", 1, 0)
     assert difference.recorded.startswith("insertion: target position (0x607A:00) = ")
@@ -107,7 +107,7 @@ def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run
 
 def test_a_question_that_differs_is_named(insertion: Run) -> None:
     """Another needle is another question; nothing has moved by then."""
-    difference = replay_run(with_protocol(insertion, "needle.needle_id=N2"), Told()).first_difference
+    difference = replay_with(insertion, "needle.needle_id=N2")
     assert difference is not None
     assert (difference.what, difference.frame) == ("question", None)
     assert "N1" in difference.recorded
@@ -126,7 +126,7 @@ def test_a_procedure_that_does_more_or_less_differs(
     insertion: Run, override: str, what: str, recorded: str, now: str
 ) -> None:
     """Another insertion, a picture that is missing and one too many are found where they happen."""
-    difference = replay_run(with_protocol(insertion, override), Told()).first_difference
+    difference = replay_with(insertion, override)
     assert difference is not None
     assert (difference.what, recorded in difference.recorded, now in difference.now) == (what, True, True)
 
@@ -150,7 +150,8 @@ def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run
     def change(event: dict[str, object]) -> dict[str, object]:
         return event | {"asked_position": 41.0} if event.get("asked_position") == 40.0 else event
 
-    difference = replay_run(edited(insertion, tmp_path, change), Told()).first_difference
+    run = edited(insertion, tmp_path, change)
+    difference = replay_run(run, experiment_of(run), protocol_of(run), Told()).first_difference
     assert difference is not None
     assert (difference.recorded, difference.now) == (
         "move: asked_position = 41.0",
@@ -170,7 +171,10 @@ def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -
     """The replayed signal arrives where the recorded one did, and the axes are stopped by the same commands."""
     protocol = sweep()
     with bench(tmp_path, protocol) as at:
-        assert conduct(protocol, _signal_while_withdrawing(at)).exit_status == "aborted"
+        assert (
+            conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at)).exit_status
+            == "aborted"
+        )
     run = open_run(at.recorder.path)
     found = replay(run)
     assert (found.identical, found.bit_exact) == (True, True)
@@ -219,7 +223,9 @@ def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
                         (copy / path.relative_to(at.recorder.path)).parent.mkdir(parents=True, exist_ok=True)
                         (copy / path.relative_to(at.recorder.path)).write_bytes(path.read_bytes())
 
-        conduct(protocol, Session(at.opened.rig, at.recorder, Told(then)))
+        conduct(
+            find_experiment(protocol.experiment), protocol, Session(at.opened.rig, at.recorder, Told(then))
+        )
     run = open_run(copy)
     found = replay(run)
     assert found.identical, found.first_difference
@@ -232,13 +238,15 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
     with bench(tmp_path, protocol) as at:
-        conduct(protocol, _signal_while_withdrawing(at))
+        conduct(find_experiment(protocol.experiment), protocol, _signal_while_withdrawing(at))
     run = open_run(at.recorder.path)
     with bench(tmp_path / "again", protocol) as again:
         recorder = Recorder.reopen(run.path, "test")
         devices = open_run(again.recorder.path).manifest["devices"]
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
-        outcome = conduct_rest(protocol, Session(again.opened.rig, recorder, Told()), past_of(run))
+        experiment = experiment_of(run)
+        remainder = experiment.resume(protocol, run)
+        outcome = conduct_rest(experiment, remainder, Session(again.opened.rig, recorder, Told()))
     assert outcome.exit_status == "success"
     found = replay(run)
     assert (found.identical, found.bit_exact) == (True, True), found.first_difference
@@ -270,7 +278,7 @@ class _StampedSource:
 
 def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> None:
     """Positions are those at the exposure, between two readings; they steer the replay as they steered the run."""
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml", SHORTER["insertion"])
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, SHORTER["insertion"])
     with bench(tmp_path, protocol) as at:
         rig = at.opened.rig
         rig.camera._source = _StampedSource(rig.camera._source, rig.clock)
@@ -299,7 +307,8 @@ def test_a_record_of_real_time_is_identical_though_its_times_are_not_ours(
         frames.append(frame._replace(t_s=slower * frame.t_s + late_s))
     found = Replay()
     recording = replace(exact, can_frames=tuple(frames))
-    _replay_session(insertion, recorded_rig(insertion), recording, Told(), found)
+    replayed = _Replayed(insertion, experiment_of(insertion), protocol_of(insertion), recorded_rig(insertion))
+    _replay_session(replayed, recording, Told(), found)
     assert found.first_difference is None
     assert found.counts["states"] == len(insertion.states)
     assert not found.bit_exact

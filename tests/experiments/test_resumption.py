@@ -5,13 +5,12 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.operator import ConfirmAxesAtZero, ConfirmNeedleOut, MountNeedle, WithdrawNeedle
-from labrig.experiments.conduct import Outcome, conduct, conduct_rest
-from labrig.experiments.resumption import past_of
-from labrig.experiments.session import Session
-from labrig.protocol.protocols import SteerabilityProtocol
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.experiments.registry import find_experiment
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.conduct import Outcome, conduct, conduct_rest
+from labrig.runner.session import Session
 from tests.experiments.sessions import Bench, Told, Watched, bench, sweep
 
 
@@ -22,7 +21,9 @@ def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:
         if "withdrawing" in doing:
             at.opened.signal.name = "TERM"
 
-    outcome = conduct(protocol, Session(at.opened.rig, at.recorder, Told(then)))
+    outcome = conduct(
+        find_experiment(protocol.experiment), protocol, Session(at.opened.rig, at.recorder, Told(then))
+    )
     assert outcome.exit_status == "aborted"
     at.opened.signal.name = None
     return open_run(at.recorder.path)
@@ -30,7 +31,9 @@ def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:
 
 def _go_on(at: Bench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
     recorder = Recorder.reopen(run.path, "test")
-    outcome = conduct_rest(protocol, Session(at.opened.rig, recorder, Told()), past_of(run))
+    sweep_experiment = find_experiment(protocol.experiment)
+    remainder = sweep_experiment.resume(protocol, run)
+    outcome = conduct_rest(sweep_experiment, remainder, Session(at.opened.rig, recorder, Told()))
     return outcome, open_run(run.path)
 
 
@@ -96,7 +99,7 @@ def test_a_run_that_was_stopped_before_its_first_insertion_goes_on_from_the_star
     """Nothing had been begun: nothing is marked, and every insertion is made."""
     with bench(tmp_path, protocol) as at:
         at.opened.rig.operator = Watched(at.opened.rig.operator, declines=MountNeedle)
-        assert conduct(protocol, at.session).exit_status == "aborted"
+        assert conduct(find_experiment(protocol.experiment), protocol, at.session).exit_status == "aborted"
         at.opened.rig.operator = at.opened.plant.operator
         outcome, run = _go_on(at, protocol, open_run(at.recorder.path))
     assert outcome.exit_status == "success"

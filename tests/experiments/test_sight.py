@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from labrig.analysis.insertion_settings import insertion_settings
 from labrig.devices.rig_file import load_rig
-from labrig.experiments.aim import aim_of
-from labrig.experiments.sight import Eye, TipSeen, load_eye, look_for_tip
-from labrig.protocol.insertion import InsertionProtocol
+from labrig.experiments.insertion.aim import aim_of
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.shared.sight import Eye, TipSeen, load_eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.steering.step import start_steering
 from tests.experiments.sessions import PROTOCOLS
@@ -20,7 +21,7 @@ SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 
 def _seen(off_rad: float, misses: int) -> TipSeen:
     """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
-    protocol = load_protocol(PROTOCOLS / "insertion.yaml")
+    protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
     eye = load_eye(load_rig(SIMULATED))
     aim = aim_of(protocol, eye.plane)

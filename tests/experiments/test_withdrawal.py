@@ -16,9 +16,9 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.errors import DriveError, SafetyStopError
-from labrig.experiments.stance import Stance, stance_of
-from labrig.experiments.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
-from labrig.record import open_run
+from labrig.record.reader import open_run
+from labrig.runner.stance import Stance, stance_of
+from labrig.runner.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
 from tests.experiments.sessions import Bench, Watched, bench, sweep
 
 TURNED = (

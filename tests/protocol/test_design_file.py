@@ -6,9 +6,10 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol, parse_protocol
-from labrig.protocol.protocols import SteerabilityProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from tests.protocol.designs import sweep_with, write_design
 
@@ -17,7 +18,7 @@ LINE = "  design_file: ../designs/n2.json\n"
 
 def load_sweep(path: Path) -> SteerabilityProtocol:
     """Return the sweep in a file."""
-    protocol = load_protocol(path)
+    protocol = load_protocol(path, PROTOCOL_MODELS)
     assert isinstance(protocol, SteerabilityProtocol)
     return protocol
 
@@ -79,14 +80,16 @@ def test_what_is_recorded_needs_the_design_file_no_more(tmp_path: Path) -> None:
     file = write_design(tmp_path / "designs" / "n2.json")
     protocol = load_sweep(sweep_with(tmp_path / "protocols", LINE))
     file.unlink()
-    assert parse_protocol(dump_yaml(protocol), "written") == protocol
+    assert parse_protocol(dump_yaml(protocol), "written", PROTOCOL_MODELS) == protocol
 
 
 def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
     """--set gives a whole needle that names a design, relative to the protocol."""
     write_design(tmp_path / "designs" / "n2.json")
     path = sweep_with(tmp_path / "protocols", "  diameter_mm: 1.2\n  design_radius_mm: 30\n")
-    protocol = load_protocol(path, ["needle={needle_id: N2, design_file: ../designs/n2.json}"])
+    protocol = load_protocol(
+        path, PROTOCOL_MODELS, ["needle={needle_id: N2, design_file: ../designs/n2.json}"]
+    )
     assert isinstance(protocol, SteerabilityProtocol)
     assert protocol.needle.design_radius_mm == 45.0
 
@@ -116,7 +119,7 @@ def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines: str, said: s
     write_design(top / "designs" / "thick.json", tube=tube)
     (top / "link.json").symlink_to(write_design(tmp_path / "elsewhere.json"))
     with pytest.raises(FileFormatError, match=r"sweep\.yaml:\d+:\d+") as refused:
-        load_protocol(sweep_with(top / "protocols", lines))
+        load_protocol(sweep_with(top / "protocols", lines), PROTOCOL_MODELS)
     assert said in refused.value.message
     assert all(problem.hint for problem in refused.value.problems)
 
@@ -125,10 +128,10 @@ def test_a_text_without_a_file_names_no_design(tmp_path: Path) -> None:
     """Without a folder there is nothing that a name could be relative to."""
     text = sweep_with(tmp_path, LINE).read_text(encoding="utf-8")
     with pytest.raises(FileFormatError, match="stands in no file"):
-        parse_protocol(text, "somewhere")
+        parse_protocol(text, "somewhere", PROTOCOL_MODELS)
 
 
 def test_a_needle_without_numbers_and_without_a_design_is_refused(tmp_path: Path) -> None:
     """The two numbers are still asked for."""
     with pytest.raises(FileFormatError, match="diameter_mm is missing"):
-        load_protocol(sweep_with(tmp_path, ""))
+        load_protocol(sweep_with(tmp_path, ""), PROTOCOL_MODELS)

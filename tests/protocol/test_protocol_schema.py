@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pydantic import Field
 
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import protocol_schema
 from labrig.protocol.model import Model
 from labrig.protocol.schema import model_schema, schema_text
@@ -48,31 +49,31 @@ def every_reference(node: Any) -> Iterator[str]:
 
 def test_the_committed_schema_is_current():
     """Editors check against what the code accepts."""
-    assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema()), (
+    assert COMMITTED.read_text(encoding="utf-8") == schema_text(protocol_schema(PROTOCOL_MODELS)), (
         "the committed schema is out of date; run: labrig schema > protocols/protocol.schema.json"
     )
 
 
 def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
     """Each branch fixes `experiment` to another word, so that a file matches at most one."""
-    schema = protocol_schema()
+    schema = protocol_schema(PROTOCOL_MODELS)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
     words = [branch["properties"]["experiment"]["const"] for branch in branches]
-    assert words == ["steerability", "insertion", "roll-zero", "camera-calibration", "import", "design"]
+    assert words == ["camera-calibration", "design", "import", "insertion", "roll-zero", "steerability"]
     assert all("experiment" in branch["required"] for branch in branches)
 
 
 def test_every_reference_resolves_and_every_section_is_closed():
     """An editor can follow the schema and marks unknown keys."""
-    schema = protocol_schema()
+    schema = protocol_schema(PROTOCOL_MODELS)
     assert {reference.rsplit("/", 1)[1] for reference in every_reference(schema)} == set(schema["$defs"])
     assert all(section["additionalProperties"] is False for section in schema["$defs"].values())
 
 
 def test_every_field_is_described_with_the_unit_that_its_name_ends_with():
     """What an editor shows beside a key says what it is and in which unit."""
-    for name, field in every_property(protocol_schema()):
+    for name, field in every_property(protocol_schema(PROTOCOL_MODELS)):
         assert re.match("[A-Z].*", field.get("description", "")), name
         unit = next((unit for suffix, unit in SUFFIX_UNITS.items() if name.endswith(suffix)), "")
         assert unit in field["description"], name
@@ -80,10 +81,10 @@ def test_every_field_is_described_with_the_unit_that_its_name_ends_with():
 
 def test_the_text_of_a_schema_is_the_same_each_time_and_ends_with_a_line_break():
     """A schema can be committed and compared byte for byte."""
-    text = schema_text(protocol_schema())
-    assert text == schema_text(protocol_schema())
+    text = schema_text(protocol_schema(PROTOCOL_MODELS))
+    assert text == schema_text(protocol_schema(PROTOCOL_MODELS))
     assert text.endswith("}\n")
-    assert json.loads(text) == protocol_schema()
+    assert json.loads(text) == protocol_schema(PROTOCOL_MODELS)
 
 
 def test_any_model_has_a_schema_under_the_title_given():

@@ -10,17 +10,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from labrig.errors import FileFormatError
+from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol, GelAbove, GraphPaper
+from labrig.experiments.imported_pictures.protocol import ImportProtocol
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol, parse_protocol
-from labrig.protocol.protocols import (
-    CameraCalibrationProtocol,
-    GelAbove,
-    GraphPaper,
-    ImportProtocol,
-    SteerabilityProtocol,
-)
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-STEERABILITY = load_protocol(PROTOCOLS / "steerability.yaml")
+STEERABILITY = load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS)
 
 IMPORT = """
 experiment: import
@@ -42,7 +39,7 @@ def test_the_steerability_protocol_is_section_v_b_of_the_paper():
 
 def test_the_calibration_protocol_names_its_board():
     """Nine by six inner corners of 4 mm, sixteen views."""
-    protocol = load_protocol(PROTOCOLS / "calibration.yaml")
+    protocol = load_protocol(PROTOCOLS / "calibration.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, CameraCalibrationProtocol)
     assert (protocol.board.columns, protocol.board.rows, protocol.board.square_mm) == (9, 6, 4)
     assert protocol.views == 16
@@ -77,7 +74,7 @@ def test_a_gel_that_cannot_be_is_refused_at_its_key(gel: str, key: str):
 
 
 def _paper(text: str) -> GraphPaper:
-    protocol = parse_protocol(text, "calibration.yaml")
+    protocol = parse_protocol(text, "calibration.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, CameraCalibrationProtocol)
     return protocol.plane
 
@@ -91,7 +88,7 @@ def test_the_files_name_their_schema_on_the_first_line(name: str):
 
 def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
     """Pictures from elsewhere come with what is known about them; the rest is null, not invented."""
-    protocol = parse_protocol(IMPORT, "import.yaml")
+    protocol = parse_protocol(IMPORT, "import.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, ImportProtocol)
     assert (protocol.needle.design_radius_mm, protocol.sheath_diameter_mm, protocol.scale) == (
         None,
@@ -111,7 +108,7 @@ def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
 def test_an_import_is_held_to_the_same_rules(old: str, new: str, key: str):
     """A needle thicker than its sheath or its radius is a slip of units in an import as well."""
     with pytest.raises(FileFormatError) as caught:
-        parse_protocol(IMPORT.replace(old, new), "import.yaml")
+        parse_protocol(IMPORT.replace(old, new), "import.yaml", PROTOCOL_MODELS)
     assert [problem.where.partition(" ")[2] for problem in caught.value.problems] == [key]
 
 
@@ -151,4 +148,4 @@ def test_a_block_is_accepted_exactly_if_its_holes_and_the_last_arc_fit(
     ]
     fits = (count - 1) * spacing_mm <= width_mm - STEERABILITY.lateral_reach_mm
     with nullcontext() if fits else pytest.raises(FileFormatError, match="sideways"):
-        load_protocol(PROTOCOLS / "steerability.yaml", overrides)
+        load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS, overrides)

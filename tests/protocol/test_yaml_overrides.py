@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError, Problem
+from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
-from labrig.protocol.protocols import SteerabilityProtocol
 from labrig.protocol.yaml_file import load_yaml_model
 
 STEERABILITY = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
@@ -14,7 +15,7 @@ STEERABILITY = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 
 def steerability(*overrides: str, seed: int | None = None) -> SteerabilityProtocol:
     """Return the protocol of the checkout with overrides."""
-    protocol = load_protocol(STEERABILITY, overrides, seed)
+    protocol = load_protocol(STEERABILITY, PROTOCOL_MODELS, overrides, seed)
     assert isinstance(protocol, SteerabilityProtocol)
     return protocol
 
@@ -22,7 +23,7 @@ def steerability(*overrides: str, seed: int | None = None) -> SteerabilityProtoc
 def problem_of(*overrides: str) -> Problem:
     """Return the one problem that overrides make."""
     with pytest.raises(FileFormatError) as caught:
-        load_protocol(STEERABILITY, overrides)
+        load_protocol(STEERABILITY, PROTOCOL_MODELS, overrides)
     (problem,) = caught.value.problems
     return problem
 
@@ -91,7 +92,7 @@ def test_a_wrong_override_is_told_like_a_wrong_file(override: str, where: str, m
 def test_a_seed_out_of_range_is_told_at_its_option():
     """--seed is checked like the seed of the file."""
     with pytest.raises(FileFormatError, match="--seed seed: seed is -1, expected a whole number from 0"):
-        load_protocol(STEERABILITY, seed=-1)
+        load_protocol(STEERABILITY, PROTOCOL_MODELS, seed=-1)
 
 
 def test_problems_of_the_file_come_before_those_of_the_overrides(tmp_path: Path):

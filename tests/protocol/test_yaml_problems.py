@@ -8,6 +8,7 @@ import pytest
 from pydantic import Field
 
 from labrig.errors import FileFormatError, Problem
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
 from labrig.protocol.yaml_file import model_of_tree, model_of_values
@@ -21,7 +22,7 @@ CALIBRATION = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
 def problems_of(text: str) -> tuple[Problem, ...]:
     """Return the problems of a protocol text."""
     with pytest.raises(FileFormatError) as caught:
-        parse_protocol(text, "p.yaml")
+        parse_protocol(text, "p.yaml", PROTOCOL_MODELS)
     return caught.value.problems
 
 
@@ -129,7 +130,7 @@ def line_of(text: str, part: str) -> int:
             ": 7\n",
             "experiment",
             "is 7, expected one of",
-            "known here: steerability, insertion",
+            "known here: camera-calibration, design",
         ),
     ],
 )
@@ -220,10 +221,10 @@ def test_a_missing_experiment_is_told_with_the_choices():
     (problem,) = problems_of(changed("experiment: steerability\n", ""))
     assert (
         problem.message
-        == "experiment is missing, expected one of steerability, insertion, roll-zero, camera-calibration, "
-        "import, design"
+        == "experiment is missing, expected one of camera-calibration, design, import, insertion, roll-zero, "
+        "steerability"
     )
-    assert problem.hint == "add a line `experiment: steerability`"
+    assert problem.hint == "add a line `experiment: camera-calibration`"
 
 
 @pytest.mark.parametrize(
@@ -265,7 +266,7 @@ def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest
     path = tmp_path / "my protocol.yaml"
     path.write_text(changed("seed: 20260", "seed: -1"), encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"my protocol\.yaml:18:7 seed: seed is -1"):
-        load_protocol(path)
+        load_protocol(path, PROTOCOL_MODELS)
     assert capsys.readouterr() == ("", "")
 
 

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labrig.experiments.imported_pictures.protocol import ImportedNeedle, ImportProtocol
+from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Model
-from labrig.protocol.protocols import AnalysisWindow, ImportedNeedle, ImportProtocol, Scale
+from labrig.protocol.sections import AnalysisWindow, Scale
 from labrig.protocol.yaml_file import dump_yaml, model_of_tree
 from labrig.protocol.yaml_text import read_tree
 
@@ -37,13 +39,13 @@ class Mixed(Model):
 @pytest.mark.parametrize("name", ["steerability.yaml", "calibration.yaml"])
 def test_the_protocols_in_the_checkout_survive_being_written(name: str):
     """What the record keeps of a protocol means the same as the file it came from."""
-    protocol = load_protocol(PROTOCOLS / name)
-    assert parse_protocol(dump_yaml(protocol), "written") == protocol
+    protocol = load_protocol(PROTOCOLS / name, PROTOCOL_MODELS)
+    assert parse_protocol(dump_yaml(protocol), "written", PROTOCOL_MODELS) == protocol
 
 
 def test_defaults_are_written_out():
     """A record does not depend on the defaults of the code that reads it."""
-    assert "bevel_roll_rad: 0.0" in dump_yaml(load_protocol(PROTOCOLS / "steerability.yaml"))
+    assert "bevel_roll_rad: 0.0" in dump_yaml(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS))
 
 
 @given(
@@ -71,7 +73,7 @@ def test_any_import_protocol_survives_being_written(
             max_radius_sigma_mm=window_mm,
         ),
     )
-    assert parse_protocol(dump_yaml(protocol), "written") == protocol
+    assert parse_protocol(dump_yaml(protocol), "written", PROTOCOL_MODELS) == protocol
 
 
 any_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=40)

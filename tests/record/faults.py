@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 
 from labrig.errors import LabrigError
-from labrig.record import open_run
 from labrig.record.check import check_run
 from labrig.record.pictures import Store
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from tests.record.runs import ENDED, begin, fill
 
 CAN_FRAMES = [(0.0, 0x601, bytes([0x40, 0x41, 0x60, 0, 0, 0, 0, 0]), "T"), (0.001, 0x581, bytes(8), "R")]

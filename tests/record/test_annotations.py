@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import InputError, LockedError, RecordError
-from labrig.record import open_run
 from labrig.record.annotations import Annotations, judge_run, note_on_run, read_annotations, tag_run
 from labrig.record.lock import FileLock
+from labrig.record.reader import open_run
 from tests.record.runs import ENDED, closed_run, interrupted_run
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import InputError
-from labrig.record import open_run
 from labrig.record.annotations import note_on_run, tag_run
 from labrig.record.catalogue import RunSummary, find_runs, list_runs
 from labrig.record.json_lines import encode_document
+from labrig.record.reader import open_run
 from tests.record.runs import ENDED, STARTED, begin, closed_run, fill, interrupted_run
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import LockedError, RecordError
-from labrig.record import open_run
 from labrig.record.check import Verdict, check_run
 from labrig.record.json_lines import decode_line, encode_line
 from labrig.record.lock import FileLock
 from labrig.record.pictures import Store
+from labrig.record.reader import open_run
 from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, told, values

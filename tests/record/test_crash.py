@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.record import open_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from tests.record.runs import picture
 
 ROOT = Path(__file__).parents[2]

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import RecordError
-from labrig.record import open_run
 from labrig.record.difference import Difference, compare_runs
 from labrig.record.json_lines import encode_document
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, closed_run
 

@@ -7,8 +7,8 @@ from typing import ClassVar
 import pytest
 
 from labrig.errors import Fault, RecordError
-from labrig.record import open_run
 from labrig.record.events import Event, RunStop, TrialStart, TrialStop
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.record.runs import begin, closed_run
 

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import CurvatureResult, load_result
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
+from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.catalogue import list_runs
 from labrig.record.check import check_run
 from labrig.record.difference import compare_runs
-from labrig.report.page import write_report
+from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.pages import write_page
 
 ROOT = Path(__file__).parents[2]
 FIRST = ROOT / "data" / "first-record"
@@ -40,7 +41,7 @@ def test_it_opens_whole(copy: Path) -> None:
 
 def test_its_first_result_reads_as_it_was_written(copy: Path) -> None:
     """The radius that the first labrig measured, with its interval."""
-    result = load_result(open_run(copy))
+    result = result_of(open_run(copy))
     assert result is not None
     assert isinstance(result.content, CurvatureResult)
     (specimen,) = result.content.specimens
@@ -49,7 +50,9 @@ def test_its_first_result_reads_as_it_was_written(copy: Path) -> None:
 
 def test_it_is_measured_again(copy: Path) -> None:
     """Today's analysis measures its final picture to a tenth of a millimetre of what was drawn."""
-    result = analyze_run(open_run(copy), workers=1, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(
+        open_run(copy), experiment_of(open_run(copy)), workers=1, created=NOW, provenance=PROVENANCE
+    )
     assert isinstance(result.content, CurvatureResult)
     assert result.content.parent == 1
     assert result.content.mean_radius_mm == pytest.approx(27.771, abs=0.1)
@@ -58,7 +61,7 @@ def test_it_is_measured_again(copy: Path) -> None:
 def test_its_report_is_written(copy: Path) -> None:
     """A page is made from it, with the radius."""
     run = open_run(copy)
-    assert "27.7" in write_report(run, load_result(run), NOW).read_text(encoding="utf-8")
+    assert "27.7" in write_page(run, result_of(run), NOW).read_text(encoding="utf-8")
 
 
 def test_it_is_listed_and_compared(copy: Path) -> None:

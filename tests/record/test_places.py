@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
-from labrig.record import open_run
 from labrig.record.places import as_url, is_url, output_folder, require_local
+from labrig.record.reader import open_run
 from tests.record.runs import closed_run, picture
 
 STORE = "memory://lab/runs/one"

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from labrig.errors import RecordError
-from labrig.record import open_run
 from labrig.record.check import check_run
 from labrig.record.json_lines import encode_line
+from labrig.record.reader import open_run
 from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, begin, closed_run, interrupted_run, picture

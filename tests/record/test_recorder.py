@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
-from labrig.record import open_run
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, begin, closed_run, fill, interrupted_run, picture
 

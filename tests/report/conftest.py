@@ -7,10 +7,10 @@ import pytest
 
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
-from labrig.record.reader import Run
-from labrig.report.page import write_report
+from labrig.experiments.registry import experiment_of
+from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
+from tests.pages import write_page
 
 HOSTILE = "<script>alert('x')</script> --> $x$ & \"gel\""
 
@@ -26,9 +26,13 @@ class Page:
 
 def make_page(run: Run, *, analysed: bool = True) -> Page:
     """Analyse a run, unless told not to, and write its page."""
-    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE) if analysed else None
+    result = (
+        analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+        if analysed
+        else None
+    )
     again = open_run(run.path)
-    return Page(again, result, write_report(again, result, NOW).read_text(encoding="utf-8"))
+    return Page(again, result, write_page(again, result, NOW).read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="session")

@@ -2,9 +2,9 @@
 
 import pytest
 
+from labrig.experiments.hinge_design.figure import hinge_figure
 from labrig.needle.equations import EQUATION_3
 from labrig.needle.study import Cell
-from labrig.report.design_figure import hinge_figure
 
 CELLS = tuple(
     Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)

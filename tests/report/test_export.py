@@ -9,10 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from labrig.analysis.result import load_result
-from labrig.record import open_run
 from labrig.record.annotations import judge_run, note_on_run, tag_run
-from labrig.record.reader import Run
+from labrig.record.reader import Run, open_run
 from labrig.record.tables import with_numbers_apart
 from labrig.report.export import FORMATS
 from labrig.report.tables import run_tables
@@ -32,7 +30,7 @@ def run() -> Run:
 @pytest.fixture(scope="module")
 def tables(run: Run) -> dict[str, pd.DataFrame]:
     """Its tables."""
-    return run_tables(run, load_result(run))
+    return run_tables(run, run.latest_result())
 
 
 def test_every_table_has_units_in_its_names(tables: dict[str, pd.DataFrame]) -> None:
@@ -83,7 +81,7 @@ def test_parquet_keeps_numbers_and_kinds(run: Run, tables: dict[str, pd.DataFram
 def test_the_matlab_example_runs(experiment: str, run: Run, tmp_path: Path) -> None:
     """data/read_run.m, in plain MATLAB, reads an exported sweep and an insertion; its figures alone are left out."""
     if experiment == "sweep":
-        tables = run_tables(run, load_result(run))
+        tables = run_tables(run, run.latest_result())
         expected = ["first-record: steerability, success", "13 %: mean radius 27.773 mm, SD 0.000 mm, n = 1"]
     else:
         tables = _insertion_tables()
@@ -109,7 +107,7 @@ def _octave(command: str, folder: Path) -> str:
 def _insertion_tables() -> dict[str, pd.DataFrame]:
     insertion = recorded()
     analysed(insertion)
-    return run_tables(insertion, load_result(insertion))
+    return run_tables(insertion, insertion.latest_result())
 
 
 def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:

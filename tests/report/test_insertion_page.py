@@ -4,20 +4,23 @@ import re
 
 import pytest
 
+from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
-from labrig.report.page import write_report
+from labrig.experiments.registry import experiment_of, view_of
+from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
+from labrig.report.view import NO_VIEW
 from tests.analysis.insertions import recorded
 from tests.analysis.synthetic import NOW, PROVENANCE
+from tests.pages import write_page
 
 
 @pytest.fixture(scope="module")
 def html() -> str:
     """The page of an insertion past one obstacle."""
     run = recorded()
-    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
-    return write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8")
+    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 
 
 def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
@@ -67,9 +70,9 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
 def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion holds more than its pictures: paths, plans and the estimate's curves."""
     run = recorded()
-    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
-    assert b"/estimate" not in write_view(run, None).read_bytes()
-    assert b"/estimate" in write_view(run, result).read_bytes()
+    analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW).read_bytes()
+    assert b"/estimate" in write_view(run, NO_LINES, view_of(run)).read_bytes()
 
 
 def test_what_a_person_wrote_stays_text(html: str) -> None:

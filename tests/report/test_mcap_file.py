@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from mcap.reader import make_reader
 
-from labrig.record import open_run
+from labrig.record.reader import open_run
 from labrig.report.mcap_file import MCAP_FILE, write_mcap
 
 FIRST = Path(__file__).parents[2] / "data" / "first-record"

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.run import analyze_run
-from labrig.record import open_run
+from labrig.experiments.registry import experiment_of
 from labrig.record.annotations import judge_run, note_on_run, tag_run
-from labrig.report.page import write_report
+from labrig.record.reader import open_run
 from tests.analysis.synthetic import (
     NOW,
     PROVENANCE,
@@ -19,6 +19,7 @@ from tests.analysis.synthetic import (
     record_import,
     record_sweep,
 )
+from tests.pages import write_page
 from tests.report.conftest import HOSTILE, Page, make_page
 
 VOID = {"meta", "br", "wbr", "img", "link", "input", "hr"}
@@ -107,14 +108,14 @@ def test_what_people_say_afterwards_is_on_the_page(folder: Path) -> None:
     note_on_run(run.path, "gel 3", revises=None, by="Chen", at=NOW)
     note_on_run(run.path, HOSTILE, revises=1, by="Yang", at=NOW)
     judge_run(run.path, "doubtful", "cloudy", by="Chen", at=NOW)
-    page = write_report(open_run(run.path), None, NOW).read_text(encoding="utf-8")
+    page = write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8")
     words = _words(page)
     assert "Verdict doubtful: cloudy Tags pilot Note 1, Yang, " in words
     assert HOSTILE in _read(page).text
     assert "<script" not in page
     assert "gel 3" not in words
     (run.path / "notes.jsonl").write_text("not a line\n")
-    assert "notes.jsonl" in _words(write_report(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
+    assert "notes.jsonl" in _words(write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
 
 
 def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: Page) -> None:
@@ -168,7 +169,7 @@ def test_provenance_names_code_settings_and_hashes(page: Page) -> None:
 
 def test_the_same_run_gives_the_same_page(page: Page) -> None:
     """Written twice from the same result, the page is the same, byte for byte."""
-    assert write_report(page.run, page.result, NOW).read_text(encoding="utf-8") == page.html
+    assert write_page(page.run, page.result, NOW).read_text(encoding="utf-8") == page.html
 
 
 @pytest.mark.parametrize(
@@ -255,10 +256,10 @@ def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:
     file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
     content = file.read_bytes()
     file.write_bytes(content[:-1])
-    result = analyze_run(run, workers=1, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
     file.write_bytes(content)
     head = _words(
-        write_report(open_run(run.path), result, NOW).read_text(encoding="utf-8").split("</header>")[0]
+        write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8").split("</header>")[0]
     )
     assert "The record was damaged when this was measured." in head
     assert f"frames/{file.name}: {file.name} is damaged: its SHA-256 does not fit" in head

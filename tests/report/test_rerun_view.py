@@ -4,19 +4,27 @@ from pathlib import Path
 
 import pytest
 
+from labrig.analysis.result import NO_LINES, CentreLines, load_centre_lines
 from labrig.errors import RecordError
 from labrig.report.rerun_view import write_view
+from labrig.report.view import NO_VIEW
 from tests.analysis.synthetic import record_sweep
 from tests.report.conftest import Page
 
 
+def _lines(page: Page) -> CentreLines:
+    """Return the shafts that were found."""
+    assert page.result is not None
+    return load_centre_lines(page.result.path)
+
+
 def test_the_view_is_made_with_and_without_a_result(page: Page, folder: Path) -> None:
     """A view holds the pictures either way, is replaced when made again, and leaves nothing half-written."""
-    with_lines = write_view(page.run, page.result)
+    with_lines = write_view(page.run, _lines(page), NO_VIEW)
     assert with_lines == page.run.path / "view.rrd"
     assert with_lines.stat().st_size > 50_000
-    assert write_view(page.run, page.result) == with_lines
-    assert write_view(record_sweep(folder), None).stat().st_size > 50_000
+    assert write_view(page.run, _lines(page), NO_VIEW) == with_lines
+    assert write_view(record_sweep(folder), NO_LINES, NO_VIEW).stat().st_size > 50_000
     assert list(page.run.path.glob(".view*")) == []
 
 
@@ -25,5 +33,5 @@ def test_a_damaged_picture_leaves_no_view(folder: Path) -> None:
     run = record_sweep(folder)
     (run.path / "frames" / "000000.png").write_bytes(b"no picture")
     with pytest.raises(RecordError, match=r"000000\.png"):
-        write_view(run, None)
+        write_view(run, NO_LINES, NO_VIEW)
     assert list(run.path.glob("*view.rrd*")) == []

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import RollZeroResult
-from labrig.report.roll_zero_page import roll_zero_page
+from labrig.analysis.result import AnalysisResult
+from labrig.experiments.registry import protocol_of
+from labrig.experiments.roll_zero.page import make_page as roll_zero_page
+from labrig.experiments.roll_zero.protocol import RollZeroProtocol
+from labrig.experiments.roll_zero.result import RollZeroResult
 from tests.analysis.synthetic import record_roll_zero
 from tests.report.conftest import Page, make_page
 
@@ -52,4 +55,7 @@ def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
     assert first.result is not None
     shown = first.result.content.model_copy(update={"offset_mm": None})
     assert isinstance(shown, RollZeroResult)
-    assert "fitted cosine" not in roll_zero_page(first.run, shown, "analysis/001")["figure"]
+    protocol = protocol_of(first.run)
+    assert isinstance(protocol, RollZeroProtocol)
+    page = roll_zero_page(first.run, protocol, AnalysisResult(first.result.path, shown))
+    assert "fitted cosine" not in page.shown["figure"]

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from labrig.errors import InputError
-from labrig.steering import estimate_tip_poses
-from labrig.steering.estimator import start_tip, step_tip
+from labrig.steering.estimator import estimate_tip_poses, start_tip, step_tip
 from labrig.steering.tip import TipObservation, TipState
 from tests.steering.insertions import (
     PROCESS_SD_RAD,

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import path_points
-from labrig.steering import plan_path
 from labrig.steering.clearance import arc_distances, path_distances
-from labrig.steering.planner import sample_path
+from labrig.steering.planner import plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem
 from tests.benchmarks.oracle import integrated_path
 from tests.benchmarks.planner import oracle

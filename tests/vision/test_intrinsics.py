@@ -11,12 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision import calibrate_intrinsics
 from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board, find_board_corners
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import read_picture
 from labrig.vision.projection import projection_sigma_px
-from labrig.vision.zhang import calibrate_from_pictures
+from labrig.vision.zhang import calibrate_from_pictures, calibrate_intrinsics
 
 PHOTOGRAPHS = Path(__file__).parents[2].parent / "shared" / "data" / "opencv_chess"
 ZHANG = Path(__file__).parents[2].parent / "shared" / "data" / "zhang"

@@ -1,0 +1,29 @@
+"""What a terminal shows of a result: sentences and tables, and the values that are compared old beside new."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table for a terminal: its heads, and rows of as many cells."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[object, ...], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A result in a few lines, and the values of it that count when it is compared with another one."""
+
+    lines: tuple[str | TextTable, ...]
+    values: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class ResultComparison:
+    """What a reanalysis changed beside the numbers: sentences for a terminal, members for JSON."""
+
+    lines: tuple[str, ...] = ()
+    document: Mapping[str, Any] = field(default_factory=dict)

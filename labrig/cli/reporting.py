@@ -1,0 +1,28 @@
+"""Writing the page of a run from its newest result, or from the one that was just made."""
+
+from pathlib import Path
+
+from labrig.analysis.result import AnyResult
+from labrig.devices.clocks import SystemClock
+from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.record.reader import Run
+from labrig.report.page import write_report
+
+
+def write_page(run: Run, result: AnyResult | None) -> Path:
+    """Write `RUN/report.html` and return its path.
+
+    Raises
+    ------
+    InputError
+        When the experiment of the run is not installed.
+    RecordError
+        When the record or the result is damaged so that nothing can be shown.
+    DiskError
+        When the page cannot be written.
+    """
+    experiment = experiment_of(run)
+    page = experiment.page(run, protocol_of(run), result)
+    return write_report(
+        run, page, result, SystemClock().utc(), kind=experiment.title, can_resume=experiment.can_resume
+    )

@@ -1,0 +1,15 @@
+"""camera_calibration: the lens by a chessboard (Zhang 1999), the steering plane by graph paper."""
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+EXPERIMENT = ExperimentDeclaration(
+    name="camera-calibration",
+    title="Camera calibration",
+    protocol="labrig.experiments.camera_calibration.protocol:CameraCalibrationProtocol",
+    result="labrig.experiments.camera_calibration.result:CalibrationResult",
+    plan="labrig.experiments.camera_calibration.plan:plan",
+    procedure="labrig.experiments.camera_calibration.procedure:run",
+    analyze="labrig.experiments.camera_calibration.analysis:analyze",
+    page="labrig.experiments.camera_calibration.page:make_page",
+    summary="labrig.experiments.camera_calibration.summary:summarise",
+)

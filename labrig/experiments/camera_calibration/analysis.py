@@ -1,0 +1,133 @@
+"""The camera's lens and the steering plane, from the pictures of a camera calibration run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from labrig.analysis.experiment import AnalysisRequest
+from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
+from labrig.analysis.pictures import Progress
+from labrig.analysis.result import Findings, Point
+from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
+from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.record.reader import Run
+from labrig.vision.boards import find_board_corners
+from labrig.vision.calibration_file import save_intrinsics, save_plane
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.plane_calibration import calibrate_plane
+from labrig.vision.refraction import Gel
+from labrig.vision.zhang import calibrate_from_pictures
+
+Named = tuple[str, Picture]
+
+
+@dataclass(frozen=True)
+class _Pictures:
+    """What the run has: photographs of the board and of the graph paper, and which are damaged and how."""
+
+    boards: tuple[Named, ...]
+    papers: tuple[Named, ...]
+    damaged: Mapping[str, str]
+
+
+def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequest) -> Findings:
+    """Calibrate the lens from the photographs of the board, then the plane from that of the graph paper.
+
+    What was found is saved as `intrinsics.json` and `plane.json`; a refused one says so itself.
+    """
+    pictures = _read(run, request.progress)
+    lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
+    plane, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
+    stamp = request.stamp
+    content = CalibrationResult(
+        **stamp.fields(
+            {"board": protocol.board.model_dump(), "plane": protocol.plane.model_dump()}, pictures.damaged
+        ),
+        accepted=_is_accepted(lens) and _is_accepted(plane),
+        reasons=(*pictures.damaged.values(), *lens_reasons, *plane_reasons),
+        intrinsics=None if lens is None else lens.to_json(),
+        plane=None if plane is None else plane.to_json(),
+        corners=_corners(pictures.boards, lens, protocol),
+    )
+    made_from = {"run": run.path.name, "created": stamp.created, "inputs": dict(stamp.inputs)}
+    return Findings(content, partial(_save, lens, plane, {**stamp.provenance, **made_from}))
+
+
+def _save(
+    lens: Intrinsics | None, plane: PlaneMap | None, provenance: Mapping[str, Any], folder: Path
+) -> None:
+    if lens is not None:
+        save_intrinsics(folder / INTRINSICS_FILE, lens, dict(provenance))
+    if plane is not None:
+        save_plane(folder / PLANE_FILE, plane, dict(provenance))
+
+
+def _read(run: Run, progress: Progress | None) -> _Pictures:
+    """Read the pictures; one that is missing or was changed is named and left out."""
+    found: dict[str, list[Named]] = {"board": [], "graph-paper": []}
+    damaged: dict[str, str] = {}
+    lines = run.frame_table.to_dict("records")
+    for number, line in enumerate(lines, start=1):
+        try:
+            found.get(line["role"], []).append((line["file"], run.read_frame(int(line["frame"]))))
+        except RecordError as error:
+            # Where the run lies on this computer is no part of a result.
+            damaged[line["file"]] = error.message.replace(f"{run.path}/", "")
+        if progress is not None:
+            progress(number, len(lines))
+    return _Pictures(tuple(found["board"]), tuple(found["graph-paper"]), damaged)
+
+
+def _calibrate_lens(
+    boards: Sequence[Named], protocol: CameraCalibrationProtocol
+) -> tuple[Intrinsics | None, tuple[str, ...]]:
+    if not boards:
+        return None, ("no picture of the board was recorded",)
+    board = protocol.board
+    try:
+        found = calibrate_from_pictures(boards, board.columns, board.rows, board.square_mm)
+    except (CalibrationRefusedError, PictureError) as refusal:
+        return None, (refusal.message,)
+    return found, found.reasons
+
+
+def _calibrate_plane(
+    papers: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
+) -> tuple[PlaneMap | None, tuple[str, ...]]:
+    if lens is None:
+        return None, ("the plane was not calibrated, because the lens was not",)
+    if not papers:
+        return None, ("no picture of the graph paper was recorded",)
+    plane = protocol.plane
+    gel = None if plane.gel is None else Gel(plane.gel.index, plane.gel.depth_mm, plane.gel.paper_at)
+    try:
+        found = calibrate_plane(
+            papers[-1][1], lens, plane.pitch_mm, plane.origin_px, plane.insertion, gel=gel
+        )
+    except (CalibrationRefusedError, MeasurementRefusedError, PictureError) as refusal:
+        return None, (refusal.message,)
+    return found, found.reasons
+
+
+def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:
+    return found is not None and found.accepted
+
+
+def _corners(
+    boards: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
+) -> dict[str, tuple[Point, ...]]:
+    used = {view.image for view in lens.views if view.used} if lens is not None else set()
+    return {
+        name: tuple(map(_rounded, find_board_corners(image, protocol.board.columns, protocol.board.rows)))
+        for name, image in boards
+        if name in used
+    }
+
+
+def _rounded(pixel: Any) -> Point:
+    return round(float(pixel[0]), 2), round(float(pixel[1]), 2)

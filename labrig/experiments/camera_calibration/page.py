@@ -1,0 +1,74 @@
+"""What the page of a camera calibration run shows."""
+
+from pathlib import Path
+
+import numpy as np
+
+from labrig.analysis.result import AnalysisResult, AnyResult
+from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
+from labrig.experiments.camera_calibration.result import CalibrationResult
+from labrig.record.reader import Run
+from labrig.report.figures import coverage_figure, residual_figure
+from labrig.report.page import Page
+from labrig.report.pictures import PLATE, data_uri, jpeg
+
+TEMPLATE = Path(__file__).with_name("page.html.jinja")
+
+
+def make_page(
+    run: Run, protocol: CameraCalibrationProtocol, result: AnalysisResult[CalibrationResult] | None
+) -> Page:
+    """Return the page of a calibration: what was found, how well the board covered the picture, and the paper."""
+    board = protocol.board
+    facts = (
+        ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
+        ("Graph paper", f"{protocol.plane.pitch_mm:g} mm"),
+    )
+    if result is None:
+        return Page(facts)
+    return Page(facts, TEMPLATE, _verdict(result.content), shown=_shown(run, result, result.content))
+
+
+def _shown(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str, object]:
+    lens = content.intrinsics
+    corners = {name: np.asarray(pixels) for name, pixels in content.corners.items()}
+    used = [] if lens is None else [view for view in lens["views"] if view["used"]]
+    return {
+        "content": content,
+        "folder": f"analysis/{result.path.name}",
+        "files": sorted(file.name for file in result.path.glob("*.json")),
+        "coverage": None if lens is None else coverage_figure(corners, tuple(lens["image_size"]), "coverage"),
+        "residuals": None
+        if lens is None or not used
+        else residual_figure(
+            [(_short(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
+        ),
+        "paper": _paper_picture(run),
+    }
+
+
+def _verdict(content: CalibrationResult) -> list[str]:
+    """Return the page in a sentence or two."""
+    lens, plane = content.intrinsics, content.plane
+    if lens is None or plane is None:
+        return ["The camera could not be calibrated.", *content.reasons]
+    used = sum(view["used"] for view in lens["views"])
+    word = "Accepted" if content.accepted else "Refused"
+    sentence = (
+        f"{word}: {used} photographs of the board, fx {lens['fx']:.2f} px; "
+        f"graph paper maps to mm within {plane['rms_mm']:.3f} mm rms."
+    )
+    return [sentence, *content.reasons]
+
+
+def _short(image: str) -> str:
+    """Return the number of a picture from its file name."""
+    return image.rpartition("/")[2].partition(".")[0].lstrip("0") or "0"
+
+
+def _paper_picture(run: Run) -> str | None:
+    frames = run.frame_table
+    papers = frames.loc[frames["role"] == "graph-paper", "frame"]
+    if papers.empty:
+        return None
+    return data_uri(jpeg(run.read_frame(int(papers.iloc[-1])), PLATE), "image/jpeg")

@@ -1,0 +1,18 @@
+"""The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
+
+from labrig.devices.operator import ClearBench, HoldBoard, LayGraphPaper
+from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
+from labrig.runner.session import Session
+
+
+def run(protocol: CameraCalibrationProtocol, session: Session) -> None:
+    """Take every picture through the rig's camera; no axis moves."""
+    board = protocol.board
+    for view in range(protocol.views):
+        session.progress(float(view), f"board, view {view + 1} of {protocol.views}")
+        session.ask(HoldBoard(view, protocol.views, board.columns, board.rows, board.square_mm))
+        session.look("board")
+    session.ask(LayGraphPaper(protocol.plane.pitch_mm))
+    session.look("graph-paper")
+    session.ask(ClearBench("the graph paper"))
+    session.progress(float(protocol.views + 1), "graph paper done")

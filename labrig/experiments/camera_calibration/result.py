@@ -1,0 +1,21 @@
+"""What a camera calibration found."""
+
+from typing import Any, Literal
+
+from labrig.analysis.result import Point, Result
+
+
+class CalibrationResult(Result):
+    """Of camera calibration runs; `intrinsics` and `plane` are what was found, None where nothing was.
+
+    `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
+    coverage.
+    """
+
+    kind: Literal["calibration"] = "calibration"
+    accepted: bool
+    reasons: tuple[str, ...]
+    intrinsics: dict[str, Any] | None
+    plane: dict[str, Any] | None
+
+    corners: dict[str, tuple[Point, ...]]

@@ -1,0 +1,84 @@
+"""The small object that an entry point of the group `labrig.experiments` names."""
+
+import re
+from dataclasses import dataclass, fields
+
+from labrig.errors import InputError
+from labrig.plugins import INTERFACE
+
+_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+
+
+@dataclass(frozen=True)
+class ExperimentDeclaration:
+    """An experiment's name, title, and where its parts stand: `package.module:name` each.
+
+    Attributes
+    ----------
+    name : str
+        What a protocol file has behind `experiment:`; the entry point has the same.
+    title : str
+        What it is called in a report.
+    protocol, result : str
+        Its models: a subclass of `labrig.protocol.ExperimentProtocol` and one of `labrig.analysis.Result`.
+    plan : str
+        `plan(protocol, rig) -> RunPlan`.
+    procedure : str or None
+        `run(protocol, session) -> None`; None for an experiment that moves no rig.
+    analyze : str
+        `analyze(run, protocol, request) -> Findings`, or a generator that asks for pictures to be measured.
+    page : str
+        `page(run, protocol, result) -> Page`.
+    summary : str
+        `summarise(document) -> Summary`.
+    resume : str or None
+        `resume(protocol, run) -> Remainder`; None where an interrupted run is not continued.
+    view : str or None
+        `view(run, result) -> View`; None where the record alone is shown.
+    compare : str or None
+        `compare(old, new) -> ResultComparison`; None where numbers are all that a reanalysis can change.
+    reanalysis_keys : tuple of str
+        Sections of the protocol that a reanalysis may change.
+    puts_needle_in_tissue : bool
+        Whether a needle may be in tissue where a run of it was cut short.
+    counts : str
+        What its analysis counts while it goes on: pictures, hinges.
+    interface : int
+        Version of the interface that it is written for.
+
+    Raises
+    ------
+    InputError
+        When a part is not written as `package.module:name`.
+    """
+
+    name: str
+    title: str
+    protocol: str
+    result: str
+    plan: str
+    procedure: str | None
+    analyze: str
+    page: str
+    summary: str
+    resume: str | None = None
+    view: str | None = None
+    compare: str | None = None
+    reanalysis_keys: tuple[str, ...] = ()
+    puts_needle_in_tissue: bool = False
+    counts: str = "pictures"
+    interface: int = INTERFACE
+
+    def __post_init__(self) -> None:
+        """Refuse a part that is written in another way."""
+        optional = {"procedure", "resume", "view", "compare"}
+        parts = {"protocol", "result", "plan", "analyze", "page", "summary"} | optional
+        for field in fields(self):
+            part = getattr(self, field.name)
+            if field.name not in parts or (part is None and field.name in optional):
+                continue
+            if not isinstance(part, str) or not _PART.fullmatch(part):
+                raise InputError(
+                    f"experiment {self.name}: {field.name} is {part!r}, expected package.module:name",
+                    "name the module and the function or class in it",
+                )

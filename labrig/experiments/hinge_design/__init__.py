@@ -1,0 +1,16 @@
+"""hinge_design: section III of the paper, what to cut for a steering radius; moves nothing."""
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+EXPERIMENT = ExperimentDeclaration(
+    name="design",
+    title="Design of the hinges",
+    protocol="labrig.experiments.hinge_design.protocol:DesignProtocol",
+    result="labrig.experiments.hinge_design.result:DesignResult",
+    plan="labrig.experiments.hinge_design.plan:plan",
+    procedure=None,
+    analyze="labrig.experiments.hinge_design.study:analyze",
+    page="labrig.experiments.hinge_design.page:make_page",
+    summary="labrig.experiments.hinge_design.summary:summarise",
+    counts="hinges",
+)

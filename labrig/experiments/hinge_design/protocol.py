@@ -1,0 +1,51 @@
+"""The protocol of a design of the needle's hinges."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from labrig.protocol.design_file import TubeSection
+from labrig.protocol.model import Line, Model, PositiveMm
+from labrig.protocol.sections import ExperimentProtocol
+
+
+class DesignTolerances(Model):
+    """How sure the laser is."""
+
+    clearance_mm: float = Field(
+        ge=0, le=0.05, description="How sure the width of the cut is, plus or minus [mm]."
+    )
+    cut_deg: float = Field(ge=0, le=10, description="How sure the inclination is, plus or minus [degrees].")
+
+
+class MeasuredNeedle(Model):
+    """A needle of this tube that was measured: its radius tells its effective clearance."""
+
+    radius_mm: PositiveMm = Field(description="Radius that was measured [mm].")
+    beta_cut_deg: float | None = Field(
+        None, ge=0, le=90, description="Inclination that it was cut at [degrees]; null: as equation (3) says."
+    )
+
+
+class DesignProtocol(ExperimentProtocol):
+    """Section III of the paper: what to cut for a steering radius. It moves no rig.
+
+    What the contour's limits and the equations refuse is told by `labrig.experiments.find_problems`: only `needle`
+    knows them.
+    """
+
+    experiment: Literal["design"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Design of the hinges", description="Heading of the report.")
+    tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
+    radius_mm: PositiveMm = Field(description="Steering radius wanted [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    tolerances: DesignTolerances = Field(description="How sure the laser is.")
+    grid_points: int = Field(
+        7, ge=3, le=25, description="Points of the searched grid, along each of its two sides."
+    )
+    tip_length_mm: PositiveMm | None = Field(
+        None, description="Length of the tip, into which whole links fit [mm]; null if not asked."
+    )
+    measured: MeasuredNeedle | None = Field(
+        None, description="A needle that was measured, for its effective clearance; null if none was."
+    )

@@ -1,0 +1,39 @@
+"""What is to be cut for a steering radius."""
+
+from typing import Any, Literal
+
+from labrig.analysis.result import Result
+from labrig.protocol.model import Model
+
+
+class HingeCell(Model):
+    """One point of the searched grid: clearance, inclination, and what both hinges allow."""
+
+    clearance_mm: float
+    beta_cut_deg: float
+    beta_a_deg: float
+    beta_b_deg: float
+
+
+class DesignResult(Result):
+    """Of design runs: the document that `labrig design --json` prints too, and the searched grid.
+
+    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says, or the reason
+    why it cannot give the radius. `accepted`: there is something to cut, by the one or, for a tube that equation (3)
+    does not speak of, by the other.
+    """
+
+    kind: Literal["design"] = "design"
+    accepted: bool = True
+    beta_cut_deg: float
+    beta_rot_deg: float
+    radius_mm: float
+    clearance_mm: float
+    tube: dict[str, float]
+    equation_3: dict[str, Any]
+    tolerance: dict[str, Any]
+    table_1: dict[str, float] | None
+    links: int | None
+    measured: dict[str, Any] | None
+    search: dict[str, Any]
+    cells: tuple[HingeCell, ...]

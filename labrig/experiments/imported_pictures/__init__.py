@@ -1,0 +1,16 @@
+"""imported_pictures: pictures that were taken elsewhere, made into a run by `labrig import`."""
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+EXPERIMENT = ExperimentDeclaration(
+    name="import",
+    title="Imported pictures",
+    protocol="labrig.experiments.imported_pictures.protocol:ImportProtocol",
+    result="labrig.experiments.shared.curvature_result:CurvatureResult",
+    plan="labrig.experiments.imported_pictures.plan:plan",
+    procedure=None,
+    analyze="labrig.experiments.imported_pictures.analysis:analyze",
+    page="labrig.experiments.imported_pictures.page:make_page",
+    summary="labrig.experiments.shared.curvature_summary:summarise",
+    reanalysis_keys=("analysis",),
+)

@@ -1,0 +1,24 @@
+"""What the page of imported pictures shows."""
+
+from labrig.analysis.result import AnalysisResult
+from labrig.experiments.imported_pictures.protocol import ImportProtocol
+from labrig.experiments.shared.curvature_page import curvature_page
+from labrig.experiments.shared.curvature_result import CurvatureResult
+from labrig.record.reader import Run
+from labrig.report.page import Page
+from labrig.report.words import count_of
+
+
+def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[CurvatureResult] | None) -> Page:
+    """Return the page of imported pictures: each of them, with what was found in it."""
+    facts = (("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),)
+    if result is None:
+        return Page(facts)
+    return curvature_page(run, result, result.content, facts=facts, verdict=_verdict(result.content))
+
+
+def _verdict(content: CurvatureResult) -> list[str]:
+    found = sum(each.found for each in content.measurements)
+    accepted = sum(each.accepted for each in content.measurements)
+    pictures = count_of(len(content.measurements), "picture")
+    return [f"Shaft and tip were found in {found} of {pictures}; a radius can be stated in {accepted}."]

@@ -1,0 +1,55 @@
+"""The protocol that `labrig import` writes for pictures that were taken elsewhere."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Line, Model, Name, PositiveMm
+from labrig.protocol.sections import (
+    AnalysisWindow,
+    ExperimentProtocol,
+    NeedleInPicture,
+    Scale,
+    radius_too_small,
+    sheath_too_thin,
+)
+
+
+class ImportedNeedle(Model):
+    """The needle of pictures that were taken elsewhere."""
+
+    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
+    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    design_radius_mm: PositiveMm | None = Field(
+        None, description="Radius of curvature that the needle was designed for [mm]; null if not known."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius that the needle's own thickness rules out."""
+        yield from radius_too_small(self.diameter_mm, self.design_radius_mm)
+
+
+class ImportProtocol(ExperimentProtocol):
+    """Loose recorded pictures made into a run; `labrig import` writes it."""
+
+    experiment: Literal["import"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Imported pictures", description="Heading of the report.")
+    needle: ImportedNeedle = Field(description="The needle in the pictures.")
+    sheath_diameter_mm: float | None = Field(
+        None, gt=0, le=20, description="Outer diameter of the sheath [mm]; null if the pictures show none."
+    )
+    scale: Scale | None = Field(
+        None, description="Millimetres by one number; null if a calibration maps the pictures."
+    )
+    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath of the run."""
+        return NeedleInPicture(self.needle.diameter_mm, self.sheath_diameter_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a sheath that the needle does not fit through."""
+        if self.sheath_diameter_mm is not None:
+            yield from sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle.diameter_mm)

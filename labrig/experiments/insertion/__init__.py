@@ -1,0 +1,20 @@
+"""insertion: section V-C of the paper, to a target between obstacles, the tip seen and the path planned anew."""
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+EXPERIMENT = ExperimentDeclaration(
+    name="insertion",
+    title="Insertion to a target",
+    protocol="labrig.experiments.insertion.protocol:InsertionProtocol",
+    result="labrig.experiments.insertion.result:InsertionResult",
+    plan="labrig.experiments.insertion.plan:plan",
+    procedure="labrig.experiments.insertion.procedure:run",
+    analyze="labrig.experiments.insertion.analysis:analyze",
+    page="labrig.experiments.insertion.page:make_page",
+    summary="labrig.experiments.insertion.summary:summarise",
+    view="labrig.experiments.insertion.view:make_view",
+    compare="labrig.experiments.insertion.summary:compare",
+    reanalysis_keys=("estimator", "planner", "policy"),
+    puts_needle_in_tissue=True,
+    counts="insertions",
+)

@@ -1,0 +1,144 @@
+"""What an insertion is aimed at: places of the protocol in mm, the problem for the planner, and what rules it out."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.errors import InputError, Problem
+from labrig.experiments.insertion.protocol import InsertionProtocol, Place
+from labrig.experiments.insertion.settings import insertion_settings
+from labrig.steering.problem import Obstacle
+from labrig.vision.plane import PlaneMap
+
+_RIM_PX = 25.0
+"""A tip nearer to the rim of the picture than this is not found any more."""
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Target and obstacles in the frame of the steering plane."""
+
+    target_mm: Point
+    obstacles: tuple[Obstacle, ...]
+
+
+def aim_of(protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float, float] | None = None) -> Aim:
+    """Return where the insertion goes, and what it keeps off.
+
+    Parameters
+    ----------
+    protocol : InsertionProtocol
+    plane : PlaneMap
+        Turns pixels of the protocol, and the one that was picked, into mm.
+    picked_px : (float, float), optional
+        The target's pixel where the protocol asks for it.
+
+    Raises
+    ------
+    InputError
+        When the protocol asks for the target and none was picked.
+    """
+    target = protocol.target
+    if target.ask and picked_px is None:
+        raise InputError("the target was asked for and not named", "name its pixel")
+    place = Place(pixel=picked_px) if target.ask else target
+    return Aim(_point(place, plane), obstacles_of(protocol, plane))
+
+
+def obstacles_of(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
+    """Return the obstacles in mm."""
+    return tuple(Obstacle(_point(one, plane), one.radius_mm) for one in protocol.obstacles)
+
+
+def pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield pixels that are none of the camera's picture."""
+    places = [
+        ("target", protocol.target),
+        *((f"obstacles.{n}", one) for n, one in enumerate(protocol.obstacles)),
+    ]
+    for where, place in places:
+        if place.pixel is None or plane.image_size is None:
+            continue
+        (u, v), (width, height) = place.pixel, plane.image_size
+        if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+            message = f"pixel ({u:g}, {v:g}) lies outside of the camera's view of {width}x{height} px"
+            yield Problem(f"{where}.pixel", message, "u counts to the right, v down, both from 0")
+
+
+def aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield why this cannot be aimed at: a target out of tissue or view, or inside an obstacle; obstacles astray."""
+    yield from _outside_tissue(protocol, aim.target_mm)
+    yield from _out_of_view(aim.target_mm, plane)
+    for number, obstacle in enumerate(aim.obstacles):
+        yield from _stray_obstacle(protocol, f"obstacles.{number}", obstacle, plane)
+    try:
+        insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    except InputError as error:
+        yield Problem("target", error.message, error.hint)
+
+
+def _point(place: Place, plane: PlaneMap) -> Point:
+    if place.position_mm is not None:
+        return place.position_mm
+    y_mm, z_mm = plane.to_mm(np.array([place.pixel], dtype=float))[0].tolist()
+    return 0.0, y_mm, z_mm
+
+
+def _outside_tissue(protocol: InsertionProtocol, target_mm: Point) -> Iterator[Problem]:
+    y_mm, z_mm = target_mm[1:]
+    if _in_tissue(protocol, target_mm, reach_mm=0.0):
+        return
+    message = f"the target at y {y_mm:.1f}, z {z_mm:.1f} mm lies outside of the tissue, {_tissue(protocol)}"
+    yield Problem(
+        "target", message, "aim at a point of the block, or correct specimen length_mm and width_mm"
+    )
+
+
+def _in_tissue(protocol: InsertionProtocol, position_mm: Point, reach_mm: float) -> bool:
+    """Tell whether what reaches so far around a position lies in the block, at least in part."""
+    _, y_mm, z_mm = position_mm
+    depth_mm = protocol.sheath.depth_mm
+    far_mm, half_mm = protocol.specimen.length_mm - depth_mm, protocol.specimen.width_mm / 2
+    return -depth_mm - reach_mm <= z_mm <= far_mm + reach_mm and abs(y_mm) <= half_mm + reach_mm
+
+
+def _tissue(protocol: InsertionProtocol) -> str:
+    block, depth_mm = protocol.specimen, protocol.sheath.depth_mm
+    return (
+        f"which reaches from z {-depth_mm:g} to {block.length_mm - depth_mm:g} mm and to "
+        f"{block.width_mm / 2:g} mm aside"
+    )
+
+
+def _stray_obstacle(
+    protocol: InsertionProtocol, where: str, obstacle: Obstacle, plane: PlaneMap
+) -> Iterator[Problem]:
+    """Yield an obstacle that no path could touch: all of it outside of the tissue, or of what the camera sees."""
+    _, y_mm, z_mm = obstacle.position_mm
+    place = f"the obstacle at y {y_mm:.1f}, z {z_mm:.1f} mm, radius {obstacle.radius_mm:g} mm"
+    hint = "correct its position (mm, or a pixel of the picture), or leave it out"
+    if not _in_tissue(protocol, obstacle.position_mm, reach_mm=obstacle.radius_mm):
+        yield Problem(where, f"{place}, lies outside of the tissue, {_tissue(protocol)}", hint)
+    elif plane.image_size is not None:
+        width, height = plane.image_size
+        u, v = plane.to_px(np.array([[y_mm, z_mm]]))[0].tolist()
+        reach_px = obstacle.radius_mm / plane.mm_per_px
+        if not (-reach_px <= u <= width - 1 + reach_px and -reach_px <= v <= height - 1 + reach_px):
+            seen = f"it would be seen at ({u:.0f}, {v:.0f}) px of {width}x{height} px"
+            yield Problem(where, f"{place}, lies outside of the camera's view: {seen}", hint)
+
+
+def _out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Problem]:
+    if plane.image_size is None:
+        return
+    width, height = plane.image_size
+    u, v = plane.to_px(np.array([target_mm[1:]]))[0].tolist()
+    if not (_RIM_PX <= u <= width - 1 - _RIM_PX and _RIM_PX <= v <= height - 1 - _RIM_PX):
+        message = (
+            f"the target is outside of the camera's view: it would be seen at ({u:.0f}, {v:.0f}) px, and a tip is "
+            f"found down to {_RIM_PX:g} px from the rim of {width}x{height} px"
+        )
+        yield Problem("target", message, "aim at a point in view, or move the camera and calibrate it again")

@@ -1,0 +1,419 @@
+"""How near to their targets the insertions of a run ended, and what was known of the tip on the way.
+
+Errors are measured on the final pictures by the end of the shaft. The way there is gone again over the recorded
+pictures by the step that steered: the tip is found anew, its pose estimated with the turns that were made, and what the
+step says then is written down. With the settings of the protocol it comes out as it was, to the last digit; with others
+(`labrig reanalyze --set planner.radius_mm=32`) each command is what would have been told there. The needle went where
+the run sent it all the same: it is a comparison picture by picture, and no forecast of another path.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.analysis.experiment import AnalysisRequest
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import find_origins
+from labrig.analysis.result import Findings, Point, Sentinel
+from labrig.analysis.sentinel import sentinel_of
+from labrig.errors import MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.result import (
+    AvoidedSphere,
+    InsertionCommand,
+    InsertionPlan,
+    InsertionResult,
+    InsertionStep,
+    InsertionTrial,
+)
+from labrig.experiments.insertion.settings import insertion_settings, started_at
+from labrig.record.reader import Run
+from labrig.steering.planner import Plan, PlannedArc, sample_path
+from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.problem import Obstacle
+from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
+from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
+from labrig.vision.template_file import load_template
+from labrig.vision.tip import TipFix, locate_tip
+from labrig.vision.tip_template import TipTemplate
+
+FloatArray = NDArray[np.float64]
+_Line = Mapping[Any, Any]
+
+TEMPLATE_FILE = "template.png"
+# The picture in which the plan is shown, taken before the needle leaves the sheath.
+_SHEATH_ROLE = "scene"
+# Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
+_PATH_POINTS, _DECIMALS = 60, 3
+# How sure the end of a shaft is read, in pixels: what `python -m tests.benchmarks insertion` measures and what is true
+# differs by 0.1 mm rms, which is a pixel there.
+_READ_PX = 1.0
+_NO_POINTS = np.empty((0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Eye:
+    """What the run was seen with, and the diameters of what is seen."""
+
+    run: Run
+    plane: PlaneMap
+    template: TipTemplate
+    protocol: InsertionProtocol
+    sentinel: Sentinel | None
+    mask: Mask | None
+
+    def masked(self, image: Picture, frame: int) -> NDArray[np.bool_] | None:
+        """Return which pixels of a recorded picture are not the needle."""
+        file = Path(self.run.pictures[frame].file)
+        return None if self.mask is None else self.mask.masked(file.name, image)
+
+
+@dataclass(frozen=True, eq=False)
+class _True:
+    """The path that the world says the needle took, (N, 2) as (y, z), with the arc length at each point."""
+
+    arc_mm: FloatArray
+    path_mm: FloatArray
+
+    def at(self, depth_mm: float) -> tuple[Point | None, float | None]:
+        """Return place and heading at an insertion length."""
+        if len(self.path_mm) < 2:
+            return None, None
+        y, z = (float(np.interp(depth_mm, self.arc_mm, along)) for along in self.path_mm.T)
+        index = int(np.clip(np.searchsorted(self.arc_mm, depth_mm), 1, len(self.arc_mm) - 1))
+        rise = self.path_mm[index] - self.path_mm[index - 1]
+        return (y, z), math.atan2(rise[0], rise[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where the tip was predicted and where it was seen (3,), among which obstacles, and what is true of it."""
+
+    predicted: FloatArray
+    seen: FloatArray | None
+    settings: SteeringSettings
+    true: _True
+
+
+def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> Findings:
+    """Measure where each insertion ended, and estimate the way to it again.
+
+    Raises
+    ------
+    InputError
+        When the run has no map from pixels to mm, or no template.
+    RecordError
+        When its lines are damaged.
+    """
+    template = load_template(run.calibration_path(TEMPLATE_FILE))
+    plane = load_mapping(run)
+    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_table.to_dict("records"), plane)
+    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel, request.mask)
+    trials = run.trials.to_dict("records")
+    insertions = []
+    for number, trial in enumerate(trials, start=1):
+        insertions.append(_trial(trial, eye))
+        if request.progress is not None:
+            request.progress(number, len(trials))
+    result = InsertionResult(
+        **request.stamp.fields(
+            {"estimator": protocol.estimator.model_dump(), "planner": protocol.planner.model_dump()}
+        ),
+        made=len(insertions),
+        arrived=sum(one.reached for one in insertions),
+        causes=dict(Counter(one.stop for one in insertions if not one.reached)),
+        reached=bool(insertions) and all(one.reached for one in insertions),
+        target_error_mm=_worst([one.target_error_mm for one in insertions]),
+        true_target_error_mm=_worst([one.true_target_error_mm for one in insertions]),
+        true_min_clearance_mm=_least([one.true_min_clearance_mm for one in insertions]),
+        replans=sum(one.replans for one in insertions),
+        length_mm=_worst([one.length_mm for one in insertions]),
+        insertions=tuple(insertions),
+        origins=find_origins(
+            run.read_frame, run.frame_table.to_dict("records"), plane, protocol.sheath, _SHEATH_ROLE
+        ),
+        sentinel=sentinel,
+    )
+    return Findings(result)
+
+
+def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
+    number = int(line["trial"])
+    target_mm = _point3(line["target_mm"])
+    obstacles = tuple(Obstacle(_point3(one["position_mm"]), one["radius_mm"]) for one in line["obstacles"])
+    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
+    settings = started_at(insertion_settings(eye.protocol, target_mm, obstacles), events)
+    truth = next((one for one in eye.run.truth.to_dict("records") if one["trial"] == number), None)
+    true = _true_path(truth)
+    steps, commands = _gone_again(events, settings, eye, true)
+    end, unmeasured = _end(line.get("final_frame"), eye)
+    error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
+    return InsertionTrial(
+        trial=number,
+        start_t_s=float(line["start_t_s"]),
+        **_verdict(line, error_mm, settings.problem.tolerance_mm, eye.sentinel),
+        target_mm=target_mm,
+        tolerance_mm=settings.problem.tolerance_mm,
+        obstacles=tuple(
+            AvoidedSphere(position_mm=_point3(one.position_mm), radius_mm=one.radius_mm) for one in obstacles
+        ),
+        final_frame=None if _number(line.get("final_frame")) is None else int(line["final_frame"]),
+        tip_mm=None if end is None else end.tip_mm,
+        shaft_mm=() if end is None else _points(end.centre_line_mm),
+        target_error_mm=error_mm,
+        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm[1:], eye),
+        unmeasured=unmeasured,
+        template_error_mm=math.dist(steps[-1].estimate_mm, target_mm[1:]) if steps else None,
+        true_target_error_mm=None if truth is None else _number(truth.get("true_target_error_mm")),
+        true_min_clearance_mm=None if truth is None else _number(truth.get("true_min_clearance_mm")),
+        true_path_mm=_points(true.path_mm),
+        replans=int(_number(line.get("replans")) or 0),
+        length_mm=_number(line.get("depth_mm")),
+        missed_sightings=sum(not one.believed for one in steps),
+        mean_nis=_mean([one.nis for one in steps if one.believed]),
+        steps=tuple(steps),
+        plans=tuple(_plan(one, settings) for one in events if one["kind"] == "plan"),
+        as_recorded=[one.estimate_mm for one in steps] == _recorded_estimates(events),
+        commands=tuple(commands),
+    )
+
+
+def _verdict(
+    line: _Line, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
+) -> dict[str, Any]:
+    """Return how an insertion ended: as it was steered, unless the shaft says that it missed, or a bump hides it."""
+    outcome = _said(line.get("outcome"), "stopped")
+    if sentinel is not None and not sentinel.accepted and outcome == "reached":
+        cause = sentinel.reason or ""
+        return {"outcome": "unknown", "stop": "camera_bumped", "cause": cause, "reached": False}
+    if outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
+        cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
+        return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
+    return {
+        "outcome": outcome,
+        "stop": _said(line.get("stop"), "interrupted"),
+        "cause": _said(line.get("cause"), "the run ended before the insertion did"),
+        "reached": outcome == "reached",
+    }
+
+
+def _gone_again(
+    events: Sequence[_Line], settings: SteeringSettings, eye: _Eye, true: _True
+) -> tuple[list[InsertionStep], list[InsertionCommand]]:
+    """Take the step that steered at each picture, with the turns that were made and not those that it would have made.
+
+    A turn that it asks for and that was made is its own, so that the same settings give the same digits.
+    """
+    state, command = start_steering(settings)
+    steps, commands = list[InsertionStep](), [_command(None, state, command)]
+    for event in events:
+        if event["kind"] == "flip":
+            if command.roll_rad == 0.0:
+                state = turned(state, event["to_rad"] - event["from_rad"], settings)
+            command = replace(command, roll_rad=0.0)
+        elif event["kind"] == "observation":
+            if command.roll_rad != 0.0:
+                state = replace(state, turns=state.turns[:-1])
+            predicted = state.predicted(float(event["depth_mm"]), settings)
+            fix = _look_again(event, predicted, eye)
+            sighting = _sighting(event, fix, eye)
+            if command.stop is None:
+                state, command = step_steering(state, sighting, settings)
+                commands.append(_command(int(event["frame"]), state, command))
+            else:
+                state = sighted(state, sighting, settings)
+            places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
+            steps.append(_step(event, fix, state, places))
+    return steps, commands
+
+
+def _command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
+    return InsertionCommand(
+        frame=frame,
+        depth_mm=state.insertion_mm,
+        roll_rad=command.roll_rad,
+        observe_at_mm=command.observe_at_mm,
+        run_to_mm=command.run_to_mm,
+        sought=state.why,
+        replans=max(state.replans, 0),
+        stop=command.stop,
+    )
+
+
+def _recorded_estimates(events: Sequence[_Line]) -> list[Point]:
+    """Return where the live run believed the tip, (y, z), at each picture."""
+    return [_point2(one["estimate"]["position_mm"][1:]) for one in events if one["kind"] == "observation"]
+
+
+def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
+    """Find the tip in a recorded picture, in a region as large as the one that was searched then."""
+    try:
+        image = eye.run.pictures[int(event["frame"])].read()
+        masked = eye.masked(image, int(event["frame"]))
+    except (PictureError, RecordError) as error:
+        return TipFix(accepted=False, reason=error.message.replace(f"{eye.run.path}/", ""))
+    u, v = eye.plane.to_px(predicted[None, 1:3, 3])[0]
+    return locate_tip(
+        image,
+        eye.template,
+        near_px=(float(u), float(v)),
+        heading_rad=math.atan2(predicted[1, 2], predicted[2, 2]),
+        roll_rad=float(event["bevel_rad"]),
+        region_px=float(event["region_px"]),
+        mask=masked,
+    )
+
+
+def _sighting(event: _Line, fix: TipFix, eye: _Eye) -> TipSighting:
+    position = None if fix.tip_px is None else np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
+    return TipSighting(float(event["depth_mm"]), position)
+
+
+def _step(event: _Line, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
+    tip, seen = state.tip, place.seen
+    true_mm, true_heading_rad = place.true.at(state.insertion_mm)
+    return InsertionStep(
+        frame=int(event["frame"]),
+        t_s=float(event["t_s"]),
+        depth_mm=state.insertion_mm,
+        tip_mm=None if seen is None else _point2(seen[1:]),
+        reason=fix.reason,
+        score=fix.score,
+        estimate_mm=_point2(tip.position_mm[1:]),
+        position_sd_mm=tip.position_sd_mm,
+        heading_rad=tip.heading_rad,
+        heading_sd_rad=tip.heading_sd_rad,
+        radius_mm=1.0 / tip.curvature if tip.curvature > 0.0 else None,
+        believed=tip.accepted,
+        nis=tip.nis,
+        innovation_mm=None if seen is None else _point2((seen - place.predicted)[1:]),
+        clearance_mm=_clearance_mm(tip.position_mm, place.settings),
+        true_mm=true_mm,
+        true_heading_rad=true_heading_rad,
+    )
+
+
+def _clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
+    """Return how far the needle's surface is from the nearest obstacle's, at the tip."""
+    problem = settings.problem
+    apart = [math.dist(position_mm, one.position_mm) - one.radius_mm for one in problem.obstacles]
+    return min(apart) - problem.diameter_mm / 2 if apart else None
+
+
+def _plan(event: _Line, settings: SteeringSettings) -> InsertionPlan:
+    arcs = tuple(PlannedArc(**one) for one in event["arcs"]) if event["found"] else ()
+    return InsertionPlan(
+        depth_mm=float(event["depth_mm"]),
+        t_s=float(event["t_s"]),
+        frame=None if _number(event.get("frame")) is None else int(event["frame"]),
+        because=str(event["because"]),
+        found=bool(event["found"]),
+        reason=_said(event.get("reason"), _said(event.get("refusal"), "")) or None,
+        arcs=len(arcs),
+        length_mm=_number(event.get("length_mm")),
+        clearance_mm=_number(event.get("clearance_mm")),
+        path_mm=_points(_planned_path(event, arcs, settings)[:, 1:]),
+    )
+
+
+def _planned_path(event: _Line, arcs: tuple[PlannedArc, ...], settings: SteeringSettings) -> FloatArray:
+    """Return the points (N, 3) of a recorded plan."""
+    bent = [arc for arc in arcs if arc.angle_rad > 0.0]
+    if not bent:
+        return np.empty((0, 3))
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = event["start"]["rotation"], event["start"]["position_mm"]
+    radius_mm = bent[0].length_mm / bent[0].angle_rad
+    problem = replace(settings.problem, start=start, obstacles=(), radius_mm=radius_mm)
+    return sample_path(problem, Plan(found=True, reason=None, arcs=arcs))
+
+
+def _end(frame: object, eye: _Eye) -> tuple[ShaftTip | None, str | None]:
+    """Measure the shaft in the final picture, or say why that cannot be done."""
+    number = _number(frame)
+    if number is None:
+        return None, "there is no final picture"
+    if eye.sentinel is not None and not eye.sentinel.accepted:
+        return None, eye.sentinel.reason
+    needle, sheath = eye.protocol.needle, eye.protocol.sheath
+    try:
+        image = eye.run.pictures[int(number)].read()
+        masked = eye.masked(image, int(number))
+        return measure_shaft_tip(
+            image, eye.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
+        ), None
+    except (MeasurementRefusedError, PictureError, RecordError) as error:
+        return None, error.message.replace(f"{eye.run.path}/", "")
+
+
+def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float:
+    """Return the standard deviation of the distance from the target to the end of the shaft.
+
+    What is uncertain in lens and plane map moves the end along each of its axes; the end is read to a pixel, a
+    bevel having no edge square to the shaft; what the grid pictures say of drift counts over the length from the
+    origin.
+    """
+    tip_mm = np.array(end.tip_mm)
+    towards = tip_mm - target_mm
+    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+    moved = [
+        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.varied()
+    ]
+    drift = 0.0 if eye.sentinel is None else (eye.sentinel.drift or 0.0)
+    reading_mm = _READ_PX * eye.plane.mm_per_px
+    return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
+
+
+def _true_path(truth: _Line | None) -> _True:
+    if truth is None or not isinstance(truth.get("path_mm"), list):
+        return _True(np.empty(0), _NO_POINTS)
+    path = np.asarray(truth["path_mm"], dtype=np.float64)
+    arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    return _True(arc, path[:, 1:])
+
+
+def _points(path: FloatArray) -> tuple[Point, ...]:
+    """Return a path (N, 2) thinned to what is worth drawing, both ends among it."""
+    kept = np.unique(np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int))
+    return tuple(_point2(point) for point in np.round(path[kept], _DECIMALS)) if len(path) else ()
+
+
+def _point2(point: FloatArray) -> Point:
+    return float(point[0]), float(point[1])
+
+
+def _point3(point: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = point
+    return float(x), float(y), float(z)
+
+
+def _said(value: object, otherwise: str) -> str:
+    return value if isinstance(value, str) else otherwise
+
+
+def _number(value: object) -> float | None:
+    """Return a number of a line as it was recorded; what the line did not say is None."""
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [one for one in values if one is not None]
+    return sum(known) / len(known) if known else None
+
+
+def _worst(values: Sequence[float | None]) -> float | None:
+    """Return the largest value that is known."""
+    return max((one for one in values if one is not None), default=None)
+
+
+def _least(values: Sequence[float | None]) -> float | None:
+    return min((one for one in values if one is not None), default=None)

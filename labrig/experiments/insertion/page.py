@@ -1,0 +1,231 @@
+"""What the page of an insertion run shows: figure 9 of the paper, and what was known of the tip on the way."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.result import AnalysisResult, AnyResult
+from labrig.errors import RecordError
+from labrig.experiments.insertion.figure import insertion_figure
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
+from labrig.record.reader import Run
+from labrig.report.calibration_rows import calibration_rows
+from labrig.report.heading import trials_done
+from labrig.report.page import Page
+from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
+from labrig.report.sheath_view import draw_sheath_view, worth_showing
+from labrig.report.words import Rows, count_of, number
+from labrig.vision.picture import size_of
+from labrig.vision.plane import PlaneMap
+
+TEMPLATE = Path(__file__).with_name("page.html.jinja")
+# So many insertions are shown picture by picture: those that missed first.
+_SHOWN = 4
+_MOST_PANELS = 8
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
+_OCCASIONS = {
+    "start": "the first plan",
+    "origin": "planned from where the sheath was found",
+    "schedule": "planned anew as the protocol says",
+    "deviation": "planned anew: the rest of the path would have missed",
+    "near": "planned anew near the target, as at each picture from here on",
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of figure 9; every line is the `points` of an SVG polyline in the recorded picture's pixels."""
+
+    letter: str
+    title: str
+    occasion: str
+    href: str
+    width: int
+    height: int
+    text_px: float
+    plan: str
+    former: tuple[str, ...]
+    taken: str
+    truth: str
+    obstacles: tuple[str, ...]
+    tolerance: str
+    target: Pixel
+    scale_mm: float
+    scale: tuple[Pixel, Pixel]
+
+
+@dataclass(frozen=True)
+class ShownInsertion:
+    """One insertion, picture by picture, and its curves over the inserted length."""
+
+    one: InsertionTrial
+    panels: tuple[Panel, ...]
+    figure: Markup | None
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """A picture to be shown: which, when, how deep, on what occasion, and the plans up to then."""
+
+    frame: int
+    t_s: float
+    depth_mm: float
+    occasion: str
+    plans: tuple[InsertionPlan, ...]
+
+
+def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
+    """Return the page of an insertion: figure 9, the errors, and what was known of the tip on the way."""
+    facts = _facts(run, protocol)
+    if result is None:
+        return Page(facts)
+    content = result.content
+    return Page(facts, TEMPLATE, _verdict(content), calibration_rows(run), _content(run, result, content))
+
+
+def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
+    return (
+        ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+        ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
+        ("Obstacles", str(len(protocol.obstacles))),
+        ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
+        ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
+        ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
+        ("Insertions that arrived", trials_done(run)),
+    )
+
+
+def _content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
+    plane = load_mapping(run)
+    shown = sorted(content.insertions, key=lambda one: (one.reached, one.trial))[:_SHOWN]
+    return {
+        "content": content,
+        "folder": f"analysis/{result.path.name}",
+        "simulated": any(one.true_target_error_mm is not None for one in content.insertions),
+        "shown": [_shown(run, one, plane) for one in sorted(shown, key=lambda one: one.trial)],
+        "sheaths": [
+            view
+            for one in worth_showing(content.origins, _SHOWN)
+            if (view := draw_sheath_view(run, one, plane)) is not None
+        ],
+        "left_out": max(0, len(content.insertions) - _SHOWN),
+        "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
+    }
+
+
+def _verdict(content: InsertionResult) -> list[str]:
+    """Return the page in a sentence or two."""
+    if not content.made:
+        return ["No insertion was begun."]
+    sentences = [f"{content.arrived} of {count_of(content.made, 'insertion')} reached the target."]
+    several = content.made > 1
+    if content.target_error_mm is not None:
+        where = "is never further than" if several else "is"
+        sentences.append(
+            f"Measured by the shaft in the final picture, the needle's end {where} "
+            f"{number(content.target_error_mm)} mm from it{_surely(content)}."
+        )
+    if content.true_target_error_mm is not None:
+        most, least = ("at most ", "at least ") if several else ("", "")
+        sentences.append(
+            f"The rig is simulated: the true error is {most}{number(content.true_target_error_mm)} mm, and "
+            f"the needle kept {least}{number(content.true_min_clearance_mm)} mm off the obstacles."
+        )
+    return [" ".join(sentences)]
+
+
+def _surely(content: InsertionResult) -> str:
+    """Return how sure a single error is, as words; nothing for several, whose table says it."""
+    sigma_mm = content.insertions[0].sigma_target_error_mm if content.made == 1 else None
+    return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
+
+
+def _shown(run: Run, one: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
+    drawn = (_panel(run, moment, one, plane) for moment in _moments(run, one))
+    panels = tuple(panel for panel in drawn if panel is not None)
+    lettered = tuple(
+        Panel(**{**vars(panel), "letter": chr(ord("a") + index)}) for index, panel in enumerate(panels)
+    )
+    return ShownInsertion(one, lettered, insertion_figure(one, f"trial{one.trial}") if one.steps else None)
+
+
+def _moments(run: Run, one: InsertionTrial) -> Iterator[_Moment]:
+    """Yield the pictures of figure 9: at each replan, but of those near the target the first, and at the end."""
+    for index in _worth_showing(one.plans):
+        plan = one.plans[index]
+        frame = _scene(run, one.trial) if plan.frame is None else plan.frame
+        if frame is not None:
+            occasion = _OCCASIONS.get(plan.because, plan.because)
+            yield _Moment(frame, plan.t_s - one.start_t_s, plan.depth_mm, occasion, one.plans[: index + 1])
+    if one.final_frame is not None:
+        t_s = float(run.frame_table.iloc[one.final_frame]["t_s"])
+        yield _Moment(
+            one.final_frame, t_s - one.start_t_s, one.length_mm or 0.0, f"stopped, {one.cause}", one.plans
+        )
+
+
+def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
+    anew = any(plan.because == "origin" for plan in plans)
+    found = [
+        index for index, plan in enumerate(plans) if plan.found and not (anew and plan.because == "start")
+    ]
+    near = [index for index in found if plans[index].because == "near"]
+    kept = [index for index in found if plans[index].because != "near"] + near[:1]
+    if len(kept) < _MOST_PANELS:
+        return sorted(kept)
+    chosen = np.linspace(0, len(kept) - 1, _MOST_PANELS - 1).round().astype(int)
+    return [sorted(kept)[place] for place in chosen]
+
+
+def _scene(run: Run, trial: int) -> int | None:
+    """Return the picture that was taken before the needle moved."""
+    frames = run.frame_table
+    own = frames.loc[(frames["role"] == "scene") & (frames["trial"] == trial), "frame"]
+    return None if own.empty else int(own.iloc[-1])
+
+
+def _panel(run: Run, moment: _Moment, one: InsertionTrial, plane: PlaneMap) -> Panel | None:
+    """Return a picture with what was planned and done until then; None where it cannot be read."""
+    try:
+        image = run.read_frame(moment.frame)
+    except RecordError:
+        return None
+    width, height = size_of(image)
+    taken = [step.estimate_mm for step in one.steps if step.depth_mm <= moment.depth_mm + 1e-6]
+    target = np.array(one.target_mm[1:])
+    last = moment.frame == one.final_frame
+    scale_mm, scale = scale_bar((width, height), plane)
+    return Panel(
+        letter="",
+        title=f"{moment.depth_mm:.1f} mm, {moment.t_s:.0f} s",
+        occasion=moment.occasion,
+        href=data_uri(jpeg(image, PLATE), "image/jpeg"),
+        width=width,
+        height=height,
+        text_px=width / 40,
+        plan="" if last or not moment.plans else _drawn(moment.plans[-1].path_mm, plane),
+        former=tuple(_drawn(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
+        taken=_drawn(one.shaft_mm if last and one.shaft_mm else taken, plane),
+        truth=_drawn(one.true_path_mm, plane) if last else "",
+        obstacles=tuple(_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in one.obstacles),
+        tolerance=_ring((float(target[0]), float(target[1])), one.tolerance_mm, plane),
+        target=pixel(plane.to_px(target[None])[0]),
+        scale_mm=scale_mm,
+        scale=scale,
+    )
+
+
+def _drawn(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
+    return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""
+
+
+def _ring(centre_mm: tuple[float, float], radius_mm: float, plane: PlaneMap) -> str:
+    around: NDArray[np.float64] = np.column_stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
+    return polyline(plane.to_px(np.asarray(centre_mm) + radius_mm * around))

@@ -1,0 +1,377 @@
+"""Section V-C of the paper: to a target between obstacles, the tip seen, its pose estimated, the path planned anew.
+
+The needle advances at the set speed from one turn of the bevel to the next and is looked at on its way; gel relaxes
+around a needle that stops. For a turn it stands: half a turn takes most of a second, and a bevel that comes round while
+the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. So the lag of the
+bevel behind its drive, measured in the rig file (`axes.rotation.lag_s`), is waited for and not reckoned with: however
+long it is, the turn acts where it was planned.
+
+The path starts where the sheath's tip is found once it is in, in its direction. A sheath that stands elsewhere than
+origin and linear encoder allow ends the insertion before the needle leaves it.
+"""
+
+import math
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from labrig.analysis.result import TrialOrigin
+from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.devices.needle_state import RollZero
+from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
+from labrig.errors import FileFormatError, TargetMissedError
+from labrig.experiments.insertion.aim import Aim, aim_of, aim_problems, obstacles_of
+from labrig.experiments.insertion.plan import roll_zero_order, roll_zero_s
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.experiments.insertion.settings import insertion_settings, starting_at
+from labrig.experiments.shared.roll_zero_search import find_roll_zero
+from labrig.experiments.shared.sight import (
+    Eye,
+    TipSeen,
+    load_eye,
+    look_for_sheath,
+    look_for_tip,
+    require_light,
+)
+from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
+from labrig.runner.session import Look, Session
+from labrig.runner.stance import Stance, stance_of
+from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
+from labrig.steering.planner import sample_path
+from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
+from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.vision.overlay import DrawnPlan, draw_plan
+from labrig.vision.picture import Picture
+
+_HOLD_S = 1.0
+_SAME_MM = 0.005
+_OFF_ZERO_MM = 0.05
+_UNSURE = ("needle_lost", "needle_stuck", "sheath_astray")
+
+
+def run(protocol: InsertionProtocol, session: Session) -> None:
+    """Make every repetition.
+
+    Raises
+    ------
+    TargetMissedError
+        When one of them did not reach the target, after all of them have been made; or when there is no path.
+    CalibrationRefusedError
+        When grid pictures before and after them say that the camera was bumped.
+    """
+    eye = load_eye(session.rig.description)
+    before = watch_grid(protocol.sentinel, BEFORE_ROLE, session)
+    roll_zero = _certified_roll_zero(protocol, session)
+    missed: list[SteeringCommand] = []
+    for trial in range(protocol.repetitions):
+        command = _insert_once(protocol, session, eye, roll_zero, trial)
+        missed += [command] if command.stop != "target_reached" else []
+    after = watch_grid(protocol.sentinel, AFTER_ROLE, session)
+    require_same_grid(before, after, protocol.sentinel, eye.plane)
+    if missed:
+        made = protocol.repetitions
+        reason = missed[0].stop if missed[0].stop in _UNSURE else "target_missed"
+        raise TargetMissedError(
+            f"{made - len(missed)} of {made} insertions reached the target; {missed[0].stop}: {missed[0].detail}",
+            "the report shows where the needle left its path",
+            reason=str(reason),
+        )
+
+
+def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
+    """Return the roll zero of the needle, found first where there is none and the protocol says how."""
+    needle, rig = protocol.needle, session.rig
+    known = rig.needle.roll_zero_of(needle.needle_id)
+    if known is not None and all(axis.referenced for axis in rig.axes):
+        confirm_needle_out(session)
+        _go_to_the_start(protocol, session)
+        return known
+    if protocol.roll_zero is None:
+        raise TargetMissedError(
+            f"needle {needle.needle_id} has no certified roll zero as it is clamped now",
+            "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
+            reason="no_roll_zero",
+        )
+    return find_roll_zero(roll_zero_order(protocol, protocol.roll_zero), session)
+
+
+def _go_to_the_start(protocol: InsertionProtocol, session: Session) -> None:
+    """Draw needle and sheath back to zero where they stand elsewhere; no needle is in tissue."""
+    states = session.rig.read_states()
+    for axis, speed in (("insertion", protocol.insertion.speed_mm_s), ("linear", protocol.sheath.speed_mm_s)):
+        if abs(states[axis].position) > _OFF_ZERO_MM:
+            session.move(axis, 0.0, speed)
+
+
+def _insert_once(
+    protocol: InsertionProtocol, session: Session, eye: Eye, roll_zero: RollZero, trial: int
+) -> SteeringCommand:
+    """Place the block, plan, let the operator look at it, insert, hold, withdraw; return the last command."""
+    rig, sheath = session.rig, protocol.sheath
+    session.progress(_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}")
+    aim = _aim(protocol, session, eye, trial)
+    settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    state, command = start_steering(settings)
+    insertion = _Insertion(protocol, session, eye, roll_zero, trial, settings)
+    insertion.tell_start(aim, state)
+    if command.stop is not None:
+        raise TargetMissedError(
+            f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
+        )
+    rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
+    session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
+    insertion.path.append(stance_of(rig.read_states()))
+    look = session.see("scene", trial)
+    origin = insertion.find_sheath(look)
+    if origin is not None:
+        state, command = insertion.begin_at(origin, state)
+    if command.stop is None:
+        insertion.confirm(look.image, aim, state, origin)
+        state, command = _steer(insertion, state, command)
+    rig.stop()
+    insertion.finish(state, command)
+    return command
+
+
+def _steer(
+    insertion: "_Insertion", state: SteeringState, command: SteeringCommand
+) -> tuple[SteeringState, SteeringCommand]:
+    """Turn, advance, look, find the tip, estimate and plan, until the step says stop: the whole closed loop."""
+    while command.stop is None:
+        insertion.turn_bevel(command.roll_rad)
+        look = insertion.advance(command)
+        seen = insertion.find_tip(look, state)
+        inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
+        before = state
+        state, command = step_steering(state, TipSighting(inserted_mm, seen.position_mm), insertion.settings)
+        insertion.tell(look, seen, before, state)
+    return state, command
+
+
+def _aim(protocol: InsertionProtocol, session: Session, eye: Eye, trial: int) -> Aim:
+    """Have the block placed, and return target and obstacles, the target asked for where the protocol says so."""
+    specimen = protocol.specimen
+    obstacles = tuple(
+        (eye.pixel_of(one.position_mm), one.radius_mm) for one in obstacles_of(protocol, eye.plane)
+    )
+    name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
+    session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
+    picked_px = None
+    if protocol.target.ask:
+        look = session.see("target", trial)
+        picked_px = session.ask(PickTarget(str(session.picture_path(look.frame)))).pixel
+    aim = aim_of(protocol, eye.plane, picked_px)
+    if problems := tuple(aim_problems(protocol, aim, eye.plane)):
+        raise FileFormatError(problems)
+    return aim
+
+
+def _done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:
+    """Return how much of the estimate is behind [s]."""
+    speed_mm_s = protocol.insertion.speed_mm_s
+    return roll_zero_s(protocol) + (trial * protocol.insertion.max_length_mm + inserted_mm) / speed_mm_s
+
+
+@dataclass
+class _Insertion:
+    """One insertion while it goes on: what it is made of, and where the needle has been."""
+
+    protocol: InsertionProtocol
+    session: Session
+    eye: Eye
+    roll_zero: RollZero
+    trial: int
+    settings: SteeringSettings
+    path: list[Stance] = field(default_factory=list)
+    bevel_rad: float = 0.0
+    run_to_mm: float = 0.0
+
+    def turn_bevel(self, roll_rad: float) -> None:
+        """Turn the bevel by half a turn, the needle standing, whichever way keeps it nearer to where it began."""
+        if roll_rad == 0.0:
+            return
+        rotation = self.session.rig.rotation
+        from_rad = self.roll_zero.zero_rad + self.bevel_rad
+        self.bevel_rad += -abs(roll_rad) if self.bevel_rad > 0.0 else abs(roll_rad)
+        to_rad = self.roll_zero.zero_rad + self.bevel_rad
+        self.session.note(
+            "flip", trial=self.trial, depth_mm=self.path[-1].insertion_mm, from_rad=from_rad, to_rad=to_rad
+        )
+        self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
+        self.session.rig.wait(rotation.lag_s)
+        self.path.append(stance_of(self.session.rig.read_states()))
+
+    def advance(self, command: SteeringCommand) -> Look:
+        """Run on at the set speed, without a stop where the needle runs already, and look at the place commanded."""
+        if abs(command.run_to_mm - self.run_to_mm) > _SAME_MM:
+            self.session.start("insertion", command.run_to_mm, self.protocol.insertion.speed_mm_s)
+            self.run_to_mm = command.run_to_mm
+        there = False
+        while not there:
+            states = self.session.watch()
+            self.path.append(stance_of(states))
+            passing = command.run_to_mm - command.observe_at_mm > _SAME_MM
+            there = states["insertion"].target_reached or (
+                passing and self.path[-1].insertion_mm >= command.observe_at_mm
+            )
+        return self.session.see("observe", self.trial)
+
+    def find_tip(self, look: Look, state: SteeringState) -> TipSeen:
+        """Look for the tip in a picture, where the last state expects it."""
+        require_light(look.image)
+        inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
+        return look_for_tip(
+            self.eye, look.image, state.predicted(inserted_mm, self.settings), state.tip, self.bevel_rad
+        )
+
+    def find_sheath(self, look: Look) -> TrialOrigin | None:
+        """Find where the sheath stands before the needle leaves it, and write it down; None where that is not asked."""
+        sheath = self.protocol.sheath
+        if sheath.origin is None:
+            return None
+        linear_mm = look.stance.linear_mm
+        origin = look_for_sheath(
+            look.image, self.eye.plane, sheath, linear_mm, trial=self.trial, frame=look.frame
+        )
+        self.session.note("origin", **origin.model_dump())
+        return origin
+
+    def begin_at(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
+        """Plan anew from where the sheath was found; stop before the needle leaves a sheath that stands elsewhere."""
+        if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
+            return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
+        self.settings = starting_at(self.settings, origin.tip_mm, origin.heading_rad)
+        state, command = start_steering(self.settings)
+        self._tell_plan(state, origin.frame, because="origin")
+        return state, command
+
+    def confirm(
+        self, image: Picture, aim: Aim, state: SteeringState, origin: TrialOrigin | None = None
+    ) -> None:
+        """Draw plan, obstacles, axes and the sheath that was found into the picture, and wait for a yes."""
+        problem = self.settings.problem
+        drawn = DrawnPlan(
+            path_mm=sample_path(problem, state.plan)[:, 1:],
+            target_mm=aim.target_mm[1:],
+            tolerance_mm=problem.tolerance_mm,
+            obstacles=tuple((one.position_mm[1:], one.radius_mm) for one in aim.obstacles),
+            sheath=None
+            if origin is None or origin.tip_mm is None
+            else (origin.tip_mm, origin.heading_rad or 0.0),
+        )
+        file = self.session.draw(draw_plan(image, self.eye.plane, drawn), "plan", self.trial)
+        arcs = len(state.plan.arcs)
+        plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
+        self.session.ask(ConfirmPlan(str(file), self.eye.pixel_of(aim.target_mm), plan))
+
+    def finish(self, state: SteeringState, command: SteeringCommand) -> None:
+        """Hold, take the last picture, write down what is true, and withdraw along the path."""
+        session, protocol = self.session, self.protocol
+        session.note("hold", trial=self.trial, stop=command.stop, detail=command.detail)
+        session.rig.wait(_HOLD_S)
+        final_frame = session.look("final", self.trial)
+        for line in session.rig.truth():
+            session.recorder.truth(trial=self.trial, **line)
+        session.progress(
+            _done_s(protocol, self.trial, state.insertion_mm), f"{command.stop}: {command.detail}"
+        )
+        if command.stop in _UNSURE:
+            session.ask(ConfirmStopped(command.detail))
+        rotation = session.rig.rotation
+        speeds = WithdrawalSpeeds(
+            protocol.insertion.withdraw_speed_mm_s, rotation.max_speed / 2, protocol.sheath.speed_mm_s
+        )
+        withdraw(session, self.path, speeds)
+        reached = command.stop == "target_reached"
+        session.note(
+            "trial_stop",
+            trial=self.trial,
+            exit_status="success" if reached else "failed",
+            outcome="reached" if reached else "stopped" if command.stop in _UNSURE else "missed",
+            stop=command.stop,
+            cause=command.detail,
+            final_frame=final_frame,
+            depth_mm=state.insertion_mm,
+            replans=state.replans,
+        )
+
+    def tell_start(self, aim: Aim, state: SteeringState) -> None:
+        """Append what is aimed at, and the first plan."""
+        specimen, needle = self.protocol.specimen, self.protocol.needle
+        self.session.note(
+            "trial_start",
+            trial=self.trial,
+            specimen=specimen.name,
+            gelatin_percent=specimen.gelatin_percent,
+            hole=0,
+            hole_position_mm=0.0,
+            needle_id=needle.needle_id,
+            target_mm=list(aim.target_mm),
+            tolerance_mm=self.settings.problem.tolerance_mm,
+            obstacles=[asdict(one) for one in aim.obstacles],
+            start_mm=[0.0, 0.0, 0.0],
+            start_heading_rad=0.0,
+            roll_zero_rad=self.roll_zero.zero_rad,
+            roll_zero_sd_rad=self.roll_zero.sd_rad,
+        )
+        self._tell_plan(state, None)
+
+    def tell(self, look: Look, seen: TipSeen, before: SteeringState, state: SteeringState) -> None:
+        """Append what was seen and estimated, and the plan where one was sought."""
+        tip = state.tip
+        inserted_mm = state.insertion_mm
+        self.session.note(
+            "observation",
+            trial=self.trial,
+            frame=look.frame,
+            depth_mm=inserted_mm,
+            step_mm=inserted_mm - before.insertion_mm,
+            bevel_rad=self.bevel_rad,
+            **seen.to_json(),
+            estimate={
+                "position_mm": tip.position_mm.tolist(),
+                "heading_rad": tip.heading_rad,
+                "position_sd_mm": tip.position_sd_mm,
+                "heading_sd_rad": tip.heading_sd_rad,
+                "radius_mm": 1.0 / tip.curvature if tip.curvature else None,
+            },
+            innovation_mm=_innovation(seen, before, inserted_mm, self.settings),
+            nis=tip.nis,
+            believed=tip.accepted,
+            misses=tip.misses,
+        )
+        if state.why is not None:
+            self._tell_plan(state, look.frame)
+        self.session.progress(
+            _done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
+        )
+
+    def _tell_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
+        pose = state.plan_start
+        self.session.note(
+            "plan",
+            trial=self.trial,
+            frame=frame,
+            depth_mm=state.insertion_mm,
+            because=because or state.why,
+            refusal=state.refusal,
+            replans=state.replans,
+            from_mm=state.plan_from_mm,
+            start={
+                "position_mm": pose[:3, 3].tolist(),
+                "heading_rad": math.atan2(pose[1, 2], pose[2, 2]),
+                "rotation": pose[:3, :3].tolist(),
+            },
+            **state.plan.to_json(),
+        )
+
+
+def _innovation(
+    seen: TipSeen, before: SteeringState, inserted_mm: float, settings: SteeringSettings
+) -> list[float] | None:
+    """Return by how much the tip was seen elsewhere than predicted, (x, y, z); None where it was not seen."""
+    if seen.position_mm is None:
+        return None
+    off = np.asarray(seen.position_mm) - before.predicted(inserted_mm, settings)[:3, 3]
+    return [float(one) for one in off]

@@ -1,0 +1,218 @@
+"""The protocol of a planned, image-guided insertion."""
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from labrig.experiments.insertion.weights import PlannerWeights
+from labrig.protocol.model import Conflict, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
+from labrig.protocol.sections import (
+    Advance,
+    ExperimentProtocol,
+    GridSentinel,
+    Needle,
+    NeedleInPicture,
+    RollZeroSteps,
+    Sheath,
+    Specimen,
+    sheath_too_thin,
+)
+from labrig.steering.policy import SteeringPolicy
+
+_WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
+_DEFAULT = SteeringPolicy()
+
+
+class Phantom(Specimen):
+    """A block of gel with obstacles cast in."""
+
+    length_mm: float = Field(
+        140.0, gt=0, le=1000, description="Length of the block along the insertion [mm]."
+    )
+    width_mm: float = Field(
+        80.0, gt=0, le=1000, description="Width of the block, half of it to each side of the sheath [mm]."
+    )
+
+
+class Place(Model):
+    """A point of the steering plane: in mm, or as a pixel of the camera's picture."""
+
+    position_mm: PointMm | None = Field(
+        None, description="Place x, y, z from the origin of the steering plane [mm]; z along the insertion."
+    )
+    pixel: PixelUv | None = Field(None, description="Pixel (u, v) of the camera's picture [px].")
+
+
+class Target(Place):
+    """The point to reach."""
+
+    ask: bool = Field(
+        default=False, description="Whether the operator names its pixel on a picture taken during the run."
+    )
+    tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the needle may end [mm].")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a target that is told twice, or not at all."""
+        told = (self.position_mm is not None) + (self.pixel is not None) + self.ask
+        if told != 1:
+            message = f"the target is told {told} times, expected one of position_mm, pixel and ask: true"
+            yield Conflict("position_mm", message, _WHERE)
+
+
+class InsertionObstacle(Place):
+    """A sphere that the needle keeps off."""
+
+    radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield an obstacle that stands nowhere, or at two places."""
+        if (self.position_mm is None) == (self.pixel is None):
+            yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
+
+
+class InsertionAdvance(Advance):
+    """How the needle goes in and comes out."""
+
+    frame_every_mm: PositiveMm = Field(
+        1.0, description="Inserted length between two pictures; the needle does not stop for them [mm]."
+    )
+    max_length_mm: float = Field(gt=0, le=500, description="Longest path that may be planned [mm].")
+
+
+class Planner(Model):
+    """How a path is planned."""
+
+    method: Literal["best", "paper"] = Field(
+        "best", description="The default planner, or the paper's for comparison."
+    )
+    radius_mm: PositiveMm = Field(description="Radius of the needle's arcs expected in this gel [mm].")
+    clearance_mm: NonNegativeMm = Field(
+        0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
+    )
+    max_arcs: int = Field(6, ge=1, le=12, description="Most arcs of a path.")
+    weights: PlannerWeights = Field(
+        default_factory=PlannerWeights, description="What makes one path better than another."
+    )
+
+
+class Estimator(Model):
+    """How the tip's pose is estimated from where it is seen."""
+
+    method: Literal["error-state", "paper"] = Field(
+        "error-state", description="The default filter, or the paper's for comparison."
+    )
+    observation_sd_mm: PositiveMm = Field(
+        0.2, description="Standard deviation of a tip seen, along each axis [mm]."
+    )
+    process_sd_deg_per_root_mm: float = Field(
+        0.4, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
+    )
+    radius_sd_mm: NonNegativeMm = Field(
+        0.6, description="Standard deviation of radius_mm; 0: the radius is not estimated [mm]."
+    )
+    start_sd_deg: float = Field(
+        1.0, ge=0, le=20, description="Standard deviation of the sheath's direction [deg]."
+    )
+    cavity_every_mm: PositiveMm | None = Field(
+        50.0,
+        description="Cavities, in which the needle does not steer, are counted with, one in so much path; null: none "
+        "are [mm].",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius to be estimated by a filter that cannot."""
+        if self.method == "paper" and self.radius_sd_mm > 0:
+            message = (
+                f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
+            )
+            yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
+        if self.method == "paper" and self.cavity_every_mm is not None:
+            message = f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter knows no cavities"
+            yield Conflict("cavity_every_mm", message, "set it to null, or use the error-state filter")
+
+
+class Policy(Model):
+    """When the path is planned anew, when the needle is given up, and what its hinges do after a turn."""
+
+    replan_every_mm: PositiveMm = Field(
+        _DEFAULT.replan_every_mm, description="Plan anew after so much insertion [mm]."
+    )
+    deviation_mm: NonNegativeMm | None = Field(
+        _DEFAULT.deviation_mm,
+        description="Plan anew where the rest of the path would miss by more; null: never for that [mm].",
+    )
+    near_mm: NonNegativeMm = Field(
+        _DEFAULT.near_mm, description="Plan anew at every picture where no more than this is left [mm]."
+    )
+    final_mm: NonNegativeMm = Field(
+        _DEFAULT.final_mm,
+        description="Take what comes nearest to the target where no more than this is left [mm].",
+    )
+    backlash_mm: NonNegativeMm = Field(
+        _DEFAULT.backlash_mm,
+        description="Insertion in which the curvature swings over after half a turn [mm].",
+    )
+    closing_mm: NonNegativeMm = Field(
+        _DEFAULT.closing_mm, description="Insertion in which the hinges close at the start [mm]."
+    )
+    most_misses: int = Field(
+        _DEFAULT.most_misses,
+        ge=1,
+        le=1000,
+        description="Pictures in a row without a credible tip, and the needle is stopped.",
+    )
+    stuck_mm: PositiveMm = Field(
+        _DEFAULT.stuck_mm,
+        description="Inserted by this without the tip advancing, the needle is stopped [mm].",
+    )
+    least_clearance_mm: NonNegativeMm = Field(
+        _DEFAULT.least_clearance_mm,
+        description="Where no path keeps clearance_mm any more, one is taken that keeps this [mm].",
+    )
+
+
+class InsertionProtocol(ExperimentProtocol):
+    """Section V-C of the paper: to a target between obstacles, with the tip seen and the path planned anew."""
+
+    pictures_decide_motion: ClassVar[bool] = True
+
+    experiment: Literal["insertion"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Insertion to a target", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    specimen: Phantom = Field(
+        description="The block of gel with the obstacles; each repetition takes a new one."
+    )
+    repetitions: int = Field(1, ge=1, le=500, description="Insertions.")
+    target: Target = Field(description="The point to reach.")
+    obstacles: tuple[InsertionObstacle, ...] = Field(
+        (), max_length=100, description="Spheres to keep off, any number up to a hundred."
+    )
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
+    planner: Planner = Field(description="How a path is planned.")
+    estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
+    policy: Policy = Field(default_factory=Policy, description="When the path is planned anew.")
+    roll_zero: RollZeroSteps | None = Field(
+        None,
+        description="How the needle's roll zero is found first where the rig has no certified one. null: the insertion "
+        "is refused then.",
+    )
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath of the run."""
+        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield sizes that do not go together."""
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        if self.planner.radius_mm <= self.needle.diameter_mm:
+            message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
+            yield Conflict("planner.radius_mm", message, "are both in mm?")
+        if self.insertion.frame_every_mm > self.insertion.max_length_mm:
+            message = f"frame_every_mm is {self.insertion.frame_every_mm:g}, above max_length_mm"
+            yield Conflict("insertion.frame_every_mm", message, "1 is usual")

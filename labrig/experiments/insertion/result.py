@@ -1,0 +1,144 @@
+"""How near to their targets insertions ended, and what was known of the tip on the way."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, origin_rows
+from labrig.protocol.model import Model
+
+
+class InsertionStep(Model):
+    """One look at the needle on its way, estimated again from the recorded picture; points are (y, z).
+
+    `tip_mm` is where the template found the tip, None where it did not, for the `reason`; `believed` says whether the
+    estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
+    needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
+    simulated worlds alone.
+    """
+
+    frame: int
+    t_s: float
+    depth_mm: float
+    tip_mm: Point | None
+    reason: str | None
+    score: float | None
+    estimate_mm: Point
+    position_sd_mm: float
+    heading_rad: float
+    heading_sd_rad: float
+    radius_mm: float | None
+    believed: bool
+    nis: float | None
+    innovation_mm: Point | None
+    clearance_mm: float | None
+    true_mm: Point | None
+    true_heading_rad: float | None
+
+
+class InsertionCommand(Model):
+    """What the step that steers says at a picture, by the settings of the result and knowing the turns that were made.
+
+    `frame` is None of the first command, before the needle moves. How far to run, where to look next, by how much to
+    turn the bevel (0: not at all), on which occasion a path was sought (None: on none), how many were found after the
+    first, and why to stop; after the first stop there are no more.
+    """
+
+    frame: int | None
+    depth_mm: float
+    roll_rad: float
+    observe_at_mm: float
+    run_to_mm: float
+    sought: str | None
+    replans: int
+    stop: str | None
+
+
+class InsertionPlan(Model):
+    """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
+
+    depth_mm: float
+    t_s: float
+    frame: int | None
+    because: str
+    found: bool
+    reason: str | None
+    arcs: int
+    length_mm: float | None
+    clearance_mm: float | None
+    path_mm: tuple[Point, ...]
+
+
+class AvoidedSphere(Model):
+    """A sphere that was to be kept off, its centre (x, y, z)."""
+
+    position_mm: tuple[float, float, float]
+    radius_mm: float
+
+
+class InsertionTrial(Model):
+    """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
+
+    `reached`: it was steered there, and the shaft's end, where it could be measured, lies within the tolerance.
+    `target_mm` is (x, y, z), `tip_mm` (y, z), with `shaft_mm` the needle's centre line; `unmeasured` says why there
+    is no tip. `sigma_target_error_mm` holds the reading of the end, lens and plane map, and what the grid pictures say
+    of drift. `template_error_mm` is the same distance by the template and the estimator, which steered: it is there
+    to be compared, and is no measurement of the error. `mean_nis` is over the steps that were believed; two degrees
+    of freedom, so 2 where the noise is what the protocol says. `as_recorded` says whether every estimate is the one of
+    the live run to the last digit, as it is with its settings and its code; older results say neither that nor
+    `commands`.
+    """
+
+    trial: int
+    start_t_s: float
+    outcome: str
+    stop: str
+    cause: str
+    reached: bool
+    target_mm: tuple[float, ...]
+    tolerance_mm: float
+    obstacles: tuple[AvoidedSphere, ...]
+    final_frame: int | None
+    tip_mm: Point | None
+    shaft_mm: tuple[Point, ...]
+    target_error_mm: float | None
+    sigma_target_error_mm: float | None = None
+    unmeasured: str | None
+    template_error_mm: float | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    true_path_mm: tuple[Point, ...]
+    replans: int
+    length_mm: float | None
+    missed_sightings: int
+    mean_nis: float | None
+    steps: tuple[InsertionStep, ...]
+    plans: tuple[InsertionPlan, ...]
+    as_recorded: bool | None = None
+    commands: tuple[InsertionCommand, ...] = ()
+
+
+class InsertionResult(Result):
+    """Of insertion runs: how many of how many arrived; errors and length are the largest, clearance the smallest.
+
+    `causes` counts why the others did not.
+    """
+
+    kind: Literal["insertion"] = "insertion"
+    made: int
+    arrived: int
+    causes: dict[str, int]
+    reached: bool
+    target_error_mm: float | None
+    true_target_error_mm: float | None
+    true_min_clearance_mm: float | None
+    replans: int
+    length_mm: float | None
+    insertions: tuple[InsertionTrial, ...]
+    origins: tuple[TrialOrigin, ...] = ()
+    sentinel: Sentinel | None = None
+
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        """What the result says row by row."""
+        steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
+        return origin_rows(self.origins) | steps

@@ -1,0 +1,148 @@
+"""The scenario of `labrig plan`: a needle, a target and obstacles, without any rig."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field
+
+from labrig.experiments.insertion.weights import PlannerWeights
+from labrig.protocol.design_file import NeedleDesign
+from labrig.protocol.designed_needle import Filling
+from labrig.protocol.load import load_designed_model
+from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
+from labrig.protocol.words import Plain
+from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
+
+Direction3: TypeAlias = tuple[float, float, float]
+
+
+class ScenarioNeedle(Model):
+    """The needle that is planned for: its numbers, or `design_file` instead of them."""
+
+    radius_mm: PositiveMm = Field(description="Radius of the arcs that the needle follows [mm].")
+    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    radius_low_mm: PositiveMm | None = Field(
+        None, description="Smallest radius that the needle may have, beside radius_high_mm [mm]."
+    )
+    radius_high_mm: PositiveMm | None = Field(
+        None, description="Largest radius that the needle may have, beside radius_low_mm [mm]."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield half a tolerance, or a radius outside of its tolerance."""
+        low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
+        if low_mm is None and high_mm is None:
+            return
+        if low_mm is None or high_mm is None:
+            missing = "radius_low_mm" if low_mm is None else "radius_high_mm"
+            yield Conflict(missing, f"{missing} is null, and the other end is a number", "give both or none")
+        elif not low_mm <= self.radius_mm <= high_mm:
+            message = (
+                f"radius_mm is {self.radius_mm:g}, must be within its tolerance, {low_mm:g} to {high_mm:g}"
+            )
+            yield Conflict("radius_mm", message)
+
+    @property
+    def radius_range_mm(self) -> tuple[float, float] | None:
+        """The tolerance of the radius, low to high; None where none is stated."""
+        if self.radius_low_mm is None or self.radius_high_mm is None:
+            return None
+        return self.radius_low_mm, self.radius_high_mm
+
+
+class ScenarioStart(Model):
+    """The pose of the needle's tip."""
+
+    position_mm: PointMm = Field((0.0, 0.0, 0.0), description="Where the tip is: x, y, z [mm].")
+    rotation: tuple[Direction3, Direction3, Direction3] = Field(
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        description="Rotation matrix by rows, from the tip's frame to the world; z along the needle.",
+    )
+
+
+class ScenarioTarget(Model):
+    """The point to reach."""
+
+    position_mm: PointMm = Field(description="Where the target is: x, y, z [mm].")
+    tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the path may end [mm].")
+
+
+class ScenarioObstacle(Model):
+    """A sphere that the needle keeps off."""
+
+    position_mm: PointMm = Field(description="Centre of the sphere: x, y, z [mm].")
+    radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
+
+
+class Scenario(Model):
+    """A planning problem in a file, YAML or JSON."""
+
+    needle: ScenarioNeedle
+    start: ScenarioStart = ScenarioStart()
+    target: ScenarioTarget
+    obstacles: tuple[ScenarioObstacle, ...] = Field(
+        (), max_length=100, description="Spheres to keep off, any number up to a hundred."
+    )
+    planar: bool = Field(
+        default=False, description="Stay in the y-z plane of the start; rolls are 0 and pi then."
+    )
+    clearance_mm: NonNegativeMm = Field(
+        0.6, description="Asked for, from the needle's surface to an obstacle's [mm]."
+    )
+    max_arcs: int = Field(6, ge=1, le=12, description="Most arcs of a path.")
+    max_length_mm: PositiveMm = Field(150.0, description="Longest path [mm].")
+    method: Literal["best", "paper"] = Field(
+        "best", description="The default planner, or the paper's for comparison."
+    )
+    weights: PlannerWeights = PlannerWeights()
+
+
+def load_scenario(path: Path | str) -> Scenario:
+    """Return the scenario in a file, YAML or JSON; the numbers of a design file that it names are put into it.
+
+    Raises
+    ------
+    FileFormatError
+        With every problem of the file.
+    """
+    return load_designed_model(path, Scenario, _DESIGN)
+
+
+def problem_of(scenario: Scenario) -> PlanProblem:
+    """Return the problem that a scenario states.
+
+    Raises
+    ------
+    InputError
+        Where values that are right alone make no problem: a start or target inside an obstacle, no rotation.
+    """
+    start = np.eye(4)
+    start[:3, :3], start[:3, 3] = scenario.start.rotation, scenario.start.position_mm
+    return PlanProblem(
+        target_mm=scenario.target.position_mm,
+        obstacles=tuple(Obstacle(one.position_mm, one.radius_mm) for one in scenario.obstacles),
+        start=start,
+        radius_mm=scenario.needle.radius_mm,
+        radius_range_mm=scenario.needle.radius_range_mm,
+        diameter_mm=scenario.needle.diameter_mm,
+        tolerance_mm=scenario.target.tolerance_mm,
+        clearance_mm=scenario.clearance_mm,
+        max_arcs=scenario.max_arcs,
+        max_length_mm=scenario.max_length_mm,
+        planar=scenario.planar,
+        weights=PlanWeights(**scenario.weights.model_dump()),
+    )
+
+
+def _values_of_design(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, Plain]:
+    return {
+        "diameter_mm": design.diameter_mm,
+        "radius_mm": design.radius_mm,
+        "radius_low_mm": design.radius_low_mm,
+        "radius_high_mm": design.radius_high_mm,
+    }
+
+
+_DESIGN = Filling(("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm"), _values_of_design)

@@ -1,0 +1,78 @@
+"""What an insertion protocol says to planner, estimator and policy; the live run and its reanalysis read it here."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from labrig.experiments.insertion.protocol import InsertionProtocol
+from labrig.steering.policy import SteeringPolicy, SteeringSettings
+from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
+from labrig.steering.tip import EstimatorSettings
+
+
+def insertion_settings(
+    protocol: InsertionProtocol, target_mm: tuple[float, float, float], obstacles: tuple[Obstacle, ...]
+) -> SteeringSettings:
+    """Return problem, estimator and policy of an insertion from the origin of the steering plane along z.
+
+    Raises
+    ------
+    InputError
+        For what is no problem: a start or target inside an obstacle.
+    """
+    planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
+    values = policy.model_dump()
+    deviation_mm = values.pop("deviation_mm")
+    return SteeringSettings(
+        problem=PlanProblem(
+            target_mm=target_mm,
+            obstacles=obstacles,
+            radius_mm=planner.radius_mm,
+            diameter_mm=protocol.needle.diameter_mm,
+            tolerance_mm=protocol.target.tolerance_mm,
+            clearance_mm=planner.clearance_mm,
+            max_arcs=planner.max_arcs,
+            max_length_mm=protocol.insertion.max_length_mm,
+            planar=True,
+            weights=PlanWeights(**planner.weights.model_dump()),
+        ),
+        estimator=EstimatorSettings(
+            radius_mm=planner.radius_mm,
+            observation_sd_mm=estimator.observation_sd_mm,
+            process_sd_rad_per_root_mm=math.radians(estimator.process_sd_deg_per_root_mm),
+            method=estimator.method,
+            planar=True,
+            radius_sd_mm=estimator.radius_sd_mm,
+            start_sd_rad=math.radians(estimator.start_sd_deg),
+            cavity_every_mm=math.inf if estimator.cavity_every_mm is None else estimator.cavity_every_mm,
+        ),
+        policy=SteeringPolicy(
+            **values,
+            deviation_mm=math.inf if deviation_mm is None else deviation_mm,
+            observe_every_mm=protocol.insertion.frame_every_mm,
+        ),
+        method=planner.method,
+    )
+
+
+def starting_at(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
+    """Return the settings of an insertion that starts where the sheath was found, (y, z), in its direction."""
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    start = np.eye(4)
+    start[1:3, 1:3] = ((cosine, sine), (-sine, cosine))
+    start[1:3, 3] = tip_mm
+    return replace(settings, problem=replace(settings.problem, start=start))
+
+
+def started_at(settings: SteeringSettings, events: Iterable[Mapping[Any, Any]]) -> SteeringSettings:
+    """Return the settings that an insertion was steered by, given the events of its trial.
+
+    It started at the sheath's tip where one was found and accepted, else at the plane's origin.
+    """
+    for event in events:
+        if event["kind"] == "origin" and event["accepted"]:
+            return starting_at(settings, event["tip_mm"], float(event["heading_rad"]))
+    return settings

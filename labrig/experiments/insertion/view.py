@@ -1,0 +1,90 @@
+"""An insertion on the rerun viewer's time line: what was aimed at, planned and done, and the estimates beside it."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import rerun as rr
+
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.result import AnalysisResult
+from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial
+from labrig.record.reader import Run
+from labrig.report.view import View
+from labrig.vision.plane import PlaneMap
+
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
+_OBSTACLE, _TARGET, _PLAN, _TAKEN = (213, 94, 0), (0, 158, 115), (255, 166, 0), (86, 180, 233)
+_DRAWN = ("obstacles", "target", "plan", "taken", "tip")
+
+
+def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
+    """Return the curves of the estimate, and what is drawn into the pictures."""
+    plane = load_mapping(run)
+    return View((("/estimate", "Tip (mm, degrees)"),), partial(_send, result.content, plane))
+
+
+def _send(content: InsertionResult, plane: PlaneMap, stream: rr.RecordingStream, timeline: str) -> None:
+    """Send what was aimed at, planned, seen and estimated, at the rig times [s] at which it was."""
+    for one in content.insertions:
+        stream.set_time(timeline, duration=one.start_t_s)
+        _send_scene(stream, one, plane)
+        for plan in one.plans:
+            stream.set_time(timeline, duration=plan.t_s)
+            if plan.path_mm:
+                _send_line(stream, "plan", plan.path_mm, plane, _PLAN)
+        for number, step in enumerate(one.steps, start=1):
+            stream.set_time(timeline, duration=step.t_s)
+            _send_line(stream, "taken", [each.estimate_mm for each in one.steps[:number]], plane, _TAKEN)
+            _send_step(stream, step, plane)
+        if one.steps and one.final_frame is not None:
+            _send_end(stream, one)
+
+
+def _send_scene(stream: rr.RecordingStream, one: InsertionTrial, plane: PlaneMap) -> None:
+    for name in _DRAWN:
+        stream.log(f"/camera/{name}", rr.Clear(recursive=False))
+    rings = [_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in one.obstacles]
+    if rings:
+        stream.log("/camera/obstacles", rr.LineStrips2D(rings, colors=[_OBSTACLE] * len(rings), radii=1.0))
+    y, z = one.target_mm[1:]
+    target = _ring((y, z), one.tolerance_mm, plane)
+    stream.log("/camera/target", rr.LineStrips2D([target], colors=[_TARGET], radii=1.0))
+
+
+def _send_step(stream: rr.RecordingStream, step: InsertionStep, plane: PlaneMap) -> None:
+    """Send the tip that was seen, none where it was not, and the numbers of the estimate."""
+    seen = np.empty((0, 2)) if step.tip_mm is None else plane.to_px([step.tip_mm])
+    stream.log("/camera/tip", rr.Points2D(seen, colors=[_TARGET] * len(seen), radii=4.0))
+    numbers = {
+        "heading_deg": math.degrees(step.heading_rad),
+        "nis": step.nis,
+        "innovation_mm": None if step.innovation_mm is None else math.hypot(*step.innovation_mm),
+        "clearance_mm": step.clearance_mm,
+        "error_mm": None if step.true_mm is None else math.dist(step.estimate_mm, step.true_mm),
+    }
+    for name, value in numbers.items():
+        if value is not None:
+            stream.log(f"/estimate/{name}", rr.Scalars(value))
+
+
+def _send_end(stream: rr.RecordingStream, one: InsertionTrial) -> None:
+    error = "not measured" if one.target_error_mm is None else f"{one.target_error_mm:.2f} mm from the target"
+    stream.log("/events", rr.TextLog(f"insertion {one.trial + 1}: {one.outcome}, {error}"))
+
+
+def _send_line(
+    stream: rr.RecordingStream,
+    name: str,
+    path_mm: Sequence[tuple[float, float]],
+    plane: PlaneMap,
+    colour: tuple[int, int, int],
+) -> None:
+    line = plane.to_px(np.array(path_mm))
+    stream.log(f"/camera/{name}", rr.LineStrips2D([line], colors=[colour], radii=1.0))
+
+
+def _ring(centre_mm: tuple[float, float], radius_mm: float, plane: PlaneMap) -> np.ndarray:
+    around = np.column_stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
+    return plane.to_px(np.asarray(centre_mm) + radius_mm * around)

@@ -1,0 +1,33 @@
+"""What the planner weighs, as protocols and scenarios state it; the defaults are those of `steering`."""
+
+from typing import Annotated, TypeAlias
+
+from pydantic import Field
+
+from labrig.protocol.model import Model, NonNegativeMm
+from labrig.steering.problem import PlanWeights
+
+Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
+
+_DEFAULT = PlanWeights()
+
+
+class PlannerWeights(Model):
+    """What makes one feasible path better than another; the smallest sum wins."""
+
+    length_per_mm: Weight = Field(_DEFAULT.length_per_mm, description="Cost of a millimetre of path.")
+    turn: Weight = Field(_DEFAULT.turn, description="Cost of an arc.")
+    target_error_per_mm: Weight = Field(
+        _DEFAULT.target_error_per_mm, description="Cost of each millimetre beside the target."
+    )
+    clearance_per_mm: Weight = Field(
+        _DEFAULT.clearance_per_mm, description="Cost of each millimetre missing to a comfortable clearance."
+    )
+    comfortable_clearance_mm: NonNegativeMm = Field(
+        _DEFAULT.comfortable_clearance_mm, description="Clearance beyond which more is no better [mm]."
+    )
+    curvature_per_mm: Weight = Field(
+        _DEFAULT.curvature_per_mm,
+        description="Cost of each millimetre by which the worst radius of its tolerance moves the tip; without a "
+        "tolerance, a radius one per cent larger.",
+    )

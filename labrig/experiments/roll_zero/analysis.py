@@ -1,0 +1,96 @@
+"""The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from labrig.analysis.experiment import AnalysisRequest
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import ReadFrame, aside_mm, find_origins
+from labrig.analysis.pictures import Analysis, PictureWork
+from labrig.analysis.result import Findings, TrialOrigin
+from labrig.analysis.sentinel import sentinel_of
+from labrig.errors import MeasurementRefusedError
+from labrig.experiments.roll_zero.protocol import RollZeroProtocol
+from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.protocol.sections import Sheath
+from labrig.record.reader import Run
+from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
+from labrig.vision.plane import PlaneMap
+
+_SHEATH_ROLE = "roll-zero-sheath"
+
+
+def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Analysis[Findings]:
+    """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
+
+    Raises
+    ------
+    InputError
+        When the run has no map from pixels to mm, or too few pictures show the needle.
+    RecordError
+        When its lines are damaged.
+    """
+    lines = run.frame_table.to_dict("records")
+    pictures = [line for line in lines if line["role"] == "roll-zero"]
+    settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
+    places = tuple(run.pictures[int(one["frame"])] for one in pictures)
+    plane = load_mapping(run)
+    origins = _origins(run.read_frame, lines, plane, protocol.sheath)
+    sentinel = sentinel_of(protocol.sentinel, run.read_frame, lines, plane)
+    measured = (yield PictureWork(places, plane, settings, request.mask)).measured
+    seen = [
+        (float(line["rotation_rad"]), aside_mm(each.tip_mm, _before(int(line["frame"]), origins)))
+        for line, each in zip(pictures, measured, strict=True)
+        if isinstance(each, CurvatureMeasurement) and each.tip_mm is not None
+    ]
+    rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
+    steps = protocol.roll_zero
+    fit: RollZeroFit | None = None
+    reasons: list[str] = []
+    try:
+        fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, protocol.needle.design_radius_mm)
+    except MeasurementRefusedError as error:
+        reasons.append(error.message)
+    if fit is not None and math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        reasons.append(f"uncertain by {math.degrees(fit.sd_rad):.1f} degrees, {steps.max_sd_deg:g} at most")
+    if sentinel is not None and not sentinel.accepted:
+        reasons.append(sentinel.reason or "the grid pictures differ")
+    result = RollZeroResult(
+        **request.stamp.fields({"rolls": steps.rolls, "length_mm": steps.length_mm}),
+        accepted=not reasons,
+        reasons=tuple(reasons),
+        needle_id=protocol.needle.needle_id,
+        rolls_rad=tuple(rolls_rad),
+        deflections_mm=tuple(strays_mm),
+        fit=None if fit is None else asdict(fit),
+        offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
+        origins=origins,
+        sentinel=sentinel,
+    )
+    return Findings(result)
+
+
+def _origins(
+    read: ReadFrame, lines: Sequence[Mapping[Any, Any]], plane: PlaneMap, sheath: Sheath
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each hole, where the protocol asks for it; holes are counted as trials here."""
+    if sheath.origin is None:
+        return ()
+    shown = [line for line in lines if line["role"] == _SHEATH_ROLE]
+    return find_origins(
+        read, [{**line, "trial": step} for step, line in enumerate(shown)], plane, sheath, _SHEATH_ROLE
+    )
+
+
+def _before(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
+    """Return the sheath that was found last before a picture."""
+    return next((one for one in reversed(origins) if one.frame < frame), None)
+
+
+def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
+    """Return the constant of the least-squares cosine: the residuals of such a fit sum up to nothing."""
+    bends = (fit.bend_mm * math.cos(roll - fit.zero_rad) for roll in rolls_rad)
+    return math.fsum(stray + bend for stray, bend in zip(strays_mm, bends, strict=True)) / len(rolls_rad)

@@ -1,0 +1,141 @@
+"""What the page of a roll zero run shows: each insertion's deflection, and the cosine of the roll through them."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from labrig.analysis.result import AnalysisResult
+from labrig.experiments.roll_zero.protocol import RollZeroProtocol
+from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.record.reader import Run
+from labrig.report.calibration_rows import calibration_rows
+from labrig.report.figures import SETTINGS, svg
+from labrig.report.page import Page
+from labrig.report.palette import DESIGN, mark
+from labrig.report.pictures import THUMBNAIL, data_uri, jpeg
+
+TEMPLATE = Path(__file__).with_name("page.html.jinja")
+
+_CURVE_POINTS = 181
+
+
+@dataclass(frozen=True)
+class RollRow:
+    """One insertion: the rotation axis [degrees], how far aside its tip was seen, and how far from the cosine [mm]."""
+
+    roll_deg: float
+    deflection_mm: float
+    residual_mm: float | None
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One recorded picture: its number, the rotation axis [degrees], and the picture itself."""
+
+    frame: int
+    roll_deg: float
+    href: str
+
+
+def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZeroResult] | None) -> Page:
+    """Return the page of a roll zero: the deflections, the cosine through them, and the pictures."""
+    steps = protocol.roll_zero
+    facts = (
+        ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+        ("Gel", f"{steps.specimen.gelatin_percent:g} %"),
+        ("Insertions", f"{steps.rolls}, {steps.length_mm:g} mm deep"),
+    )
+    if result is None:
+        return Page(facts)
+    content = result.content
+    shown = _shown(run, content, f"analysis/{result.path.name}")
+    return Page(facts, TEMPLATE, _verdict(content), calibration_rows(run), shown)
+
+
+def _verdict(result: RollZeroResult) -> list[Markup]:
+    """Return the roll zero with its uncertainty, or why there is none."""
+    if not result.accepted or result.fit is None:
+        return [Markup("Not certified: {}.").format("; ".join(result.reasons))]
+    zero, sd = math.degrees(result.fit["zero_rad"]), math.degrees(result.fit["sd_rad"])
+    return [
+        Markup(
+            "Needle {} bends towards -y where the rotation axis stands at {:.2f} degrees, SD {:.2f} degrees."
+        ).format(result.needle_id, zero, sd)
+    ]
+
+
+def _shown(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
+    shots = _shots(run)
+    return {
+        "content": result,
+        "folder": folder,
+        "rows": _rows(result),
+        "figure": _figure(result, "roll-zero") if result.rolls_rad else None,
+        "shots": shots,
+        "unseen": len(shots) - len(result.rolls_rad),
+        "fit": result.fit,
+    }
+
+
+def _rows(result: RollZeroResult) -> list[RollRow]:
+    return [
+        RollRow(math.degrees(roll), seen, None if fitted is None else seen - fitted)
+        for roll, seen in zip(result.rolls_rad, result.deflections_mm, strict=True)
+        for fitted in (_fitted_mm(result, roll),)
+    ]
+
+
+def _fitted_mm(result: RollZeroResult, roll_rad: float) -> float | None:
+    """Return the fitted cosine at a roll; None without a fit, and of results that an earlier labrig has written."""
+    if result.fit is None or result.offset_mm is None:
+        return None
+    return result.offset_mm - result.fit["bend_mm"] * math.cos(roll_rad - result.fit["zero_rad"])
+
+
+def _figure(result: RollZeroResult, name: str) -> Markup:
+    """Draw the deflections over the roll, the cosine, and the zero with twice its standard deviation."""
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(6.4, 3.1), layout="constrained")
+        axes = figure.subplots()
+        turn_rad = np.linspace(0.0, 2 * math.pi, _CURVE_POINTS)
+        curve = [mm for roll in turn_rad if (mm := _fitted_mm(result, float(roll))) is not None]
+        if result.fit is not None and curve:
+            axes.plot(np.degrees(turn_rad), curve, color=DESIGN, linewidth=1.2, label="fitted cosine")
+            zero, sd = (math.degrees(result.fit[key]) for key in ("zero_rad", "sd_rad"))
+            axes.axvspan(zero % 360 - 2 * sd, zero % 360 + 2 * sd, color="#009e73", alpha=0.3, linewidth=0)
+            axes.axvline(zero % 360, color="#009e73", linewidth=1.2, label="roll zero, ± 2 SD")
+        seen = mark(0)
+        axes.plot(
+            np.degrees(result.rolls_rad),
+            result.deflections_mm,
+            linestyle="none",
+            marker=seen.marker,
+            color=seen.colour,
+            label="tip, as seen",
+        )
+        axes.set_xlim(-15, 375)
+        axes.set_xticks(range(0, 361, 60))
+        axes.set_xlabel("rotation axis (degrees)")
+        axes.set_ylabel("tip aside, y (mm)")
+        axes.grid(visible=True)
+        axes.legend(loc="best")
+        return svg(figure, name)
+
+
+def _shots(run: Run) -> list[Shot]:
+    frames = run.frame_table
+    lines = frames.loc[frames["role"] == "roll-zero"].to_dict("records")
+    return [
+        Shot(
+            int(line["frame"]),
+            math.degrees(float(line["rotation_rad"])),
+            data_uri(jpeg(run.read_frame(int(line["frame"])), THUMBNAIL), "image/jpeg"),
+        )
+        for line in lines
+    ]

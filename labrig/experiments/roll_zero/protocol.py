@@ -1,0 +1,43 @@
+"""The protocol that finds the roll zero of a needle as it is clamped."""
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Line
+from labrig.protocol.sections import (
+    Advance,
+    ExperimentProtocol,
+    GridSentinel,
+    Needle,
+    NeedleInPicture,
+    RollZeroSteps,
+    Sheath,
+    sheath_too_thin,
+)
+
+
+class RollZeroProtocol(ExperimentProtocol):
+    """Which roll of the rotation axis bends the needle towards -y; certified for the needle as it is clamped."""
+
+    pictures_decide_motion: ClassVar[bool] = True
+
+    experiment: Literal["roll-zero"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Roll zero", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: Advance = Field(description="How fast the needle goes in and comes out.")
+    roll_zero: RollZeroSteps = Field(description="How the zero is found.")
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath of the run."""
+        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a sheath that the needle does not fit through."""
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)

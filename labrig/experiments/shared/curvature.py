@@ -1,0 +1,223 @@
+"""Radii of curvature in every picture of the needle, of a steerability run or imported."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from labrig.analysis.experiment import AnalysisRequest
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.origin import ReadFrame, find_origins
+from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
+from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
+from labrig.analysis.sentinel import sentinel_of
+from labrig.errors import RecordError
+from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
+from labrig.experiments.shared.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
+from labrig.experiments.shared.picture_results import from_origins, refused_by_origin, watched
+from labrig.experiments.shared.truth import compare_with_truth
+from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
+from labrig.record.durable import write_atomically
+from labrig.record.reader import Frames, Run
+from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
+from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+
+MEASURED_ROLES = ("advance", "final", "imported")
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """A line of frames.jsonl, with the trial that it belongs to."""
+
+    line: Mapping[str, Any]
+    trial: Trial | None
+
+
+@dataclass(frozen=True)
+class CurvatureOrder:
+    """What a protocol says of the pictures of its needle.
+
+    Attributes
+    ----------
+    needle : NeedleInPicture
+        What stands in them.
+    window : AnalysisWindow
+        Which part of the shaft is fitted, and what is accepted.
+    sheath : Sheath or None
+        How the sheath is brought in, so that each trial's origin is found; None for pictures without trials.
+    sentinel : GridSentinel or None
+        The graph paper before and after the run.
+    """
+
+    needle: NeedleInPicture
+    window: AnalysisWindow
+    sheath: Sheath | None = None
+    sentinel: GridSentinel | None = None
+
+    @property
+    def settings(self) -> CurvatureSettings:
+        """How pictures are measured."""
+        return CurvatureSettings(
+            needle_diameter_mm=self.needle.diameter_mm,
+            sheath_diameter_mm=self.needle.sheath_diameter_mm,
+            **self.window.model_dump(exclude={"roll_sd_deg"}),
+        )
+
+
+def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Analysis[Findings]:
+    """Measure the pictures, group them, and compare them with the truth where there is one.
+
+    The intervals of the groups carry how sure the bevel's roll is; those of single pictures speak of the picture alone.
+
+    Raises
+    ------
+    InputError
+        When the run has no map from pixels to mm.
+    """
+    settings, roll_sd_deg, mask = order.settings, order.window.roll_sd_deg, request.mask
+    trials = _trials(run)
+    pictures = _pictures(run, trials)
+    places = tuple(run.pictures[int(picture.line["frame"])] for picture in pictures)
+    plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
+    others = (
+        partial(_origins, order.sheath, read, lines, plane),
+        partial(sentinel_of, order.sentinel, read, lines, plane),
+    )
+    named = None if mask is None else mask.with_names(_sources(pictures))
+    seen = yield PictureWork(places, plane, settings, named, others)
+    measured, (origins, sentinel) = seen.measured, seen.others
+    bare = [_result(picture, each) for picture, each in zip(pictures, measured, strict=True)]
+    results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
+    finals = final_pictures(results)
+    specimens = summarise_specimens(trials, finals, roll_sd_deg)
+    content = CurvatureResult(
+        **request.stamp.fields(
+            {**asdict(settings), "roll_sd_deg": roll_sd_deg, **_kept(mask)}, _damaged(pictures, measured)
+        ),
+        specimens=specimens,
+        mean_radius_mm=mean_of_means(specimens),
+        measurements=results,
+        origins=origins,
+        sentinel=sentinel,
+        truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
+    )
+    return Findings(content, partial(_save, _centre_lines(results, measured), mask))
+
+
+def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
+    save_centre_lines(lines, folder)
+    if mask is not None:
+        write_atomically(folder / mask.kept_as, mask.content)
+
+
+def _picture(frames: Frames, frame: int) -> Picture:
+    return frames[frame]
+
+
+def _origins(
+    sheath: Sheath | None, read: ReadFrame, lines: Sequence[Mapping[str, Any]], plane: PlaneMap
+) -> tuple[TrialOrigin, ...]:
+    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    return () if sheath is None else find_origins(read, lines, plane, sheath)
+
+
+def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
+    """Return what each imported picture was called, by its file's name in the record."""
+    return {
+        Path(one.line["file"]).name: str(one.line["source"]) for one in pictures if one.line.get("source")
+    }
+
+
+def _kept(mask: Mask | None) -> dict[str, str]:
+    return {} if mask is None else {"mask": mask.kept_as, "mask_sha256": mask.sha256}
+
+
+def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
+    """Return the pictures that are not as they were recorded: file, what is wrong."""
+    return {
+        one.line["file"]: each.reason
+        for one, each in zip(pictures, measured, strict=True)
+        if isinstance(each, Unreadable) and each.damaged
+    }
+
+
+def _trials(run: Run) -> list[Trial]:
+    # Of an interrupted one another was made in its stead.
+    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
+    try:
+        return [
+            Trial(
+                int(line["trial"]),
+                line["specimen"],
+                float(line["gelatin_percent"]),
+                int(line["hole"]),
+                line["needle_id"],
+            )
+            for line in made
+        ]
+    except KeyError as error:
+        raise RecordError(
+            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
+            "no labrig wrote it so; take the file from a copy of the run",
+        ) from error
+
+
+def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:
+    by_number = {one.trial: one for one in trials}
+    return [
+        _Picture(line, by_number.get(int(line["trial"])) if line.get("trial") is not None else None)
+        for line in _lines(run.frame_table)
+        if line["role"] in MEASURED_ROLES
+    ]
+
+
+def _drawn_radii(run: Run) -> dict[int, float]:
+    return {int(line["trial"]): float(line["radius_mm"]) for line in _lines(run.truth)}
+
+
+def _lines(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows as they were recorded: what a line did not say is None."""
+    return [
+        {
+            str(key): None if pd.api.types.is_scalar(value) and pd.isna(value) else value
+            for key, value in row.items()
+        }
+        for row in table.to_dict("records")
+    ]
+
+
+def _result(picture: _Picture, measured: Measured) -> PictureResult:
+    line, trial = picture.line, picture.trial
+    place = {
+        "frame": int(line["frame"]),
+        "image": str(line.get("source") or line["file"]),
+        "role": line["role"],
+        "trial": None if trial is None else trial.trial,
+        "specimen": None if trial is None else trial.specimen,
+        "gelatin_percent": None if trial is None else trial.gelatin_percent,
+        "hole": None if trial is None else trial.hole,
+        "needle_id": None if trial is None else trial.needle_id,
+        "insertion_mm": line.get("insertion_mm"),
+    }
+    if isinstance(measured, Unreadable):
+        return PictureResult(**place, found=False, accepted=False, reason=measured.reason)
+    said = {name: value for name, value in measured.to_json().items() if name in PictureResult.model_fields}
+    return PictureResult.model_validate({**place, **said}, strict=False)
+
+
+def _centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
+    found = {
+        one.frame: each
+        for one, each in zip(results, measured, strict=True)
+        if isinstance(each, CurvatureMeasurement) and len(each.centre_line_mm)
+    }
+    return CentreLines(
+        {frame: each.centre_line_mm for frame, each in found.items()},
+        {frame: each.centre_line_px for frame, each in found.items()},
+        {frame: each.window for frame, each in found.items()},
+    )

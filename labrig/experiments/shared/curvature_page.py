@@ -1,0 +1,226 @@
+"""What the page of a steerability run, or of imported pictures, shows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from labrig.analysis.mapping import load_mapping
+from labrig.analysis.result import AnyResult, CentreLines, load_centre_lines
+from labrig.experiments.shared.curvature_result import (
+    CurvatureResult,
+    PictureResult,
+    SpecimenResult,
+    SpecimenTruth,
+)
+from labrig.experiments.shared.needle_pictures import (
+    CameraView,
+    DrawnPicture,
+    draw_camera_view,
+    draw_thumbnail,
+)
+from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
+from labrig.record.reader import Run
+from labrig.report.calibration_rows import calibration_rows
+from labrig.report.figures import Design, GelSeries, steerability_figure
+from labrig.report.page import Page
+from labrig.report.palette import Mark, mark
+from labrig.report.sheath_view import draw_sheath_view, worth_showing
+from labrig.report.words import Rows, number
+from labrig.vision.plane import PlaneMap
+
+TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
+_SHEATHS_SHOWN = 3
+
+
+@dataclass(frozen=True)
+class GelRow:
+    """A line of the table: one needle in one gel, beside the paper's figures and the drawn truth."""
+
+    measured: SpecimenResult
+    label: str
+    mark: Mark
+    paper: PaperGel | None
+    truth: SpecimenTruth | None
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One picture of the contact sheet; `picture` is None where it cannot be read."""
+
+    one: PictureResult
+    picture: DrawnPicture | None
+
+
+@dataclass(frozen=True)
+class SheetGroup:
+    """The pictures of one needle in one gel; imported ones are one group without a row."""
+
+    row: GelRow | None
+    sheets: tuple[Sheet, ...]
+
+
+@dataclass(frozen=True)
+class ExpectedRefusals:
+    """Pictures on the way whose shaft was found and whose radius is not stated, by inserted length."""
+
+    insertion: str
+    count: int
+    example: str
+
+
+def curvature_page(
+    run: Run,
+    result: AnyResult,
+    content: CurvatureResult,
+    *,
+    facts: Rows,
+    verdict: Sequence[str],
+    design: Design | None = None,
+) -> Page:
+    """Return the page of measured curvatures, everything drawn.
+
+    Parameters
+    ----------
+    facts, verdict
+        What the experiment says of its protocol and of its result.
+    design : Design or None
+        The arc that the needle was designed for, of a sweep; None for pictures of no sweep, which have no figure 8.
+    """
+    lines = load_centre_lines(result.path)
+    plane = load_mapping(run)
+    rows = gel_rows(content)
+    shown = [each for each in content.measurements if each.role in {"final", "imported"}]
+    return Page(
+        facts,
+        TEMPLATE,
+        verdict,
+        calibration_rows(run),
+        {
+            "content": content,
+            "folder": f"analysis/{result.path.name}",
+            "rows": rows,
+            "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
+            "figure": None if design is None else _figure(design, rows, content, lines),
+            "view": _camera_view(run, content, lines, plane),
+            "sheaths": [
+                view
+                for origin in worth_showing(content.origins, _SHEATHS_SHOWN)
+                if (view := draw_sheath_view(run, origin, plane)) is not None
+            ],
+            "groups": _sheet_groups(
+                rows, [Sheet(each, draw_thumbnail(run, each, lines, plane)) for each in shown]
+            ),
+            "refused": [each for each in content.measurements if _stands_alone(each)],
+            "expected": _expected_refusals(content.measurements),
+            "without_final": _without_final_picture(content),
+            "simulated": content.truth is not None,
+            "steerability": design is not None,
+        },
+    )
+
+
+def gel_rows(content: CurvatureResult) -> list[GelRow]:
+    """Return the lines of the table, each gel with the paper's figures for its gelatin and its truth."""
+    truths = (
+        {} if content.truth is None else {(one.needle_id, one.name): one for one in content.truth.specimens}
+    )
+    labels = _labels(content.specimens)
+    return [
+        GelRow(
+            one, label, mark(index), _paper_gel(one.gelatin_percent), truths.get((one.needle_id, one.name))
+        )
+        for index, (one, label) in enumerate(zip(content.specimens, labels, strict=True))
+    ]
+
+
+def _labels(specimens: Sequence[SpecimenResult]) -> list[str]:
+    """Return a short label a group: its gelatin, numbered where two groups have the same."""
+    seen: dict[float, int] = {}
+    labels = []
+    for one in specimens:
+        seen[one.gelatin_percent] = seen.get(one.gelatin_percent, 0) + 1
+        again = seen[one.gelatin_percent]
+        labels.append(f"{one.gelatin_percent:g} %" + (f" ({again})" if again > 1 else ""))
+    return labels
+
+
+def _paper_gel(gelatin_percent: float) -> PaperGel | None:
+    return next((gel for gel in PAPER_GELS if gel.gelatin_percent == gelatin_percent), None)
+
+
+def _figure(
+    design: Design, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
+) -> Markup | None:
+    """Return figure 8 of the paper; None where nothing was measured."""
+    accepted = [each for each in content.measurements if each.role == "final" and each.accepted]
+    if not accepted:
+        return None
+    bends = [each.bend for each in accepted]
+    towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
+    return steerability_figure([_series(row, accepted, lines) for row in rows], towards, "paths")
+
+
+def _series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) -> GelSeries:
+    own = [one for one in accepted if _belongs(one, row)]
+    return GelSeries(
+        label=row.label,
+        mark=row.mark,
+        paths_mm=tuple(
+            lines.mm[one.frame] - np.asarray(one.entry_mm)
+            for one in own
+            if one.frame in lines.mm and one.entry_mm is not None
+        ),
+        radii_mm=tuple(one.radius_mm for one in own if one.radius_mm is not None),
+        mean_mm=row.measured.mean_radius_mm,
+        ci95_mm=row.measured.ci95_mm,
+        paper_mm=None if row.paper is None else (row.paper.mean_radius_mm, row.paper.sd_radius_mm),
+        drawn_mean_mm=None if row.truth is None else row.truth.drawn_mean_radius_mm,
+    )
+
+
+def _camera_view(
+    run: Run, content: CurvatureResult, lines: CentreLines, plane: PlaneMap
+) -> CameraView | None:
+    """Return the view of the last accepted final picture of the first gel, in which older tracks are seen."""
+    first = content.specimens[0].name if content.specimens else None
+    candidates = [
+        one for one in content.measurements if one.role == "final" and one.accepted and one.specimen == first
+    ] or [one for one in content.measurements if one.accepted]
+    if not candidates:
+        return None
+    shown = candidates[-1]
+    commanded_mm = next((one.expected_mm for one in content.origins if one.trial == shown.trial), None)
+    return draw_camera_view(run, shown, lines, plane, commanded_mm)
+
+
+def _sheet_groups(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:
+    groups = [SheetGroup(row, tuple(sheet for sheet in sheets if _belongs(sheet.one, row))) for row in rows]
+    loose = tuple(sheet for sheet in sheets if sheet.one.trial is None)
+    return [group for group in (*groups, SheetGroup(None, loose)) if group.sheets]
+
+
+def _belongs(one: PictureResult, row: GelRow) -> bool:
+    return (one.needle_id, one.specimen) == (row.measured.needle_id, row.measured.name)
+
+
+def _stands_alone(one: PictureResult) -> bool:
+    """Return whether a refusal is listed by itself: every one but those of short insertions on the way."""
+    return not one.accepted and not (one.role == "advance" and one.found)
+
+
+def _expected_refusals(measurements: Sequence[PictureResult]) -> list[ExpectedRefusals]:
+    by_length: dict[str, list[PictureResult]] = {}
+    for one in measurements:
+        if not one.accepted and not _stands_alone(one):
+            by_length.setdefault(number(one.insertion_mm, 0), []).append(one)
+    return [
+        ExpectedRefusals(insertion, len(group), group[0].reason or "")
+        for insertion, group in by_length.items()
+    ]
+
+
+def _without_final_picture(content: CurvatureResult) -> Mapping[str, int]:
+    return {one.name: one.without_final_picture for one in content.specimens if one.without_final_picture}

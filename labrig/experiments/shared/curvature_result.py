@@ -1,0 +1,108 @@
+"""What was measured of the curvature of needles, picture by picture and gel by gel."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, origin_rows
+from labrig.protocol.model import Model
+
+
+class PictureResult(Model):
+    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused.
+
+    `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
+    needle's tip told from them, (aside, along). Everything else is told in the plane's frame.
+    """
+
+    frame: int
+    image: str
+    role: str
+    trial: int | None
+    specimen: str | None
+    gelatin_percent: float | None
+    hole: int | None
+    needle_id: str | None
+    insertion_mm: float | None
+    found: bool
+    accepted: bool
+    reason: str | None
+    radius_mm: float | None = None
+    radius_ci95_mm: Point | None = None
+    sigma_radius_mm: float | None = None
+    sigma_calibration_mm: float | None = None
+    centre_mm: Point | None = None
+    bend: str | None = None
+    tip_mm: Point | None = None
+    tip_px: Point | None = None
+    sheath_tip_mm: Point | None = None
+    sheath_heading_rad: float | None = None
+    entry_mm: Point | None = None
+    origin_mm: Point | None = None
+    origin_heading_rad: float | None = None
+    tip_from_origin_mm: Point | None = None
+    arc_length_mm: float | None = None
+    residual_rms_mm: float | None = None
+
+
+class SpecimenResult(Model):
+    """One needle in one gel: `n` radii of final pictures, their mean, sample SD and its 95 % interval."""
+
+    name: str
+    needle_id: str
+    gelatin_percent: float
+    trials: int
+    n: int
+    mean_radius_mm: float | None
+    sd_radius_mm: float | None
+    ci95_mm: Point | None
+    refused: int
+    refused_reasons: tuple[str, ...]
+    without_final_picture: int
+
+
+class SpecimenTruth(Model):
+    """What was drawn for one needle in one gel, and how far the measurement is from it."""
+
+    name: str
+    needle_id: str
+    n_drawn: int
+    drawn_mean_radius_mm: float
+    drawn_sd_radius_mm: float | None
+    error_of_mean_mm: float | None
+    worst_error_mm: float | None
+
+
+class TruthComparison(Model):
+    """Measured beside drawn, on simulated rigs.
+
+    `intervals_holding_truth` counts the accepted pictures whose 95 % interval holds the radius drawn for
+    them.
+    """
+
+    specimens: tuple[SpecimenTruth, ...]
+    mean_radius_mm: float
+    worst_error_of_mean_mm: float | None
+    pictures: int
+    worst_error_mm: float | None
+    intervals_holding_truth: int
+
+
+class CurvatureResult(Result):
+    """Of steerability runs and imported pictures."""
+
+    kind: Literal["curvature"] = "curvature"
+    specimens: tuple[SpecimenResult, ...]
+    mean_radius_mm: float | None
+    measurements: tuple[PictureResult, ...]
+    truth: TruthComparison | None
+    origins: tuple[TrialOrigin, ...] = ()
+    sentinel: Sentinel | None = None
+
+    @property
+    def tables(self) -> Mapping[str, Rows]:
+        """What the result says row by row."""
+        tables: dict[str, Rows] = {
+            "measurements": Rows(PictureResult, self.measurements),
+            "specimens": Rows(SpecimenResult, self.specimens),
+        }
+        return tables | origin_rows(self.origins)

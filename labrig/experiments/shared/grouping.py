@@ -1,0 +1,74 @@
+"""Insertions grouped by needle and gel, the paper's needle-tissue pair."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.analysis.statistics import spread, with_roll
+from labrig.experiments.shared.curvature_result import PictureResult, SpecimenResult
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One insertion: its number, and the needle and gel that it was made with."""
+
+    trial: int
+    specimen: str
+    gelatin_percent: float
+    hole: int
+    needle_id: str
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """Needle and specimen, by which insertions are grouped."""
+        return self.needle_id, self.specimen
+
+
+def group_trials(trials: Sequence[Trial]) -> dict[tuple[str, str], list[Trial]]:
+    """Return the trials of each needle in each specimen, in the order in which they were first met."""
+    groups: dict[tuple[str, str], list[Trial]] = {}
+    for trial in trials:
+        groups.setdefault(trial.pair, []).append(trial)
+    return groups
+
+
+def final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
+    """Return the final picture of each trial that has one."""
+    return {one.trial: one for one in pictures if one.role == "final" and one.trial is not None}
+
+
+def summarise_specimens(
+    trials: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float = 0.0
+) -> tuple[SpecimenResult, ...]:
+    """Return the mean, spread and interval of each group, from the accepted radii of final pictures."""
+    return tuple(_summarise(group, finals, roll_sd_deg) for group in group_trials(trials).values())
+
+
+def _summarise(
+    group: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float
+) -> SpecimenResult:
+    pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
+    radii = [one.radius_mm for one in pictures if one.accepted and one.radius_mm is not None]
+    reasons = Counter(one.reason or "no reason given" for one in pictures if not one.accepted)
+    summary = spread(radii)
+    return SpecimenResult(
+        name=group[0].specimen,
+        needle_id=group[0].needle_id,
+        gelatin_percent=group[0].gelatin_percent,
+        trials=len(group),
+        n=summary.n,
+        mean_radius_mm=summary.mean,
+        sd_radius_mm=summary.sd,
+        ci95_mm=with_roll(summary.ci95, roll_sd_deg),
+        refused=len(pictures) - summary.n,
+        refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
+        without_final_picture=len(group) - len(pictures),
+    )
+
+
+def mean_of_means(specimens: Sequence[SpecimenResult]) -> float | None:
+    """Return the mean of the groups' means, each group counting once however many insertions it has."""
+    means = [one.mean_radius_mm for one in specimens if one.mean_radius_mm is not None]
+    return float(np.mean(means)) if means else None

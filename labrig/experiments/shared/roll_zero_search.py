@@ -1,0 +1,133 @@
+"""The roll zero of a needle as it is clamped: short insertions at rolls spread over a turn, and how far each strays.
+
+How far is told from the sheath, as it was found in each hole before the needle left it: its play is no bend.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+
+from labrig.analysis.origin import aside_mm
+from labrig.analysis.result import TrialOrigin
+from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.devices.needle_state import RollZero
+from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.errors import MeasurementRefusedError
+from labrig.experiments.shared.sight import load_plane_map, look_for_sheath
+from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
+from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
+from labrig.runner.session import Session
+from labrig.runner.stance import Stance
+from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
+from labrig.steering.roll_zero import fit_roll_zero
+from labrig.vision.curvature import CurvatureSettings, measure_curvature
+from labrig.vision.plane import PlaneMap
+
+
+@dataclass(frozen=True)
+class RollZeroOrder:
+    """What is needed to find a roll zero: of which needle, how, and the radius that is expected of it."""
+
+    needle: Needle
+    sheath: Sheath
+    advance: Advance
+    steps: RollZeroSteps
+    radius_mm: float
+    sentinel: GridSentinel | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Rig time that it takes [s]."""
+        one_s = self.steps.length_mm * (1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s)
+        return self.steps.rolls * (one_s + 2 * self.sheath.depth_mm / self.sheath.speed_mm_s)
+
+    @property
+    def pictures(self) -> int:
+        """Pictures that it takes: of each insertion, and of the sheath before it."""
+        return self.steps.rolls * (1 if self.sheath.origin is None else 2)
+
+    @property
+    def farthest_roll_rad(self) -> float:
+        """How far the bevel is turned from where it stands at first."""
+        return 2 * math.pi * (self.steps.rolls - 1) / self.steps.rolls
+
+
+def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
+    """Mount the needle, insert it at each roll, fit the cosine, and certify its peak in the rig's state.
+
+    Raises
+    ------
+    MeasurementRefusedError
+        When a sheath stands elsewhere than it should, a picture does not show the tip, the bend is not the needle's,
+        or the zero is too uncertain.
+    CalibrationRefusedError
+        When the camera was bumped meanwhile.
+    """
+    rig, steps = session.rig, order.steps
+    plane = load_plane_map(rig.description)
+    confirm_needle_out(session)
+    session.ask(MountNeedle(order.needle.needle_id))
+    session.ask(ConfirmAxesAtZero())
+    rig.reference_axes()
+    before = watch_grid(order.sentinel, BEFORE_ROLE, session)
+    session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
+    rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
+    strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
+    fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
+    session.note(
+        "roll_zero",
+        needle_id=order.needle.needle_id,
+        roll_rad=rolls_rad,
+        deflection_mm=strays_mm,
+        **asdict(fit),
+    )
+    if math.degrees(fit.sd_rad) > steps.max_sd_deg:
+        raise MeasurementRefusedError(
+            f"the roll zero is uncertain by {math.degrees(fit.sd_rad):.1f} degrees, and {steps.max_sd_deg:g} is the "
+            "most that is certified",
+            "insert at more rolls or further, and look at the pictures",
+        )
+    require_same_grid(before, watch_grid(order.sentinel, AFTER_ROLE, session), order.sentinel, plane)
+    certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
+    rig.needle.certify_roll_zero(certified)
+    return certified
+
+
+def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session) -> float:
+    """Insert at one roll into a fresh hole, withdraw again, and return how far the tip was seen aside."""
+    rig, steps, advance = session.rig, order.steps, order.advance
+    session.progress(step * order.duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
+    session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
+    session.move("rotation", roll_rad, rig.rotation.max_speed / 2)
+    rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
+    origin = _find_sheath(order, step, plane, session)
+    look = None
+    if origin is None or origin.accepted:
+        session.move("insertion", steps.length_mm, advance.speed_mm_s)
+        look = session.see("roll-zero")
+    speeds = WithdrawalSpeeds(
+        advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
+    )
+    withdraw(session, (Stance(0.0, roll_rad, order.sheath.depth_mm),), speeds)
+    if look is None:
+        reason = "" if origin is None else (origin.reason or "")
+        raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")
+    settings = CurvatureSettings(order.needle.diameter_mm, order.sheath.diameter_mm)
+    measured = measure_curvature(look.image, plane, settings)
+    if measured.tip_mm is None:
+        raise MeasurementRefusedError(
+            f"picture {look.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
+        )
+    return aside_mm(measured.tip_mm, origin)
+
+
+def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Session) -> TrialOrigin | None:
+    """Find where the sheath stands before the needle leaves it; None where that is not asked for."""
+    if order.sheath.origin is None:
+        return None
+    look = session.see("roll-zero-sheath")
+    origin = look_for_sheath(
+        look.image, plane, order.sheath, look.stance.linear_mm, trial=step, frame=look.frame
+    )
+    session.note("roll_zero_sheath", **origin.model_dump())
+    return origin

@@ -1,0 +1,79 @@
+"""What was measured beside what the simulated world drew; the only reader of the truth."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from labrig.analysis.statistics import spread
+from labrig.experiments.shared.curvature_result import (
+    PictureResult,
+    SpecimenResult,
+    SpecimenTruth,
+    TruthComparison,
+)
+from labrig.experiments.shared.grouping import Trial, group_trials
+
+
+def compare_with_truth(
+    trials: Sequence[Trial],
+    finals: Mapping[int, PictureResult],
+    specimens: Sequence[SpecimenResult],
+    drawn_mm: Mapping[int, float],
+) -> TruthComparison | None:
+    """Return the comparison, or None where no truth is recorded.
+
+    Parameters
+    ----------
+    drawn_mm : Mapping
+        The radius drawn for each trial. The error of a mean is taken from the mean of all radii drawn for
+        that gel, refused pictures included, so that refusing the awkward ones cannot flatter it.
+    """
+    if not drawn_mm:
+        return None
+    errors = {
+        trial: one.radius_mm - drawn_mm[trial]
+        for trial, one in finals.items()
+        if one.accepted and one.radius_mm is not None and trial in drawn_mm
+    }
+    measured = {(one.needle_id, one.name): one.mean_radius_mm for one in specimens}
+    compared = tuple(
+        _compare(group, measured[pair], errors, drawn_mm)
+        for pair, group in group_trials(trials).items()
+        if any(trial.trial in drawn_mm for trial in group)
+    )
+    return TruthComparison(
+        specimens=compared,
+        mean_radius_mm=float(np.mean([one.drawn_mean_radius_mm for one in compared])),
+        worst_error_of_mean_mm=_worst(
+            [one.error_of_mean_mm for one in compared if one.error_of_mean_mm is not None]
+        ),
+        pictures=len(errors),
+        worst_error_mm=_worst(list(errors.values())),
+        intervals_holding_truth=sum(_holds(finals[trial], drawn_mm[trial]) for trial in errors),
+    )
+
+
+def _compare(
+    group: Sequence[Trial], mean_mm: float | None, errors: Mapping[int, float], drawn_mm: Mapping[int, float]
+) -> SpecimenTruth:
+    radii = [drawn_mm[trial.trial] for trial in group if trial.trial in drawn_mm]
+    drawn_mean_mm = float(np.mean(radii))
+    return SpecimenTruth(
+        name=group[0].specimen,
+        needle_id=group[0].needle_id,
+        n_drawn=len(radii),
+        drawn_mean_radius_mm=drawn_mean_mm,
+        drawn_sd_radius_mm=spread(radii).sd,
+        error_of_mean_mm=None if mean_mm is None else mean_mm - drawn_mean_mm,
+        worst_error_mm=_worst([errors[trial.trial] for trial in group if trial.trial in errors]),
+    )
+
+
+def _worst(errors: Sequence[float]) -> float | None:
+    """Return the error of the largest size, with its sign."""
+    return max(errors, key=abs, default=None)
+
+
+def _holds(picture: PictureResult, drawn_mm: float) -> bool:
+    interval = picture.radius_ci95_mm
+    return interval is not None and interval[0] <= drawn_mm <= interval[1]

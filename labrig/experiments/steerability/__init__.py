@@ -1,0 +1,18 @@
+"""steerability: section V-B of the paper, insertions without turning the bevel, gel by gel."""
+
+from labrig.experiments.declaration import ExperimentDeclaration
+
+EXPERIMENT = ExperimentDeclaration(
+    name="steerability",
+    title="Steerability test",
+    protocol="labrig.experiments.steerability.protocol:SteerabilityProtocol",
+    result="labrig.experiments.shared.curvature_result:CurvatureResult",
+    plan="labrig.experiments.steerability.plan:plan",
+    procedure="labrig.experiments.steerability.procedure:run",
+    analyze="labrig.experiments.steerability.analysis:analyze",
+    page="labrig.experiments.steerability.page:make_page",
+    summary="labrig.experiments.shared.curvature_summary:summarise",
+    resume="labrig.experiments.steerability.resumption:resume",
+    reanalysis_keys=("analysis",),
+    puts_needle_in_tissue=True,
+)

@@ -1,0 +1,68 @@
+"""What the page of a steerability sweep shows."""
+
+from labrig.analysis.result import AnalysisResult
+from labrig.experiments.shared.curvature_page import curvature_page
+from labrig.experiments.shared.curvature_result import CurvatureResult
+from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.protocol.sections import Needle
+from labrig.record.reader import Run
+from labrig.report.figures import Design
+from labrig.report.heading import trials_done
+from labrig.report.page import Page
+from labrig.report.words import Rows, count_of, interval, joined, number
+
+
+def make_page(
+    run: Run, protocol: SteerabilityProtocol, result: AnalysisResult[CurvatureResult] | None
+) -> Page:
+    """Return the page of a sweep: its table beside the paper's, figure 8, the pictures, the refusals."""
+    facts = _facts(run, protocol)
+    if result is None:
+        return Page(facts)
+    design = Design(protocol.needle.design_radius_mm, protocol.insertion.length_mm, side=1)
+    verdict = _verdict(protocol, result.content)
+    return curvature_page(run, result, result.content, facts=facts, verdict=verdict, design=design)
+
+
+def _facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
+    insertion = protocol.insertion
+    return (
+        ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
+        ("Design radius", _design_radius(protocol.needle)),
+        ("Gels", joined(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
+        ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
+        ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
+        ("Insertions made", trials_done(run)),
+    )
+
+
+def _design_radius(needle: Needle) -> str:
+    if needle.design is None:
+        return f"{needle.design_radius_mm:g} mm"
+    low_to_high = interval((needle.design.radius_low_mm, needle.design.radius_high_mm))
+    return f"{needle.design_radius_mm:g} mm, {low_to_high} within tolerance"
+
+
+def _verdict(protocol: SteerabilityProtocol, content: CurvatureResult) -> list[str]:
+    """Return the page in a sentence or two."""
+    trials = sum(group.trials for group in content.specimens)
+    measured = sum(group.n for group in content.specimens)
+    if content.mean_radius_mm is None:
+        return [f"No radius could be stated: {measured} of {count_of(trials, 'insertion')} measured."]
+    groups = sum(group.mean_radius_mm is not None for group in content.specimens)
+    sentences = [
+        (
+            f"{measured} of {count_of(trials, 'insertion')} measured. "
+            f"The mean radius over {count_of(groups, 'gel')} is {number(content.mean_radius_mm)} mm; "
+            f"the paper reports {PAPER_MEAN_RADIUS_MM:g} mm, "
+            f"and the needle was designed for {protocol.needle.design_radius_mm:g} mm."
+        )
+    ]
+    truth = content.truth
+    if truth is not None and truth.worst_error_of_mean_mm is not None and truth.worst_error_mm is not None:
+        sentences.append(
+            f"The rig is simulated: no gel's mean is further than {abs(truth.worst_error_of_mean_mm):.3f} mm "
+            f"from what was drawn, and no insertion further than {abs(truth.worst_error_mm):.3f} mm."
+        )
+    return sentences

@@ -1,0 +1,99 @@
+"""The steerability test of the paper, section V-B: insertions of one length without turning the bevel."""
+
+from collections.abc import Mapping, Sequence
+
+from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.devices.axis import AxisReadback
+from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.experiments.steerability.plan import trial_moves
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.experiments.steerability.schedule import PlannedTrial, whole_sweep
+from labrig.protocol.sections import Specimen
+from labrig.runner.bench import confirm_needle_out, watch_grid
+from labrig.runner.experiment import total_duration_s
+from labrig.runner.session import Session
+
+
+def run(protocol: SteerabilityProtocol, session: Session) -> None:
+    """Make every insertion of the sweep.
+
+    A specimen after another is placed by the operator, and in it a hole after another; the bench has no lateral axis.
+    """
+    confirm_needle_out(session)
+    mount_and_reference(protocol, session)
+    make_insertions(protocol, whole_sweep(protocol), session)
+
+
+def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> None:
+    """Have the needle mounted and the axes stand at zero, which they become, and turn the bevel."""
+    session.ask(MountNeedle(protocol.needle.needle_id))
+    session.ask(ConfirmAxesAtZero())
+    session.rig.reference_axes()
+    session.move("rotation", protocol.insertion.bevel_roll_rad, session.rig.rotation.max_speed / 2)
+
+
+def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> None:
+    """Make insertions in their order, each specimen placed when its first one is due."""
+    watch_grid(protocol.sentinel, BEFORE_ROLE, session)
+    placed: Specimen | None = None
+    behind = len(whole_sweep(protocol)) - len(trials)
+    for done, trial in enumerate(trials, start=max(behind, 0)):
+        if trial.specimen != placed:
+            session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
+            placed = trial.specimen
+        _insert_once(protocol, trial, done, session)
+    watch_grid(protocol.sentinel, AFTER_ROLE, session)
+
+
+def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
+    """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
+    total_s = total_duration_s(trial_moves(protocol))
+    insertion, sheath = protocol.insertion, protocol.sheath
+    specimen, trial = planned.specimen, planned.trial
+    session.progress(
+        done * total_s, f"{specimen.name}, insertion {planned.hole + 1} of {protocol.insertions_per_specimen}"
+    )
+    session.ask(ShiftToHole(specimen.name, planned.hole, planned.hole_position_mm))
+    session.note(
+        "trial_start",
+        trial=trial,
+        specimen=specimen.name,
+        gelatin_percent=specimen.gelatin_percent,
+        hole=planned.hole,
+        hole_position_mm=planned.hole_position_mm,
+        needle_id=protocol.needle.needle_id,
+        **({} if planned.repeats is None else {"repeats": planned.repeats}),
+    )
+    session.look("hole", trial)
+    session.rig.needle.mark_in_tissue(session.recorder.run_name)
+    session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
+    session.look("sheath", trial)
+    pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
+    session.move("insertion", insertion.length_mm, insertion.speed_mm_s, pictures)
+    final_frame = session.look("final", trial)
+    for line in session.rig.truth():
+        session.recorder.truth(trial=trial, **line)
+    session.progress(
+        done * total_s + insertion.length_mm / insertion.speed_mm_s, f"{specimen.name}, withdrawing"
+    )
+    session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
+    session.move("linear", 0.0, sheath.speed_mm_s)
+    session.rig.needle.mark_out()
+    session.note("trial_stop", trial=trial, exit_status="success", final_frame=final_frame)
+    session.progress((done + 1) * total_s, f"{specimen.name}, insertion {planned.hole + 1} done")
+
+
+class _PicturesOnTheWay:
+    """Takes a picture each time the needle has advanced by another `every_mm`, the end excepted."""
+
+    def __init__(self, session: Session, trial: int, every_mm: float, length_mm: float) -> None:
+        self._session = session
+        self._trial = trial
+        self._every_mm = every_mm
+        self._length_mm = length_mm
+        self._next_mm = every_mm
+
+    def __call__(self, states: Mapping[str, AxisReadback]) -> None:
+        if self._next_mm < self._length_mm and states["insertion"].position >= self._next_mm:
+            self._session.look("advance", self._trial)
+            self._next_mm += self._every_mm

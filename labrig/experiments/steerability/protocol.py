@@ -1,0 +1,130 @@
+"""The protocol of a steerability sweep."""
+
+from collections.abc import Iterator
+from math import cos, pi
+from typing import Literal
+
+from pydantic import Field
+
+from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
+from labrig.protocol.sections import (
+    AnalysisWindow,
+    ExperimentProtocol,
+    GridSentinel,
+    Needle,
+    NeedleInPicture,
+    Sheath,
+    Specimen,
+    must_exceed,
+    sheath_too_thin,
+)
+
+
+class Insertion(Model):
+    """How the needle goes in and comes out."""
+
+    length_mm: float = Field(gt=0, le=500, description="How far the needle leaves the sheath [mm].")
+    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
+    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
+    frame_every_mm: PositiveMm = Field(description="Inserted length between two pictures [mm].")
+    bevel_roll_rad: float = Field(
+        0.0,
+        ge=-2 * pi,
+        le=2 * pi,
+        description="Roll of the bevel before the insertion, kept through it [rad]; 0 bends towards -y.",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a picture spacing longer than the insertion."""
+        if self.frame_every_mm > self.length_mm:
+            message = (
+                f"frame_every_mm is {self.frame_every_mm:g}, must be at most length_mm, {self.length_mm:g}"
+            )
+            yield Conflict("frame_every_mm", message, "the final shape is pictured in any case")
+
+
+class SteerabilityProtocol(ExperimentProtocol):
+    """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
+
+    experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")
+    title: Line = Field("Steerability test", description="Heading of the report.")
+    needle: Needle = Field(description="The needle of the run.")
+    specimens: tuple[Specimen, ...] = Field(
+        min_length=1, max_length=50, description="The blocks of gel, in the order in which they are used."
+    )
+    insertions_per_specimen: int = Field(ge=1, le=500, description="Insertions into each block.")
+    hole_spacing_mm: PositiveMm = Field(description="Lateral distance from one hole to the next [mm].")
+    specimen_width_mm: float = Field(gt=0, le=2000, description="Width of a block across the insertion [mm].")
+    sheath: Sheath = Field(description="The tube that brings the needle into the gel.")
+    insertion: Insertion = Field(description="How the needle goes in and comes out.")
+    analysis: AnalysisWindow = Field(description="Which part of the shaft is fitted, and what is accepted.")
+    sentinel: GridSentinel | None = Field(
+        None, description="Grid pictures before and after the run; null for none."
+    )
+
+    @property
+    def lateral_reach_mm(self) -> float:
+        """How far an arc of the design radius strays sideways over the insertion [mm]."""
+        radius_mm = self.needle.design_radius_mm
+        return radius_mm * (1 - cos(min(self.insertion.length_mm / radius_mm, pi)))
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture:
+        """Needle and sheath of the run."""
+        return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield names that stand twice, and sizes that do not go together."""
+        yield from self._repeated_names()
+        yield from self._holes_beyond_the_block()
+        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        if self.hole_spacing_mm <= self.needle.diameter_mm:
+            yield must_exceed(
+                "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm
+            )
+        if self.analysis.least_length_mm > self.insertion.length_mm:
+            yield self._window_too_long()
+
+    def _repeated_names(self) -> Iterator[Conflict]:
+        first: dict[str, int] = {}
+        for index, specimen in enumerate(self.specimens):
+            if first.setdefault(specimen.name, index) != index:
+                message = (
+                    f'name "{specimen.name}" is taken by specimens.{first[specimen.name]}, must be unique'
+                )
+                yield Conflict(
+                    f"specimens.{index}.name", message, "write on each block what tells it from the others"
+                )
+
+    def _holes_beyond_the_block(self) -> Iterator[Conflict]:
+        gaps = self.insertions_per_specimen - 1
+        room_mm = self.specimen_width_mm - self.lateral_reach_mm
+        if gaps * self.hole_spacing_mm <= room_mm:
+            return
+        if gaps == 0 or room_mm <= 0:
+            yield self._block_too_narrow()
+            return
+        message = (
+            f"hole_spacing_mm is {self.hole_spacing_mm:g}, must be at most {room_mm / gaps:.4g}: "
+            f"{self.insertions_per_specimen} holes and an arc that strays {self.lateral_reach_mm:.3g} mm "
+            f"sideways have to fit into specimen_width_mm, {self.specimen_width_mm:g}"
+        )
+        most = int(room_mm / self.hole_spacing_mm) + 1
+        yield Conflict("hole_spacing_mm", message, f"or insertions_per_specimen: {most}, or a wider block")
+
+    def _block_too_narrow(self) -> Conflict:
+        message = (
+            f"specimen_width_mm is {self.specimen_width_mm:g}, must be above {self.lateral_reach_mm:.3g}: "
+            f"an arc of radius {self.needle.design_radius_mm:g} mm and length {self.insertion.length_mm:g} "
+            "mm strays that far sideways"
+        )
+        return Conflict("specimen_width_mm", message, "take a wider block or a shorter insertion")
+
+    def _window_too_long(self) -> Conflict:
+        window, length_mm = self.analysis, self.insertion.length_mm
+        message = (
+            f"min_window_mm is {window.min_window_mm:g}; with window_start_mm {window.window_start_mm:g} and "
+            f"window_end_mm {window.window_end_mm:g} that asks for {window.least_length_mm:g} mm of needle, "
+            f"must be at most insertion.length_mm, {length_mm:g}"
+        )
+        return Conflict("analysis.min_window_mm", message, "insert further, or fit a shorter window")

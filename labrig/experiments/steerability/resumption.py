@@ -1,0 +1,130 @@
+"""Going on with a sweep that was interrupted: what its record holds, and what is done before the next insertion."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import pandas as pd
+
+from labrig.devices.operator import ConfirmNeedleOut, WithdrawNeedle
+from labrig.devices.past import PastInsertion
+from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.experiments.steerability.schedule import BegunTrial, rest_of_sweep
+from labrig.record.events import TrialStop
+from labrig.record.reader import Run
+from labrig.runner.experiment import Remainder
+from labrig.runner.session import Session
+from labrig.runner.stance import Stance
+from labrig.runner.withdrawal import recorded_path, withdraw
+
+INTERRUPTED = "interrupted"
+"""How a trial ended that a later session found without an end."""
+
+
+@dataclass(frozen=True)
+class Past:
+    """What a record holds of a sweep that is to be continued.
+
+    Attributes
+    ----------
+    begun : tuple of BegunTrial
+        Its insertions so far.
+    insertions : tuple of PastInsertion
+        The same, as a gel remembers them.
+    unmarked : tuple of int
+        Trials that have no end yet.
+    needle_path : tuple of Stance
+        How the needle came to where it was last seen; empty where it was out.
+    """
+
+    begun: tuple[BegunTrial, ...]
+    insertions: tuple[PastInsertion, ...]
+    unmarked: tuple[int, ...]
+    needle_path: tuple[Stance, ...]
+
+
+def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
+    """Return what is left of a sweep that was interrupted.
+
+    Raises
+    ------
+    InputError
+        When a block has no room for another entry point.
+    RecordError
+        When the record is damaged.
+    """
+    past = past_of(run)
+    kept = sum(trial.finished for trial in past.begun)
+    left = rest_of_sweep(protocol, past.begun)
+    return Remainder(kept, len(left), partial(_go_on, protocol, past))
+
+
+def past_of(run: Run) -> Past:
+    """Read what a run holds of its sweep. Raises `RecordError` when the record is damaged."""
+    rows: list[dict[str, Any]] = run.trials.to_dict("records")  # type: ignore[assignment]
+    return Past(
+        begun=tuple(_begun(row) for row in rows),
+        insertions=tuple(_insertions(run.states, rows)),
+        unmarked=tuple(int(row["trial"]) for row in rows if row["exit_status"] == "incomplete"),
+        needle_path=recorded_path(run),
+    )
+
+
+def _begun(row: dict[str, Any]) -> BegunTrial:
+    repeats = row.get("repeats")
+    return BegunTrial(
+        trial=int(row["trial"]),
+        specimen=str(row["specimen"]),
+        hole=int(row["hole"]),
+        hole_position_mm=float(row["hole_position_mm"]),
+        finished=row["exit_status"] == "success",
+        repeats=None if repeats is None or pd.isna(repeats) else int(repeats),
+    )
+
+
+def _insertions(states: pd.DataFrame, rows: Sequence[dict[str, Any]]) -> Iterator[PastInsertion]:
+    starts_s = [float(row["start_t_s"]) for row in rows]
+    for row, start_s, end_s in zip(rows, starts_s, [*starts_s, float("inf")][1:], strict=True):
+        during = states[(states["t_s"] >= start_s) & (states["t_s"] < end_s)]
+        path = zip(during["insertion_mm"], during["rotation_rad"], during["linear_mm"], strict=True)
+        yield PastInsertion(
+            specimen=str(row["specimen"]),
+            gelatin_percent=float(row["gelatin_percent"]),
+            hole=int(row["hole"]),
+            hole_position_mm=float(row["hole_position_mm"]),
+            path=tuple((float(a), float(b), float(c)) for a, b, c in path),
+        )
+
+
+def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None:
+    """Mark what was interrupted, see that the needle is out, and make the insertions that are left.
+
+    Nothing is homed or referenced before the needle is known to be out.
+    """
+    left = rest_of_sweep(protocol, past.begun)
+    for trial in past.unmarked:
+        session.record(TrialStop(trial=trial, exit_status=INTERRUPTED))
+    _take_needle_out(session, past.needle_path)
+    mount_and_reference(protocol, session)
+    session.rig.recall(past.insertions)
+    make_insertions(protocol, left, session)
+
+
+def _take_needle_out(session: Session, path: Sequence[Stance]) -> None:
+    """Withdraw a needle that this run left in tissue along its path if the operator agrees; else ask whether it is out.
+
+    It can be withdrawn only where every drive has kept its reference; elsewhere nobody knows where it stands.
+    """
+    rig = session.rig
+    if rig.state.needle_in_tissue is False:
+        return
+    of_this_run = rig.state.since_run == session.recorder.run_name
+    if path and of_this_run and all(axis.referenced for axis in rig.axes):
+        deepest_mm = max(stance.insertion_mm for stance in path)
+        if session.offer(WithdrawNeedle(session.recorder.run_name, deepest_mm)):
+            withdraw(session, path)
+            return
+    session.ask(ConfirmNeedleOut(rig.state.doubt))
+    rig.needle.mark_out()

@@ -1,0 +1,111 @@
+"""Which insertions a sweep makes, in which order, and which are left of one that was interrupted."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from labrig.errors import InputError
+from labrig.experiments.steerability.protocol import SteerabilityProtocol
+from labrig.protocol.sections import Specimen
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """One insertion of a sweep.
+
+    Attributes
+    ----------
+    trial : int
+        Its number; no two insertions of a run share one.
+    specimen : Specimen
+        The block of gel.
+    hole : int
+        Number of the entry point in that block.
+    hole_position_mm : float
+        How far it lies from the first one.
+    repeats : int or None
+        The interrupted trial in whose stead it is made.
+    """
+
+    trial: int
+    specimen: Specimen
+    hole: int
+    hole_position_mm: float
+    repeats: int | None = None
+
+
+@dataclass(frozen=True)
+class BegunTrial:
+    """One insertion that a record holds: where it went in, and whether it came to its end."""
+
+    trial: int
+    specimen: str
+    hole: int
+    hole_position_mm: float
+    finished: bool
+    repeats: int | None = None
+
+
+def whole_sweep(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
+    """Return every insertion of a sweep, in order: a specimen after another, and in it a hole after another."""
+    holes = protocol.insertions_per_specimen
+    return tuple(
+        PlannedTrial(index * holes + hole, specimen, hole, hole * protocol.hole_spacing_mm)
+        for index, specimen in enumerate(protocol.specimens)
+        for hole in range(holes)
+    )
+
+
+def rest_of_sweep(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> tuple[PlannedTrial, ...]:
+    """Return what is left of a sweep: trials not yet begun, and each interrupted one at another entry point.
+
+    An interrupted trial is repeated behind the last hole of its block where the block has room for the arc, else
+    halfway between two holes. Trials not yet begun keep number, hole and place.
+
+    Raises
+    ------
+    InputError
+        When a block has no room for another entry point.
+    """
+    numbers = {one.trial for one in begun}
+    left = [one for one in whole_sweep(protocol) if one.trial not in numbers]
+    left += _repeats(protocol, begun)
+    order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
+    return tuple(sorted(left, key=lambda one: (order[one.specimen.name], one.hole_position_mm)))
+
+
+def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
+    repeated = {one.repeats for one in begun}
+    specimens = {specimen.name: specimen for specimen in protocol.specimens}
+    planned = whole_sweep(protocol)
+    used = [(one.specimen.name, one.hole, one.hole_position_mm) for one in planned]
+    used += [(one.specimen, one.hole, one.hole_position_mm) for one in begun if one.repeats is not None]
+    number = max([len(planned) - 1, *(one.trial for one in begun)]) + 1
+    for lost in begun:
+        if lost.finished or lost.trial in repeated:
+            continue
+        holes = [hole for name, hole, _ in used if name == lost.specimen]
+        places_mm = [place_mm for name, _, place_mm in used if name == lost.specimen]
+        place_mm = _free_place_mm(protocol, lost, places_mm)
+        again = PlannedTrial(number, specimens[lost.specimen], max(holes) + 1, place_mm, lost.trial)
+        used.append((lost.specimen, again.hole, place_mm))
+        number += 1
+        yield again
+
+
+def _free_place_mm(protocol: SteerabilityProtocol, lost: BegunTrial, places_mm: Sequence[float]) -> float:
+    """Return where a block can be entered once more, as far from every other entry point as the protocol asks."""
+    spacing_mm = protocol.hole_spacing_mm
+    last_mm = protocol.specimen_width_mm - protocol.lateral_reach_mm
+    behind_mm = max(places_mm) + spacing_mm
+    if behind_mm <= last_mm:
+        return behind_mm
+    halfway_mm = [(hole + 0.5) * spacing_mm for hole in range(protocol.insertions_per_specimen - 1)]
+    for place_mm in sorted(halfway_mm, key=lambda one: abs(one - lost.hole_position_mm)):
+        nearest_mm = min(abs(place_mm - other) for other in places_mm)
+        if nearest_mm > protocol.needle.diameter_mm:
+            return place_mm
+    raise InputError(
+        f"specimen {lost.specimen} has no room for another entry point, in which trial {lost.trial} "
+        f"could be repeated: {len(places_mm)} are used",
+        "start a new run with a fresh block",
+    )

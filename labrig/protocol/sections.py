@@ -1,0 +1,238 @@
+"""What every protocol says, and the sections that several experiments share."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+
+from labrig.protocol.design_file import Basis
+from labrig.protocol.model import (
+    Conflict,
+    Direction,
+    Line,
+    Model,
+    Name,
+    NonNegativeMm,
+    Notes,
+    PixelUv,
+    PositiveMm,
+    Seed,
+    SpeedMmS,
+)
+
+
+@dataclass(frozen=True)
+class NeedleInPicture:
+    """Outer diameters of what stands in a picture; the sheath's is None where the pictures show none."""
+
+    diameter_mm: float
+    sheath_diameter_mm: float | None
+
+
+class ExperimentProtocol(Model):
+    """What every protocol says."""
+
+    pictures_decide_motion: ClassVar[bool] = False
+    """Whether what a picture shows decides where an axis goes next."""
+
+    schema_version: Literal[1] = Field(
+        1, description="Version of this file format; a higher one needs a newer labrig."
+    )
+    experiment: str
+    title: Line = Field("", description="Heading of the report.")
+    operator: Line = Field("", description="Who stands at the rig.")
+    notes: Notes = Field("", description="Anything worth knowing later; several lines if wanted.")
+    seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
+
+    @property
+    def pictured_needle(self) -> NeedleInPicture | None:
+        """What stands in the pictures; None for an experiment that takes none of a needle."""
+        return None
+
+
+class NeedleDesignSection(Model):
+    """What a design file said of the needle when the protocol was read; labrig writes it, people name the file."""
+
+    file: str = Field(max_length=1000, description="Name of the design file, as the protocol had it.")
+    sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of that file.")
+    radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
+    radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
+    inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
+    link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
+    clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
+    basis: Basis = Field(description="By which plane the inclination was computed.")
+
+
+_NUMBERS_OR_FILE: dict[str, Any] = {
+    "properties": {
+        "design_file": {
+            "description": "Design file that gives diameter_mm and design_radius_mm with its tolerance, relative to "
+            "this file; written by labrig design --out, or by a design run.",
+            "type": "string",
+            "minLength": 1,
+            "maxLength": 1000,
+        }
+    },
+    "required": ["needle_id"],
+    "if": {"required": ["design_file"]},
+    "then": {"properties": {"diameter_mm": False, "design_radius_mm": False, "design": False}},
+    "else": {"required": ["diameter_mm", "design_radius_mm"]},
+}
+
+
+def _allow_design_file(schema: dict[str, Any]) -> None:
+    """Let editors accept a design file instead of the numbers; the reader puts the numbers in before validation."""
+    schema["properties"] |= _NUMBERS_OR_FILE["properties"]
+    schema |= {key: each for key, each in _NUMBERS_OR_FILE.items() if key != "properties"}
+
+
+class Needle(Model):
+    """The needle of the run: its numbers, or `design_file` instead of them."""
+
+    model_config = ConfigDict(json_schema_extra=_allow_design_file)
+
+    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
+    diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
+    design_radius_mm: PositiveMm = Field(
+        description="Radius of curvature that the needle was designed for [mm]."
+    )
+    design: NeedleDesignSection | None = Field(
+        None, description="What a design file said; labrig writes it into records."
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield a radius that the needle's own thickness rules out."""
+        yield from radius_too_small(self.diameter_mm, self.design_radius_mm)
+
+
+class Specimen(Model):
+    """One block of gel."""
+
+    name: Name = Field(description="What is written on the block; unique in the protocol.")
+    gelatin_percent: float = Field(
+        ge=1, le=50, description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
+    )
+
+
+class SheathOrigin(Model):
+    """How far from the command the sheath may be found in the picture taken once it is in; a trial beyond is refused.
+
+    Along the insertion the linear encoder measures, so little is left but the zero set by eye. Across it the sheath's
+    play moves the needle honestly, and what is found is reckoned with: a limit is for what no play explains.
+    """
+
+    depth_mm: PositiveMm | None = Field(
+        None,
+        description="Depth of the sheath at which its tip stands at the origin of the steering plane [mm]; "
+        "null: at the sheath's depth_mm.",
+    )
+    along_mm: PositiveMm = Field(
+        0.5, description="Most along the insertion, from where the linear encoder puts the tip [mm]."
+    )
+    across_mm: PositiveMm = Field(1.0, description="Most across it, by the sheath's play [mm].")
+    turn_deg: float = Field(
+        2.0, gt=0, le=45, description="Most between the sheath and the insertion's direction [deg]."
+    )
+
+
+class Sheath(Model):
+    """The tube that brings the needle into the gel."""
+
+    depth_mm: PositiveMm = Field(description="How far the linear module brings the sheath into the gel [mm].")
+    speed_mm_s: SpeedMmS = Field(description="Speed of the sheath, in and out [mm/s].")
+    diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
+    origin: SheathOrigin | None = Field(
+        None,
+        description="Tip and direction of the sheath are compared with the command, and an insertion to a target "
+        "starts where they were found. null: neither.",
+    )
+
+    @property
+    def origin_depth_mm(self) -> float:
+        """The depth at which its tip is expected at the origin of the steering plane."""
+        known = None if self.origin is None else self.origin.depth_mm
+        return self.depth_mm if known is None else known
+
+
+class Advance(Model):
+    """How fast the needle goes in and comes out."""
+
+    speed_mm_s: SpeedMmS = Field(description="Insertion speed [mm/s].")
+    withdraw_speed_mm_s: SpeedMmS = Field(description="Speed of the way back [mm/s].")
+
+
+class RollZeroSteps(Model):
+    """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each into a hole of its own."""
+
+    specimen: Specimen = Field(description="A block of gel without anything in it.")
+    rolls: int = Field(6, ge=4, le=24, description="Insertions, at rolls spread evenly over a turn.")
+    length_mm: PositiveMm = Field(20.0, description="How far the needle leaves the sheath in each [mm].")
+    hole_spacing_mm: PositiveMm = Field(16.0, description="Lateral distance from one hole to the next [mm].")
+    max_sd_deg: float = Field(
+        3.0, gt=0, le=45, description="Standard deviation of the zero beyond which it is not certified [deg]."
+    )
+
+
+class AnalysisWindow(Model):
+    """Which part of the shaft the circle is fitted to, and when its radius is worth stating."""
+
+    window_start_mm: NonNegativeMm = Field(
+        description="Arc length behind the sheath tip left out of the fit, where the hinges still close [mm]."
+    )
+    window_end_mm: NonNegativeMm = Field(
+        description="Arc length before the needle's tip left out of the fit [mm]."
+    )
+    min_window_mm: PositiveMm = Field(description="Shortest arc length that is still fitted [mm].")
+    max_radius_sigma_mm: PositiveMm = Field(
+        description="Standard deviation of the radius beyond which it is not accepted [mm]."
+    )
+    roll_sd_deg: float = Field(
+        2.0,
+        ge=0,
+        le=30,
+        description="How sure the bevel's roll is, standard deviation [deg]; 2 where it was set by eye. A bevel out of "
+        "the plane makes the radius seen too large, so the lower end of intervals is moved.",
+    )
+
+    @property
+    def least_length_mm(self) -> float:
+        """The shortest needle outside the sheath that can be measured [mm]."""
+        return self.window_start_mm + self.min_window_mm + self.window_end_mm
+
+
+class GridSentinel(Model):
+    """Graph paper that is photographed before and after the run, so that a camera that was bumped is noticed."""
+
+    pitch_mm: float = Field(
+        gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
+    )
+
+
+class Scale(Model):
+    """Millimetres by one number, for pictures whose camera is not at hand any more."""
+
+    px_per_mm: float = Field(
+        gt=0, le=10_000, description="Pixels in a millimetre of the steering plane [px/mm]."
+    )
+    origin_px: PixelUv = Field(description="Pixel (u, v) that becomes the origin of the steering plane [px].")
+    insertion: Direction = Field(description="Where the insertion points in the picture.")
+
+
+def must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:
+    """Return the conflict of a value that is not above the limit that another key sets."""
+    return Conflict(key, f"{key} is {value:g}, must be above {other}, {limit:g}", "are both in mm?")
+
+
+def radius_too_small(diameter_mm: float, radius_mm: float | None) -> Iterator[Conflict]:
+    """Yield a radius that the needle's own thickness rules out."""
+    if radius_mm is not None and radius_mm <= diameter_mm:
+        yield must_exceed("design_radius_mm", radius_mm, "diameter_mm", diameter_mm)
+
+
+def sheath_too_thin(key: str, sheath_mm: float, needle_mm: float) -> Iterator[Conflict]:
+    """Yield a sheath that the needle does not fit through."""
+    if sheath_mm <= needle_mm:
+        message = f"{key} is {sheath_mm:g}, must be above needle.diameter_mm, {needle_mm:g}"
+        yield Conflict(key, message, "the needle runs inside the sheath")

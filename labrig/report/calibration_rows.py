@@ -1,0 +1,40 @@
+"""How well the lens and the steering plane of a run are known, as its page tells it."""
+
+from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.record.reader import Run
+from labrig.report.words import Rows, number, signed
+from labrig.vision.intrinsics import Intrinsics
+from labrig.vision.plane import PlaneMap
+
+
+def calibration_rows(run: Run) -> Rows:
+    """Return how well lens and plane are known."""
+    return (*_lens_rows(load_lens(run)), *_plane_rows(load_mapping(run)))
+
+
+def _lens_rows(lens: Intrinsics | None) -> Rows:
+    if lens is None:
+        return (("lens", "no intrinsics: the pictures are taken as rectified"),)
+    return (
+        ("image size", f"{lens.image_size[0]} x {lens.image_size[1]} px"),
+        *(
+            (name, f"{number(getattr(lens, name), 3)} ± {number(lens.sigma.get(name), 3)} px (1 sigma)")
+            for name in ("fx", "fy", "cx", "cy")
+        ),
+        ("k1, k2, p1, p2, k3", ", ".join(signed(value, 5) for value in lens.distortion)),
+        (
+            "reprojection error, rms",
+            f"{number(lens.rms_px, 3)} px; held out {number(lens.holdout_rms_px, 3)} px",
+        ),
+    )
+
+
+def _plane_rows(plane: PlaneMap) -> Rows:
+    return (
+        ("scale at the origin", f"{plane.mm_per_px:.5f} mm/px"),
+        (
+            "plane residual, rms",
+            f"{number(plane.rms_mm, 4)} mm; held out {number(plane.holdout_rms_mm, 4)} mm",
+        ),
+        ("insertion in the picture", plane.insertion),
+    )

@@ -1,0 +1,18 @@
+"""runner: what every run needs and no experiment owns.
+
+An experiment is handed over as an `Experiment`: what it plans, its procedure, how it goes on, what is shown of it. A
+procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and where progress is told. It
+moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
+starts, as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
+
+`conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
+failed (a device or the computer did), with the axes stopped in every case. `conduct_rest` goes on with a run that was
+interrupted; draws of a simulated world come from seed and purpose, so that the rest is what it would have been. An
+experiment that moves nothing is recorded by `conduct_without_rig`.
+
+`replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
+nothing but what protocol, rig file, calibration and devices tell it.
+
+A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
+Graph paper before and after a run (`sentinel`) is asked for by one function, whatever the experiment (`bench`).
+"""

@@ -1,0 +1,59 @@
+"""What the operator does at the bench before a run and after it: needle out, graph paper in and away again."""
+
+from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
+from labrig.errors import CalibrationRefusedError
+from labrig.protocol.sections import GridSentinel
+from labrig.runner.session import Session
+from labrig.vision.grid_check import check_grid, compare_grids
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+
+
+def confirm_needle_out(session: Session) -> None:
+    """Where the rig does not know that no needle is in tissue, have the operator confirm it.
+
+    Raises
+    ------
+    SafetyStopError
+        When the operator says no.
+    """
+    rig = session.rig
+    if rig.state.needle_in_tissue is not False:
+        session.ask(ConfirmNeedleOut(rig.state.doubt))
+        rig.needle.mark_out()
+
+
+def watch_grid(sentinel: GridSentinel | None, role: str, session: Session) -> Picture | None:
+    """Photograph graph paper in the steering plane, where the protocol asks for it; no needle is in tissue then.
+
+    Raises
+    ------
+    SafetyStopError
+        When the operator says no.
+    """
+    if sentinel is None:
+        return None
+    confirm_needle_out(session)
+    session.ask(LayGraphPaper(sentinel.pitch_mm))
+    image = session.see(role).image
+    session.ask(ClearBench("the graph paper"))
+    return image
+
+
+def require_same_grid(
+    before: Picture | None, after: Picture | None, sentinel: GridSentinel | None, plane: PlaneMap
+) -> None:
+    """Refuse what was done between two pictures of the paper that no error bar reconciles.
+
+    Raises
+    ------
+    CalibrationRefusedError
+        When the camera was bumped between them, or one does not show the paper.
+    """
+    if sentinel is None or before is None or after is None:
+        return
+    drift = compare_grids(*(check_grid(image, plane, sentinel.pitch_mm) for image in (before, after)))
+    if drift.reason is not None:
+        raise CalibrationRefusedError(
+            drift.reason.rstrip("."), "what was measured in this run is not stated; run it again"
+        )

@@ -1,0 +1,119 @@
+"""Runs a procedure to an end that the record can state, with the axes stopped whatever happens."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from labrig.clock import Clock
+from labrig.errors import (
+    DiskError,
+    InterruptedRunError,
+    LabrigError,
+    MachineError,
+    SafetyStopError,
+    TargetMissedError,
+    fault_of,
+)
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.events import RunResume, RunStart, RunStop
+from labrig.record.journal import Journal
+from labrig.runner.experiment import Experiment, Remainder
+from labrig.runner.session import Session
+from labrig.runner.stance import Stance
+from labrig.runner.withdrawal import recover
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a procedure ended: the exit status of the record, why, and the error where there was one."""
+
+    exit_status: str
+    reason: str
+    error: LabrigError | None
+
+
+def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Session) -> Outcome:
+    """Run the procedure of an experiment; stop the axes and close the record however it ends.
+
+    An error that is not one of labrig's is a bug: the axes stop, the record is closed as failed, and it is raised.
+    """
+    return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
+
+
+def conduct_rest(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
+    """Go on with a run that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+    return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
+
+
+def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
+    """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
+    return _conduct(
+        session, RunStart(experiment="withdrawal"), lambda: recover(session, run_name, path, standing)
+    )
+
+
+def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
+    outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
+    try:
+        outcome = _run_to_an_end(session, beginning, procedure)
+    finally:
+        outcome = _stop_and_close(session, outcome)
+    return outcome
+
+
+def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
+    """Stop the axes, then close the record; what fails in this becomes part of how the run ended."""
+    try:
+        session.rig.stop()
+    except MachineError as error:
+        outcome = _not_known_to_stand_still(outcome, error)
+    after = session.rig.snapshot()
+    try:
+        session.recorder.can_frames(session.rig.take_can_frames())
+    except DiskError as error:
+        outcome = Outcome("failed", outcome.reason or error.message, outcome.error or error)
+    return _close(
+        session.recorder, session.rig.clock, session.rig.clock.now_s(), outcome, devices_after=after
+    )
+
+
+def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
+    """Return how a run ended that could not be stopped for certain; a fault that led to it stays its name."""
+    if isinstance(outcome.error, MachineError):
+        told = error.message in outcome.reason
+        reason = outcome.reason if told else f"{outcome.reason}; when stopping: {error.message}"
+        return Outcome("failed", reason, outcome.error)
+    return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
+
+
+def _close(
+    recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+) -> Outcome:
+    try:
+        stop = RunStop(exit_status=outcome.exit_status, reason=outcome.reason, fault=fault_of(outcome.error))
+        recorder.record_event(stop, t_s)
+        recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
+    except DiskError as error:
+        return Outcome("failed", outcome.reason or error.message, outcome.error or error)
+    return outcome
+
+
+def conduct_without_rig(experiment: Experiment, recorder: Journal, clock: Clock) -> Outcome:
+    """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
+    try:
+        recorder.record_event(RunStart(experiment=experiment.name), 0.0)
+    except DiskError as error:
+        return _close(recorder, clock, 0.0, Outcome("failed", error.message, error))
+    return _close(recorder, clock, 0.0, Outcome("success", "", None))
+
+
+def _run_to_an_end(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
+    try:
+        session.record(beginning)
+        procedure()
+    except (InterruptedRunError, SafetyStopError) as error:
+        return Outcome("aborted", error.message, error)
+    except TargetMissedError as error:
+        return Outcome("failed", error.reason, error)
+    except LabrigError as error:
+        return Outcome("failed", error.message, error)
+    return Outcome("success", "", None)

@@ -1,0 +1,127 @@
+"""What a run is going to ask of a rig, checked and estimated before anything moves."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from labrig.devices.check import check_calibration
+from labrig.devices.check_result import CheckStatus
+from labrig.devices.rig_file import RigDescription, check_axis_move, unknown_entries
+from labrig.errors import LimitError, Problem
+from labrig.protocol.sections import ExperimentProtocol, GridSentinel, Sheath
+from labrig.runner.experiment import PlannedMove, RunPlan
+
+PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
+"""The hole before the sheath goes in, the sheath before the needle goes in, and the final shape."""
+
+_GRID_PICTURES = 2
+"""Before the run and after it; for each the paper is laid, and taken away again."""
+
+_BYTES_A_STATE = 270
+_PNG_SHARE = 0.7
+"""Of its raw bytes a PNG of a noisy camera takes about so much."""
+
+
+class Speeds(Protocol):
+    """How fast a needle goes in and comes out, as protocols say it [mm/s]."""
+
+    @property
+    def speed_mm_s(self) -> float:
+        """Insertion speed [mm/s]."""
+        ...
+
+    @property
+    def withdraw_speed_mm_s(self) -> float:
+        """Speed of the way back [mm/s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run will take: rig time without the operator's, pictures, bytes on disk, and what the operator does."""
+
+    duration_s: float
+    pictures: int
+    disk_bytes: int
+    operator_steps: int
+
+    @property
+    def work(self) -> float:
+        """What progress counts up to: rig time [s], or pictures where nothing moves."""
+        return self.duration_s or float(self.pictures)
+
+
+def insertion_moves(key: str, length_mm: float, speeds: Speeds, sheath: Sheath) -> tuple[PlannedMove, ...]:
+    """Return the moves of one insertion, in order: sheath in, needle in, needle out, sheath out.
+
+    Parameters
+    ----------
+    key : str
+        The protocol's key that says how far the needle leaves the sheath.
+    length_mm : float
+        That length.
+    speeds, sheath
+        The protocol's sections.
+    """
+    return (
+        PlannedMove("sheath.depth_mm", "linear", 0.0, sheath.depth_mm, sheath.speed_mm_s),
+        PlannedMove(key, "insertion", 0.0, length_mm, speeds.speed_mm_s),
+        PlannedMove("insertion.withdraw_speed_mm_s", "insertion", length_mm, 0.0, speeds.withdraw_speed_mm_s),
+        PlannedMove("sheath.speed_mm_s", "linear", sheath.depth_mm, 0.0, sheath.speed_mm_s),
+    )
+
+
+def roll_move(rig: RigDescription, key: str, farthest_rad: float) -> PlannedMove:
+    """Return the turn of the bevel that is farthest from where it stands at first, at half the axis' speed."""
+    return PlannedMove(key, "rotation", 0.0, farthest_rad, rig.axes.rotation.max_speed / 2)
+
+
+def sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
+    """Return how many pictures and operator steps the graph paper before and after a run takes."""
+    return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
+
+
+def find_unknown_entries(rig: RigDescription) -> Iterator[Problem]:
+    """Yield the entries of a rig file that nobody has filled in."""
+    for key, where in unknown_entries(rig).items():
+        yield Problem(f"rig {key}", "unknown", f"enter it: {where}")
+
+
+def _picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield recorded pictures where pictures decide how real drives move."""
+    if protocol.pictures_decide_motion and rig.camera.recorded and rig.kind == "bench":
+        yield Problem(
+            "rig camera.driver",
+            f"{protocol.experiment} moves real drives by what its pictures show, and camera.driver "
+            f"{rig.camera.driver} gives recorded pictures",
+            "use a camera that shows the needle as it is now, or a rig of kind simulated",
+        )
+
+
+def find_rig_problems(
+    protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
+) -> tuple[Problem, ...]:
+    """Return what a rig cannot do of an experiment that moves and measures: moves beyond a limit, no calibration."""
+    problems = [*find_unknown_entries(rig), *_picture_problems(protocol, rig)]
+    for move in moves:
+        try:
+            check_axis_move(rig, move.axis, move.position, move.speed)
+        except LimitError as error:
+            problems.append(Problem(move.where, error.message, error.hint))
+    problems += [
+        Problem(result.check, result.value, result.solution)
+        for result in check_calibration(rig)
+        if result.status is CheckStatus.FAIL
+    ]
+    return tuple(problems)
+
+
+def estimate(plan: RunPlan, rig: RigDescription | None) -> Estimate:
+    """Return what a run will take of time, disk and the operator; a run without a rig (None) takes none of them."""
+    if rig is None:
+        return Estimate(0.0, 0, 0, 0)
+    share = 1.0 if rig.camera.store == "raw" else _PNG_SHARE
+    frame_bytes = int(share * rig.camera.width_px * rig.camera.height_px)
+    states_bytes = int(plan.duration_s * rig.recording.state_rate_hz * _BYTES_A_STATE)
+    disk_bytes = plan.pictures * frame_bytes + states_bytes
+    return Estimate(plan.duration_s, plan.pictures, disk_bytes, plan.operator_steps)

@@ -1,0 +1,244 @@
+"""Replays a record: the same procedure, on devices that answer as they did; commands and lines are compared."""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labrig.devices.replayed.comparison import Comparison, ReplayDifference
+from labrig.devices.replayed.opening import open_replayed, recorded_rig
+from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
+from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.events import Event
+from labrig.record.json_lines import as_recorded
+from labrig.record.reader import Run
+from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
+from labrig.runner.experiment import Experiment
+from labrig.runner.plan import estimate
+from labrig.runner.session import Progress, Session
+
+_STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
+
+
+@dataclass
+class Replay:
+    """What came of a replay.
+
+    Attributes
+    ----------
+    first_difference : ReplayDifference or None
+        None where everything was the same as far as the record goes.
+    ended_early : str
+        Where a record ends that did not come to its end; empty for one that did.
+    bit_exact : bool
+        Whether every line and every CAN frame came again to the last bit, times included.
+    counts : dict
+        How many commands, questions, pictures and lines were compared.
+    """
+
+    first_difference: ReplayDifference | None = None
+    ended_early: str = ""
+    bit_exact: bool = True
+    counts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def identical(self) -> bool:
+        """Whether nothing differs."""
+        return self.first_difference is None
+
+
+def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, progress: Progress) -> Replay:
+    """Drive the procedure of a run with its recorded camera, drives, clock and operator, session after session.
+
+    Raises
+    ------
+    InputError
+        For a run that no procedure made.
+    RecordError
+        When the record is damaged.
+    """
+    if not experiment.moves_rig and experiment.plan(protocol, None).problems:
+        raise InputError(
+            f"{run.path} holds imported pictures; no procedure made it", "there is nothing to replay"
+        )
+    if run.withdraws is not None:
+        raise InputError(
+            f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it goes as a person answers",
+            "there is nothing to replay; its states, events and can.log say what was done",
+        )
+    found = Replay()
+    if not experiment.moves_rig:
+        _replay_without_rig(run, experiment, found)
+        return found
+    description = recorded_rig(run)
+    for recording in recordings(run, exact=description.kind == "simulated"):
+        _replay_session(_Replayed(run, experiment, protocol, description), recording, progress, found)
+        if not found.identical:
+            break
+    return found
+
+
+def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) -> float:
+    """Return what the progress of a replay counts up to."""
+    if not experiment.moves_rig:
+        return 1.0
+    rig = recorded_rig(run)
+    return estimate(experiment.plan(protocol, rig), rig).work
+
+
+@dataclass(frozen=True)
+class _Replayed:
+    """The run whose procedure is driven again, and the rig that it had."""
+
+    run: Run
+    experiment: Experiment
+    protocol: ExperimentProtocol
+    rig: RigDescription
+
+
+def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None:
+    """Replay a run that moved nothing: only how it begins and ends is compared."""
+    recording = recording_without_rig(run)
+    comparison = Comparison(recording)
+    try:
+        conduct_without_rig(experiment, ReplayedJournal(run, recording, comparison), comparison.clock)
+    except ReplayDiffersError:
+        found.first_difference = comparison.found
+    except RecordEndsError as error:
+        found.ended_early = error.message
+    found.bit_exact = found.identical
+    found.counts = comparison.counts
+
+
+def _replay_session(replayed: _Replayed, recording: Recording, progress: Progress, found: Replay) -> None:
+    """Replay one session and add what came of it."""
+    comparison, journal = Comparison(recording), None
+    try:
+        with open_replayed(replayed.rig, recording, comparison) as (rig, plant):
+            rig.describe()  # reads how the devices stand, as it did when the record was begun
+            journal = ReplayedJournal(replayed.run, recording, comparison)
+            _conduct(replayed, recording, Session(rig, journal, progress))
+            _require_nothing_left(plant, journal, comparison)
+    except ReplayDiffersError:
+        found.first_difference = comparison.found
+    except RecordEndsError as error:
+        found.ended_early = error.message
+        left = None if journal is None else journal.left(besides="run_stop")
+        if left is not None:
+            found.first_difference = comparison.difference(left[0], left[1], "nothing")
+    exact = journal is not None and journal.can_frames_are_exact()
+    found.bit_exact = found.bit_exact and found.identical and recording.exact and exact
+    for what, count in comparison.counts.items():
+        found.counts[what] = found.counts.get(what, 0) + count
+
+
+def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> None:
+    experiment, protocol = replayed.experiment, replayed.protocol
+    if recording.is_first:
+        conduct(experiment, protocol, session)
+        return
+    remainder = experiment.resume(protocol, replayed.run.until(recording.span.t0_s))
+    conduct_rest(experiment, remainder, session)
+
+
+def _require_nothing_left(plant: ReplayedPlant, journal: "ReplayedJournal", comparison: Comparison) -> None:
+    """Raise `ReplayDiffersError` where the record goes on and the procedure has ended."""
+    command, line = plant.bus.left(), journal.left()
+    if command is not None:
+        comparison.differs("command", command, "nothing")
+    if line is not None:
+        comparison.differs(line[0], line[1], "nothing")
+
+
+class ReplayedJournal:
+    """Takes what a procedure records, and compares it with what the record has."""
+
+    def __init__(self, run: Run, recording: Recording, comparison: Comparison) -> None:
+        self.run_name = run.path.name
+        self.path: Path = run.path
+        self._run = run
+        self._comparison = comparison
+        self._recording = recording
+        self._t0_s = recording.span.t0_s
+        self._frame = recording.first_frame
+        self._can: list[tuple[float, int, bytes, str]] = []
+        self._expected = {stream: deque(self._lines_of(run, stream)) for stream in _STREAMS}
+
+    def _lines_of(self, run: Run, stream: str) -> Iterable[Mapping[str, Any]]:
+        if stream == "truth":
+            return [line for line in run.lines(stream) if line.get("trial") in self._recording.trials]
+        return self._recording.span.of(run.lines(stream))
+
+    def frame(self, image: NDArray[np.uint8], t_s: float, **fields: object) -> int:
+        """Compare the line of a picture, and a drawn picture itself, and return its number."""
+        number = self._frame
+        line = {"frame": number, "t_s": self._t0_s + t_s, **fields}
+        self._compare("frames", line, without=("file", "sha256", "offset", "bytes", "shape"))
+        if fields.get("drawn") and not np.array_equal(image, self._run.read_frame(number)):
+            self._comparison.differs("frame", f"picture {number}", "another drawing")
+        self._frame += 1
+        return number
+
+    def state(self, t_s: float, **fields: object) -> None:
+        """Compare what the axes read."""
+        self._compare("states", {"t_s": self._t0_s + t_s, **fields})
+
+    def event(self, kind: str, t_s: float, **fields: object) -> None:
+        """Compare an event."""
+        if kind == "trial_start" and isinstance(trial := fields.get("trial"), int):
+            self._comparison.trial = trial
+        self._compare("events", {"kind": kind, "t_s": self._t0_s + t_s, **fields})
+
+    def record_event(self, event: Event, t_s: float) -> None:
+        """Compare an event."""
+        self.event(event.kind, t_s, **event.line_fields())
+
+    def truth(self, **fields: object) -> None:
+        """Compare what the simulated world told."""
+        self._compare("truth", fields)
+
+    def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
+        """Keep what passed on the bus."""
+        self._can += frames
+
+    def close(self, exit_status: str, reason: str, ended: datetime, **updates: object) -> None:
+        """Nothing is closed: the last event has said how it ended."""
+
+    def can_frames_are_exact(self) -> bool:
+        """Return whether the same CAN frames passed at the same times as in the record."""
+        return _in_microseconds(self._can) == _in_microseconds(self._recording.can_frames)
+
+    def left(self, besides: str | None = None) -> tuple[str, str] | None:
+        """Return the stream and the text of the next line of the record, an event of kind `besides` left out."""
+        for stream, lines in self._expected.items():
+            for line in lines:
+                if line.get("kind") != besides or besides is None:
+                    return _STREAMS[stream], str(dict(line))
+        return None
+
+    def _compare(self, stream: str, now: Mapping[str, object], without: tuple[str, ...] = ()) -> None:
+        self._comparison.require_going()
+        what = _STREAMS[stream]
+        plain = as_recorded(now)
+        if not self._expected[stream]:
+            self._comparison.ends(what, str(plain))
+        recorded = self._expected[stream].popleft()
+        left_out = {*without, *(() if self._recording.exact else ("t_s",))}
+        for key in dict.fromkeys((*recorded, *plain)):
+            if key not in left_out and recorded.get(key) != plain.get(key):
+                name = f"{recorded.get('kind', what)}: {key} = "
+                self._comparison.differs(what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}")
+        self._comparison.same(f"{what}s" if what != "truth" else what)
+
+
+def _in_microseconds(frames: Iterable[tuple[float, int, bytes, str]]) -> list[tuple[int, int, bytes, str]]:
+    """Return CAN frames with times as can.log has them."""
+    return [(round(t_s * 1e6), can_id, data, way) for t_s, can_id, data, way in frames]

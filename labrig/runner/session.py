@@ -1,0 +1,174 @@
+"""What every procedure is given, and the four things that it does with it: ask, move, look, note."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Protocol
+
+from labrig.devices.axis import AxisReadback
+from labrig.devices.operator import Answer, OperatorRequest, request_details
+from labrig.devices.rig import Rig
+from labrig.errors import SafetyStopError
+from labrig.record.events import Event, Move, MoveDone, OperatorQuestion
+from labrig.record.journal import Journal
+from labrig.record.layout import picture_file
+from labrig.runner.stance import Stance, stance_of
+from labrig.vision.picture import Picture
+
+
+class Progress(Protocol):
+    """Where a procedure tells how far it has come."""
+
+    def __call__(self, done: float, doing: str) -> None:
+        """Take how much of the estimate is behind (rig time [s]; pictures where nothing moves), and a sentence."""
+        ...
+
+
+WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A picture that was recorded: its number, the picture, and where the axes stood at its exposure."""
+
+    frame: int
+    image: Picture
+    stance: Stance
+
+
+@dataclass(frozen=True)
+class Session:
+    """The opened rig, the record of this run, and where progress is told."""
+
+    rig: Rig
+    recorder: Journal
+    progress: Progress
+
+    def note(self, kind: str, **fields: object) -> None:
+        """Append an event, stamped with the rig time."""
+        self.recorder.can_frames(self.rig.take_can_frames())
+        self.recorder.event(kind, self.rig.clock.now_s(), **fields)
+
+    def record(self, event: Event) -> None:
+        """Append an event, stamped with the rig time."""
+        self.recorder.can_frames(self.rig.take_can_frames())
+        self.recorder.record_event(event, self.rig.clock.now_s())
+
+    def ask(self, request: OperatorRequest) -> Answer:
+        """Let the operator do something and confirm it, and return the answer; the axes hold still meanwhile.
+
+        Raises
+        ------
+        SafetyStopError
+            When the operator says no.
+        """
+        answer = self._asked(request)
+        if not answer.confirmed:
+            raise SafetyStopError(
+                f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
+            )
+        return answer
+
+    def offer(self, request: OperatorRequest) -> bool:
+        """Ask the operator something that may be declined, and return whether it was confirmed."""
+        return self._asked(request).confirmed
+
+    def _asked(self, request: OperatorRequest) -> Answer:
+        answer = self.rig.ask(request)
+        self.record(
+            OperatorQuestion(
+                request=type(request).__name__,
+                details=request_details(request, self.recorder.path),
+                confirmed=answer.confirmed,
+                answer=answer.note,
+                reading=answer.reading,
+                pixel=answer.pixel,
+            )
+        )
+        return answer
+
+    def look(self, role: str, trial: int | None = None) -> int:
+        """Take a picture, record it with where the axes stood, and return its number."""
+        return self.see(role, trial).frame
+
+    def see(self, role: str, trial: int | None = None) -> Look:
+        """Take a picture, record it with where the axes stood at its exposure, and return it.
+
+        The exposure lies between two readings of the encoders. Its positions lie where the camera's own time says, or
+        else half-way: a needle that advances at 1 mm/s is told to some hundredths of a millimetre.
+        """
+        before = stance_of(self.rig.read_states())
+        frame, states = self.rig.look()
+        stance = before.on_the_way_to(stance_of(states), 0.5 if frame.fraction is None else frame.fraction)
+        self.recorder.can_frames(self.rig.take_can_frames())
+        known = {**frame.time_fields(), **asdict(stance)}
+        number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
+        return Look(number, frame.image, stance)
+
+    def draw(self, image: Picture, role: str, trial: int | None = None) -> Path:
+        """Record a picture that was drawn on, and return its file."""
+        number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
+        return self.picture_path(number)
+
+    def picture_path(self, frame: int) -> Path:
+        """Return the file of a recorded picture."""
+        return self.recorder.path / picture_file(frame)
+
+    def move(
+        self, axis_name: str, position: float, speed: float, while_moving: WhileMoving | None = None
+    ) -> None:
+        """Move one axis to `position` [mm or rad] at `speed` [per s] and wait until it has arrived.
+
+        The states of all axes are recorded at the rig file's rate until the axis stands in its position window;
+        `while_moving` sees each of them.
+
+        Raises
+        ------
+        LimitError
+            Before anything is sent, when the position or speed is beyond the axis' limits.
+        DriveError, InterruptedRunError
+            From the rig while waiting; the caller's rig stops the axes.
+        """
+        self.start(axis_name, position, speed)
+        arrived = False
+        while not arrived:
+            states = self.watch()
+            if while_moving is not None:
+                while_moving(states)
+            arrived = states[axis_name].target_reached
+        self.record(MoveDone(axis=axis_name, position=states[axis_name].position))
+
+    def start(self, axis_name: str, position: float, speed: float) -> None:
+        """Start a move and return at once; an axis that moves already goes on to the new position without a stop.
+
+        Raises
+        ------
+        LimitError, SafetyStopError, DriveError, BusError
+        """
+        setpoint = self.rig.axis(axis_name).start_move(position, speed)
+        self.record(Move(axis=axis_name, **setpoint.document()))
+
+    def watch(self) -> Mapping[str, AxisReadback]:
+        """Let one period of the recorded states pass, record the states of all axes, and return them.
+
+        Raises
+        ------
+        DriveError, BusError, InterruptedRunError
+            All axes have been stopped.
+        """
+        self.rig.wait(self.rig.state_period_s)
+        states = self.rig.read_states()
+        self._record_states(states)
+        return states
+
+    def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
+        self.recorder.can_frames(self.rig.take_can_frames())
+        self.recorder.state(
+            self.rig.clock.now_s(),
+            insertion_mm=states["insertion"].position,
+            rotation_rad=states["rotation"].position,
+            linear_mm=states["linear"].position,
+            insertion_statusword=states["insertion"].statusword,
+            rotation_statusword=states["rotation"].statusword,
+            linear_statusword=states["linear"].statusword,
+        )

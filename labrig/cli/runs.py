@@ -27,7 +27,6 @@ from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, find_runs
-from labrig.record.difference import compare_runs
 
 app = typer.Typer()
 
@@ -222,6 +221,7 @@ def diff(
     as_json: AsJson = False,
 ) -> int:
     """Say each value in which they differ; exit with 4 where a record is damaged."""
+    from labrig.record.difference import compare_runs
     from labrig.record.reader import open_run
 
     runs = open_run(a), open_run(b)

@@ -24,13 +24,13 @@ MAX_DEPTH = 20
 MAX_VALUES = 20_000
 
 # What an unquoted text means: the core schema (YAML 1.2, section 10.3.2).
-_CORE_SCHEMA: tuple[tuple[re.Pattern[str], Callable[[str], Scalar]], ...] = (
-    (re.compile(r"|~|null|Null|NULL"), lambda _: None),
-    (re.compile(r"true|True|TRUE|false|False|FALSE"), lambda text: text.lower() == "true"),
-    (re.compile(r"[-+]?[0-9]{1,18}"), int),  # longer ones are floats: nothing here counts that far
-    (re.compile(r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}"), lambda text: int(text, 0)),
-    (re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"), float),
-    (re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"), lambda text: float(text.replace(".", "", 1))),
+_CORE_SCHEMA: tuple[tuple[str, Callable[[str], Scalar]], ...] = (
+    (r"|~|null|Null|NULL", lambda _: None),
+    (r"true|True|TRUE|false|False|FALSE", lambda text: text.lower() == "true"),
+    (r"[-+]?[0-9]{1,18}", int),  # longer ones are floats: nothing here counts that far
+    (r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}", lambda text: int(text, 0)),
+    (r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", float),
+    (r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", lambda text: float(text.replace(".", "", 1))),
 )
 
 # What the parser says -> what it means, and what a person can do about it.
@@ -70,7 +70,7 @@ _SYNTAX_WORDS = (
 
 def resolve_scalar(text: str) -> Scalar:
     """Return what an unquoted text means in the core schema of YAML 1.2 (specification, section 10.3.2)."""
-    return next((read(text) for pattern, read in _CORE_SCHEMA if pattern.fullmatch(text)), text)
+    return next((read(text) for pattern, read in _CORE_SCHEMA if re.fullmatch(pattern, text)), text)
 
 
 def read_tree(text: str, source: str) -> Tree:

@@ -19,7 +19,7 @@
     │   │   ├── BusError           bus-lost: no CAN interface, adapter unplugged
     │   │   │   ├── BusPassiveError   error-passive: the computer's CAN controller sees many errors
     │   │   │   └── BusOffError       bus-off: ... so many that it has left the bus
-    │   │   └── DriveError         an EPOS2 that does not do what it should
+    │   │   └── DriveError         a drive that does not do what it should
     │   │       ├── DriveFaultError     emergency: it reports an error, with its code and register
     │   │       ├── DriveRefusedError   sdo-abort: it refused an object, with the abort code
     │   │       ├── DriveRestartedError    boot-up: it has lost power or was reset, its reference is gone

@@ -81,6 +81,18 @@ def test_only_one_file_of_cli_prints() -> None:
     assert printing == ["output.py"]
 
 
+def test_nobody_imports_the_folder_of_a_device() -> None:
+    """Kinds of drives and cameras are found by their entry points; nothing outside of their folders names them."""
+    kinds = re.compile(r"(?:from|import) labrig\.devices\.(epos2|cia402|uvc|files)\.")
+    offenders = [
+        f"{path}: {found.group(1)}"
+        for path in SOURCES
+        for found in kinds.finditer(path.read_text(encoding="utf-8"))
+        if path.parent.name != found.group(1)
+    ]
+    assert offenders == []
+
+
 def test_functions_fit_on_a_screen() -> None:
     """No function of labrig is longer than forty lines, its signature and docstring left out."""
     lengths = {

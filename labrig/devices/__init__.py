@@ -5,9 +5,12 @@ What is decided here
 - A replayed rig (`open_replayed`) is one whose bus, camera, clock and operator are those of a record; axes and drivers
   are the real ones there too, and what they send is compared with what was sent.
 - Real or simulated is what the rig file says, and only `plant.make_plant` asks. The seam is at the wire: a
-  simulated EPOS2 is a CANopen node on a bus inside the process, and the driver that talks to it is the one
+  simulated drive is a CANopen node on a bus inside the process, and the driver that talks to it is the one
   for real drives.
-- Positions are mm or rad outside and quadcounts inside; speeds are rounded to integer rpm of the motor, and
+- A kind of drive is a folder (`epos2/`) behind `Drive` and `DriveKind`, which an entry point of the group
+  `labrig.drives` names; what CANopen drives share stands beside it (`cia402_drive`, `canopen_objects`, `sdo_client`).
+  Nothing else imports such a folder.
+- Positions are mm or rad above `Drive` and counts of the motor below; speeds are rounded to the drive's integers, and
   the achieved one is told. Limits are checked here before anything is sent, and once more by the drive.
 - A move is done when the drive says so and the position that it reads stands within the window.
 - An axis without a reference does not move, and no axis is referenced while a needle is in tissue or may be;
@@ -15,7 +18,7 @@ What is decided here
   only where a rig is opened for commissioning or recovery and a person has confirmed it.
 - Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
   where the axes stand. Backlash stands in the rig file; moves end from one side.
-- States of all axes are of one instant, that of a SYNC. The set-up of a drive (0x1020) may be pinned in the rig file.
+- States of all axes are of one instant, that of a SYNC. The set-up of a drive may be pinned in the rig file.
 - Whatever goes wrong, every axis is stopped, and standing still is read back; a halt goes out to all before any
   answer is awaited. What comes of each fault stands in a table that the tests hold. A closed rig has its power
   stages off.

@@ -1,4 +1,4 @@
-"""The state machine of a drive (CiA 402, as the EPOS2 has it) as one pure function.
+"""The state machine of a drive (CiA 402, with the states that maxon adds) as one pure function.
 
 `plan_controlword` never resets a fault: its controlwords leave bit 7 alone, and from a fault it raises. It
 leads to an enabled power stage only when enabling is the goal, and then with the Halt bit set, so that a

@@ -2,10 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+
+import pytest
 
 from labrig.devices.bus import open_can
 from labrig.devices.can_description import CanDescription, HeartbeatDescription
-from labrig.devices.clocks import SystemClock
+from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.epos2 import DRIVE
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.shaft import Mechanics
+from labrig.errors import InputError
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
 from tests.devices.rigs import epos2_axis
 from tests.devices.served import served_drives
@@ -19,6 +26,15 @@ class TestEpos2(DriveConformance):
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
         return simulated_drive("epos2")
+
+
+def test_a_kind_without_a_simulated_drive_says_so() -> None:
+    """A simulated rig refuses it by name, as does what serves drives."""
+    kind = replace(DRIVE, simulated_node=None, example=None)
+    with pytest.raises(InputError, match="drives of kind epos2 cannot be simulated"):
+        kind.simulate(epos2_axis(), InProcessWire(), SimulatedClock(), Mechanics())
+    with pytest.raises(InputError, match="cannot be simulated"):
+        kind.example_section(1)
 
 
 @contextmanager

@@ -1,15 +1,15 @@
-"""Simulated devices: EPOS2 drives on a CAN bus, and camera and operator in a simulated world.
+"""Simulated devices: drives on a CAN bus, and camera and operator in a simulated world.
 
 What is decided here
 --------------------
-- The seam is at the wire. A simulated drive is a CANopen node with the object dictionary of an EPOS2, SDO, NMT,
+- The seam is at the wire. A simulated drive is a CANopen node with the object dictionary of its kind, SDO, NMT,
   heartbeat, guarding, PDO, EMCY and its state machine; the driver that talks to it is the one for real drives, and
   CANopen clients that nobody here wrote drive it too (`serving`).
 - Inside a process frames are delivered synchronously: when `send` returns, everybody has taken the frame and
   answered it, unless a fault is scripted. No thread and no timeout of the computer's time decides anything.
 - Motion is a closed form of simulated time. Drives follow their profile exactly; there is no load, but a shaft runs
   against stops, switches and what blocks it. What a drive does is in its journal with the exact instant.
-- A fault that a script injects is one of the bus (`bus`), of the node (`node`) or of the motor (`drive`); what
+- A fault that a script injects is one of the bus (`bus`), of the node (`node`) or of the motor (`cia402_node`); what
   follows from it is left to them.
 - Where documents leave it open, the dangerous reading is taken: releasing Halt resumes the old target, a target
   beyond the software limits is driven at until the limit is passed, NMT stop and reset communication leave a

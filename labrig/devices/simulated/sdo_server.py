@@ -1,4 +1,4 @@
-"""The serving side of CANopen's SDO protocol (CiA 301): expedited and segmented; the EPOS2 has no block transfer."""
+"""The serving side of CANopen's SDO protocol (CiA 301): expedited and segmented, without block transfer."""
 
 import struct
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from collections.abc import Callable
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<BHBI")
 _LONGEST = 64
-"""No object of an EPOS2 that can be written is longer [bytes]."""
+"""No object that can be written is longer [bytes]."""
 
 TOGGLE = 0x05030000
 COMMAND_UNKNOWN = 0x05040001

@@ -1,53 +1,60 @@
-"""What a person does at the rig, as requests that can be asked, answered and recorded."""
+"""What a person does at the rig, as requests that can be asked, answered and recorded.
+
+A request is a frozen subclass of `OperatorRequest`: its fields are recorded under the name of its class, its `sentence`
+is what a person reads. An experiment of another package derives its own in the same way.
+"""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 
 @dataclass(frozen=True)
-class MountNeedle:
+class OperatorRequest:
+    """Something that a person is asked to do or to confirm; `sentence` names its fields in braces."""
+
+    sentence: ClassVar[str]
+
+    @property
+    def text(self) -> str:
+        """Return the request as a person reads it."""
+        return self.sentence.format_map(vars(self))
+
+
+@dataclass(frozen=True)
+class MountNeedle(OperatorRequest):
     """Mount the needle in the clamp."""
+
+    sentence = "Mount needle {needle_id} in the clamp."
 
     needle_id: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"Mount needle {self.needle_id} in the clamp."
-
 
 @dataclass(frozen=True)
-class ConfirmAxesAtZero:
+class ConfirmAxesAtZero(OperatorRequest):
     """Confirm that the axes stand where zero is to be."""
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            "Confirm that the axes stand at zero: the needle's tip flush with the end of the sheath, the "
-            "bevel at roll zero, the sheath's end just before the gel, and no needle in tissue. Their "
-            "positions become zero here."
-        )
+    sentence = (
+        "Confirm that the axes stand at zero: the needle's tip flush with the end of the sheath, the "
+        "bevel at roll zero, the sheath's end just before the gel, and no needle in tissue. Their "
+        "positions become zero here."
+    )
 
 
 @dataclass(frozen=True)
-class PlaceSpecimen:
+class PlaceSpecimen(OperatorRequest):
     """Put a specimen into the frame."""
+
+    sentence = "Place specimen {name} ({gelatin_percent:g} % gelatin) in the frame."
 
     name: str
     gelatin_percent: float
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"Place specimen {self.name} ({self.gelatin_percent:g} % gelatin) in the frame."
-
 
 @dataclass(frozen=True)
-class ShiftToHole:
-    """Shift the specimen so that a hole stands before the sheath."""
+class ShiftToHole(OperatorRequest):
+    """Shift the specimen so that a hole stands before the sheath; people count holes from one."""
 
     specimen: str
     hole: int
@@ -55,15 +62,15 @@ class ShiftToHole:
 
     @property
     def text(self) -> str:
-        """Return the request as a sentence; people count holes from one."""
+        """Return the request as a person reads it."""
         return (
             f"Shift specimen {self.specimen} to hole {self.hole + 1}, {self.position_mm:g} mm from the first."
         )
 
 
 @dataclass(frozen=True)
-class HoldBoard:
-    """Hold the chessboard before the camera, in a pose that differs from the earlier ones."""
+class HoldBoard(OperatorRequest):
+    """Hold the chessboard before the camera, in a pose that differs from the earlier ones; views count from one."""
 
     view: int
     views: int
@@ -73,7 +80,7 @@ class HoldBoard:
 
     @property
     def text(self) -> str:
-        """Return the request as a sentence; people count views from one."""
+        """Return the request as a person reads it."""
         return (
             f"Hold the chessboard ({self.columns} x {self.rows} corners, {self.square_mm:g} mm squares) "
             f"still, tilted otherwise than before: view {self.view + 1} of {self.views}."
@@ -81,22 +88,19 @@ class HoldBoard:
 
 
 @dataclass(frozen=True)
-class LayGraphPaper:
+class LayGraphPaper(OperatorRequest):
     """Lay graph paper into the steering plane."""
+
+    sentence = (
+        "Lay the graph paper ({pitch_mm:g} mm pitch) flat in the steering plane, its lines along the "
+        "insertion."
+    )
 
     pitch_mm: float
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"Lay the graph paper ({self.pitch_mm:g} mm pitch) flat in the steering plane, "
-            "its lines along the insertion."
-        )
-
 
 @dataclass(frozen=True)
-class PlacePhantom:
+class PlacePhantom(OperatorRequest):
     """Put a block of gel with obstacles cast in into the frame, so that they are seen where the protocol says.
 
     obstacles : the pixel (u, v) of each one's centre, and its radius [mm]. What the camera is calibrated for is where
@@ -109,7 +113,7 @@ class PlacePhantom:
 
     @property
     def text(self) -> str:
-        """Return the request as a sentence."""
+        """Return the request as a person reads it."""
         seen = ", ".join(f"{radius:g} mm at ({u:.0f}, {v:.0f}) px" for (u, v), radius in self.obstacles)
         return (
             f"Place block {self.name} ({self.gelatin_percent:g} % gelatin) in the frame, where nothing has been "
@@ -118,170 +122,136 @@ class PlacePhantom:
 
 
 @dataclass(frozen=True)
-class PickTarget:
+class PickTarget(OperatorRequest):
     """Name the target's pixel on a picture."""
+
+    sentence = "Name the target's pixel on {picture}: u to the right, v down."
 
     picture: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"Name the target's pixel on {self.picture}: u to the right, v down."
-
 
 @dataclass(frozen=True)
-class ConfirmPlan:
+class ConfirmPlan(OperatorRequest):
     """Look at the plan drawn into a picture, and let the needle go."""
+
+    sentence = (
+        "Look at {picture}: plan, obstacles and axes ({plan}). Confirm that the needle is to be inserted so."
+    )
 
     picture: str
     target_px: tuple[float, float]
     plan: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"Look at {self.picture}: plan, obstacles and axes ({self.plan}). Confirm that the needle is to be "
-            "inserted so."
-        )
-
 
 @dataclass(frozen=True)
-class ConfirmStopped:
+class ConfirmStopped(OperatorRequest):
     """Take note why the needle was stopped, and confirm that it may be withdrawn along its path."""
+
+    sentence = "The needle was stopped: {reason}. Confirm that it may be withdrawn along its path."
 
     reason: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"The needle was stopped: {self.reason}. Confirm that it may be withdrawn along its path."
-
 
 @dataclass(frozen=True)
-class ClearBench:
+class ClearBench(OperatorRequest):
     """Take something away."""
+
+    sentence = "Take away {what}."
 
     what: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"Take away {self.what}."
-
 
 @dataclass(frozen=True)
-class ConfirmNeedleOut:
+class ConfirmNeedleOut(OperatorRequest):
     """Confirm that no needle is in tissue, where the rig cannot know."""
+
+    sentence = "Confirm that no needle is in tissue: {reason}. If one is: no, then labrig devices withdraw."
 
     reason: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"Confirm that no needle is in tissue: {self.reason}. If one is: no, then labrig devices withdraw."
-
 
 @dataclass(frozen=True)
-class WithdrawNeedle:
+class WithdrawNeedle(OperatorRequest):
     """Let the drives withdraw a needle that an interrupted run left in tissue; may be declined."""
+
+    sentence = (
+        "Run {run} left its needle in tissue, up to {depth_mm:.1f} mm out of the sheath. Withdraw it "
+        "with the drives, slowly, along the path that it took? No: take needle and sheath out by "
+        "hand."
+    )
 
     run: str
     depth_mm: float
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"Run {self.run} left its needle in tissue, up to {self.depth_mm:.1f} mm out of the sheath. "
-            "Withdraw it with the drives, slowly, along the path that it took? "
-            "No: take needle and sheath out by hand."
-        )
-
 
 @dataclass(frozen=True)
-class ConfirmHere:
+class ConfirmHere(OperatorRequest):
     """Confirm that an axis stands where its position is to be set (homing method 35); nothing moves."""
+
+    sentence = (
+        "Confirm that the axis {axis} stands at its {position:g} {unit}: {place}. Nothing moves; its "
+        "position becomes this here."
+    )
 
     axis: str
     position: float
     unit: str
     place: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"Confirm that the axis {self.axis} stands at its {self.position:g} {self.unit}: {self.place}. "
-            "Nothing moves; its position becomes this here."
-        )
-
 
 @dataclass(frozen=True)
-class ConfirmMotion:
+class ConfirmMotion(OperatorRequest):
     """Confirm that an axis may move slowly, with a hand on the emergency stop."""
+
+    sentence = (
+        "The axis {axis} is going to {what}. Confirm that its way is free and that a hand is on the "
+        "emergency stop."
+    )
 
     axis: str
     what: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"The axis {self.axis} is going to {self.what}. Confirm that its way is free and that a hand is on the "
-            "emergency stop."
-        )
-
 
 @dataclass(frozen=True)
-class ConfirmFree:
+class ConfirmFree(OperatorRequest):
     """Confirm that an axis stands free at one of its limits."""
+
+    sentence = (
+        "The axis {axis} stands at its limit, {position:g} {unit}. Confirm that it stands free of "
+        "every stop, cable and frame."
+    )
 
     axis: str
     position: float
     unit: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"The axis {self.axis} stands at its limit, {self.position:g} {self.unit}. Confirm that it stands free of "
-            "every stop, cable and frame."
-        )
-
 
 @dataclass(frozen=True)
-class ReadScale:
+class ReadScale(OperatorRequest):
     """Read how far an axis has gone on graph paper, a ruler or a protractor; the answer is a number."""
+
+    sentence = "{instruction} Type the reading of the axis {axis} in {unit}."
 
     axis: str
     unit: str
     instruction: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return f"{self.instruction} Type the reading of the axis {self.axis} in {self.unit}."
-
 
 @dataclass(frozen=True)
-class ConfirmFaultReset:
+class ConfirmFaultReset(OperatorRequest):
     """Confirm that the cause of a drive's fault is gone, so that it may be reset."""
+
+    sentence = (
+        "{fault}. What to do: {remedy}. Confirm that the cause is gone and the fault may be reset; "
+        "nothing moves by that."
+    )
 
     fault: str
     remedy: str
 
-    @property
-    def text(self) -> str:
-        """Return the request as a sentence."""
-        return (
-            f"{self.fault}. What to do: {self.remedy}. Confirm that the cause is gone and the fault may be reset; "
-            "nothing moves by that."
-        )
-
 
 @dataclass(frozen=True)
-class ConfirmStance:
+class ConfirmStance(OperatorRequest):
     """Confirm where the needle stands, where the drives have lost it."""
 
     run: str
@@ -292,7 +262,7 @@ class ConfirmStance:
 
     @property
     def text(self) -> str:
-        """Return the request as a sentence."""
+        """Return the request as a person reads it."""
         return (
             f"The axes {', '.join(self.lost)} have lost their positions. At the end of run {self.run} the needle stood "
             f"{self.insertion_mm:.1f} mm out of the sheath, turned by {self.rotation_rad:.2f} rad, the sheath "
@@ -301,42 +271,18 @@ class ConfirmStance:
 
 
 @dataclass(frozen=True)
-class ConfirmWithdrawal:
+class ConfirmWithdrawal(OperatorRequest):
     """Confirm that the needle may be withdrawn along its path."""
 
     moves: tuple[str, ...]
 
     @property
     def text(self) -> str:
-        """Return the request as a sentence."""
+        """Return the request as a person reads it."""
         return (
             f"The needle is going to be withdrawn slowly: {'; '.join(self.moves)}. Confirm it, with a hand on the "
             "emergency stop."
         )
-
-
-OperatorRequest = (
-    MountNeedle
-    | ConfirmAxesAtZero
-    | PlaceSpecimen
-    | ShiftToHole
-    | PlacePhantom
-    | PickTarget
-    | ConfirmPlan
-    | ConfirmStopped
-    | HoldBoard
-    | LayGraphPaper
-    | ClearBench
-    | ConfirmNeedleOut
-    | WithdrawNeedle
-    | ConfirmHere
-    | ConfirmMotion
-    | ConfirmFree
-    | ReadScale
-    | ConfirmFaultReset
-    | ConfirmStance
-    | ConfirmWithdrawal
-)
 
 
 def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:

@@ -1,9 +1,7 @@
 """`labrig runs`: the folder of runs as a catalogue; without a further word it lists them."""
 
-import gc
 import getpass
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from itertools import groupby
@@ -68,29 +66,17 @@ def list_(
     if context.invoked_subcommand is not None:
         return
 
-    with _no_garbage_collection():
-        found = find_runs(runs_dir, where, sort, reverse=reverse)
-        if found and not as_json:
-            _print_runs(found)
+    found = find_runs(runs_dir, where, sort, reverse=reverse)
     if as_json:
-        print_json([_row(one) for one in found])
+        print_json([_row(run) for run in found])
     elif found:
+        _print_runs(found)
         for line in next_steps([one.summary for one in found]):
             say(line)
     elif where is not None and find_runs(runs_dir):
         say("no run fits")
     else:
         say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
-
-
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Do not look for garbage among the rows of thousands of runs while they are made; it takes a fifth of the time."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
 
 
 def _row(found: FoundRun) -> dict[str, object]:

@@ -50,7 +50,7 @@ def decode_line(line: bytes) -> dict[str, object]:
         When the checksum does not hold or the content is no JSON object; the message says which.
     """
     body = _checked_body(line)
-    fields = json.loads(body)
+    fields = json.loads(body.decode("utf-8", "surrogatepass"))
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
     return fields

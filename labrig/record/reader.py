@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
@@ -44,20 +45,18 @@ from labrig.record.layout import (
     FRAME_LINES,
     FRAMES,
     PROTOCOL,
-    RAW_PICTURES,
     RIG,
     STATE_LINES,
     TRUTH_LINES,
     WITHDRAWS,
     checked_name,
     inside,
-    picture_file,
 )
 from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, recorded_picture
 from labrig.record.places import as_url, fetch_run, is_url
 from labrig.record.results import latest_result, new_result_dir
-from labrig.record.structure import clock_problems
+from labrig.record.structure import clock_problems, frame_problems
 from labrig.record.tables import with_axis_units
 
 _Event = TypeVar("_Event", bound=Event)
@@ -181,17 +180,21 @@ class Run:
         Raises
         ------
         RecordError
-            When a line is damaged, or the clock goes backwards; names file and line.
+            When a line is damaged, the clock goes backwards, or a picture is missing, there twice or said to stand
+            elsewhere; names file and line.
         """
         name = f"{stream}.jsonl"
         path = self._lines.get(name)
         lines = [] if path is None else read_lines(path)
-        if "t_s" not in _COLUMNS[name]:
-            return lines
-        first = next(clock_problems(name, tuple(enumerate(lines, start=1))), None)
-        if first is not None:
+        numbered = tuple(enumerate(lines, start=1))
+        timed = "t_s" in _COLUMNS[name]
+        problems = chain(
+            clock_problems(name, numbered) if timed else (),
+            frame_problems(numbered) if name == FRAME_LINES else (),
+        )
+        if (first := next(problems, None)) is not None:
             raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
-        return [line for line in lines if float(str(line["t_s"])) < self._until_s]
+        return [line for line in lines if float(str(line["t_s"])) < self._until_s] if timed else lines
 
     def read_events(self, *models: type[_Event]) -> tuple[_Event, ...]:
         """Return the events of the models' kinds, in the order of the record.
@@ -307,38 +310,13 @@ class Run:
 
     @cached_property
     def frame_table(self) -> pd.DataFrame:
-        """What is known of each picture; the row number is the number of the picture.
-
-        Raises
-        ------
-        RecordError
-            When a number is missing or there twice, or a picture is said to stand elsewhere than in frames/.
-        """
-        table = self._table(FRAME_LINES)
-        for number, (frame, file) in enumerate(zip(table["frame"], table["file"], strict=True)):
-            if frame is pd.NA or frame != number or file not in {picture_file(number), RAW_PICTURES}:
-                raise RecordError(
-                    f"{self.path / FRAME_LINES}:{number + 1}: frame {frame} in {file!r}; "
-                    f"expected {number} in {picture_file(number)!r}",
-                    COPY_HINT,
-                )
-        return table
+        """What is known of each picture; the row number is the number of the picture."""
+        return self._table(FRAME_LINES)
 
     @cached_property
     def pictures(self) -> tuple[RecordedPicture, ...]:
-        """Where each picture stands, by its number.
-
-        Raises
-        ------
-        RecordError
-            When a number is missing or there twice, or a line does not say where its picture stands.
-        """
-        assert len(self.frame_table) >= 0  # numbers and files have been looked at
-        lines = read_lines(self._lines[FRAME_LINES])
-        places = [recorded_picture(self.path, line) for line in lines]
-        if None in places:
-            where = f"{self.path / FRAME_LINES}:{places.index(None) + 1}"
-            raise RecordError(f"{where}: it does not say where its picture stands", COPY_HINT)
+        """Where each picture stands, by its number."""
+        places = (recorded_picture(self.path, line) for line in self.lines("frames"))
         return tuple(place for place in places if place is not None)
 
     @cached_property

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from labrig.errors import RecordError
 from labrig.protocol.yaml_tree import yaml_values
@@ -79,7 +78,7 @@ def _differences(section: str, a: object, b: object) -> Iterator[Difference]:
     return (Difference(section, *each) for each in differing_values(a, b))
 
 
-def _sections(run: Path) -> dict[str, Mapping[str, Any]]:
+def _sections(run: Path) -> dict[str, Mapping[str, object]]:
     manifest = read_manifest(run)
     provenance = _mapping(manifest.get("provenance"))
     result = latest_result(run) or {}
@@ -98,18 +97,18 @@ def _sections(run: Path) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _yaml(run: Path, name: str) -> Mapping[str, Any]:
+def _yaml(run: Path, name: str) -> Mapping[str, object]:
     path = inside(run, name)
     return yaml_values(path) if path.exists() else {}
 
 
-def _calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, Any]:
+def _calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
     """Return the SHA-256 of each calibration file, and what it says where it is JSON."""
     hashes = _mapping(_mapping(manifest.get("hashes")).get("calibration"))
     return {name: {"sha256": sha256, **_document(run, name)} for name, sha256 in hashes.items()}
 
 
-def _document(run: Path, name: str) -> Mapping[str, Any]:
+def _document(run: Path, name: str) -> Mapping[str, object]:
     path = inside(run, f"{CALIBRATION}/{name}")
     if path.suffix != ".json":
         return {}
@@ -120,7 +119,7 @@ def _document(run: Path, name: str) -> Mapping[str, Any]:
     return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}
 
 
-def _mapping(value: object) -> Mapping[str, Any]:
+def _mapping(value: object) -> Mapping[str, object]:
     return value if isinstance(value, Mapping) else {}
 
 

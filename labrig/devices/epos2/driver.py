@@ -7,7 +7,7 @@ What is decided here
 - Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
   init state may show bit 14; that TxPDO 3 carries statusword and position by default and may be switched on while
   the node is operational (where not, SDO does it all); which objects clear 0x1020 when they are written (it is renewed
-  after each that labrig writes in operation).
+  after each that labrig writes in operation); which function each bit of 0x2071:01 has.
 """
 
 from collections.abc import Iterator, Mapping

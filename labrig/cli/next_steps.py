@@ -64,6 +64,6 @@ def _may_leave_a_needle(experiment: str | None) -> bool:
 
 
 def _installed(experiment: str | None) -> Any:
-    from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+    from labrig.experiments.declared import PROTOCOL_MODELS, find_declared
 
-    return find_experiment(experiment) if experiment is not None and experiment in PROTOCOL_MODELS else None
+    return find_declared(experiment) if experiment is not None and experiment in PROTOCOL_MODELS else None

@@ -21,7 +21,8 @@ def check(
 ) -> int:
     """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.rigs import rig_for
-    from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+    from labrig.experiments.declared import PROTOCOL_MODELS
+    from labrig.experiments.registry import find_experiment
     from labrig.protocol.load import load_protocol
     from labrig.runner.plan import estimate
 
@@ -79,7 +80,7 @@ def schema(
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema; editors that know it complete and check the YAML files."""
-    from labrig.experiments.registry import PROTOCOL_MODELS
+    from labrig.experiments.declared import PROTOCOL_MODELS
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from labrig.cli.options import rig_file, split_overrides
 from labrig.cli.rigs import rig_for
 from labrig.devices.rig_file import RigDescription
-from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.words import mask_passwords

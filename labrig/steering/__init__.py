@@ -1,6 +1,13 @@
 """steering: planner, tip estimator and the step that joins them, as pure functions."""
 
-from labrig.steering.estimator import estimate_tip_poses
-from labrig.steering.planner import plan_path
+import importlib
+from typing import Any
 
-__all__ = ["estimate_tip_poses", "plan_path"]
+_DOCUMENTED = {"estimate_tip_poses": "estimator", "plan_path": "planner"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import planner or estimator once they are asked for: a protocol that takes its defaults from here needs none."""
+    if name in _DOCUMENTED:
+        return getattr(importlib.import_module(f"labrig.steering.{_DOCUMENTED[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import parse_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run

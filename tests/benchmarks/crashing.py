@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
-from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml

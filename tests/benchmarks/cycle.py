@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import aim_of
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings
-from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.experiments.shared.sight import Eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.simulation.description import LensDescription, WorldDescription

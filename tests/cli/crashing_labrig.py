@@ -9,7 +9,7 @@ from pathlib import Path
 from labrig.devices.operator import Answer, OperatorRequest
 from labrig.devices.rig import Opening, open_rig
 from labrig.devices.rig_file import load_rig
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.writer import Recorder

@@ -14,7 +14,7 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import open_run

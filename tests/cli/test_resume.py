@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.check import check_run

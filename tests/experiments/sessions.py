@@ -8,7 +8,8 @@ from pathlib import Path
 from labrig.devices.operator import Answer, Operator, OperatorRequest
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
-from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml

@@ -6,8 +6,8 @@ import pytest
 
 from labrig.devices.needle_state import NeedleState, RollZero
 from labrig.errors import FileFormatError
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from tests.devices.rigs import load_rig, simulated_rig

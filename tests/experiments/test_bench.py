@@ -11,8 +11,9 @@ from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import PROTOCOL_MODELS, experiment_of
+from labrig.experiments.registry import experiment_of
 from labrig.experiments.roll_zero.result import RollZeroResult
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol

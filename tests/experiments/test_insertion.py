@@ -14,7 +14,8 @@ import pytest
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget
 from labrig.errors import CameraError, DriveError, FileFormatError, SafetyStopError, TargetMissedError
-from labrig.experiments.registry import PROTOCOL_MODELS, find_experiment
+from labrig.experiments.declared import PROTOCOL_MODELS
+from labrig.experiments.registry import find_experiment
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run

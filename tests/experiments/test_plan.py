@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.plan import trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol

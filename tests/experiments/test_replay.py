@@ -15,8 +15,9 @@ from labrig.devices.replayed.comparison import ReplayDifference
 from labrig.devices.replayed.opening import recorded_rig
 from labrig.devices.replayed.recording import recordings
 from labrig.errors import InputError
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.registry import PROTOCOL_MODELS, experiment_of, find_experiment, protocol_of
+from labrig.experiments.registry import experiment_of, find_experiment, protocol_of
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from labrig.devices.rig_file import load_rig
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import aim_of
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings
-from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.experiments.shared.sight import Eye, TipSeen, load_eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.steering.step import start_steering

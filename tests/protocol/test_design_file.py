@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol, parse_protocol

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import protocol_schema
 from labrig.protocol.model import Model
 from labrig.protocol.schema import model_schema, schema_text

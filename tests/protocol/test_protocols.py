@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from labrig.errors import FileFormatError
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol, GelAbove, GraphPaper
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
-from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol, parse_protocol
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import FileFormatError, Problem
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import load_yaml_model

@@ -8,7 +8,7 @@ import pytest
 from pydantic import Field
 
 from labrig.errors import FileFormatError, Problem
-from labrig.experiments.registry import PROTOCOL_MODELS
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
 from labrig.protocol.yaml_file import model_of_tree, model_of_values

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportedNeedle, ImportProtocol
-from labrig.experiments.registry import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Model
 from labrig.protocol.sections import AnalysisWindow, Scale

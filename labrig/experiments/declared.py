@@ -1,0 +1,120 @@
+"""What the experiments of installed packages declare: read without importing a procedure, an analysis or a page."""
+
+import importlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from labrig.errors import InputError, PluginError
+from labrig.experiments.declaration import ExperimentDeclaration
+from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, installed
+from labrig.protocol.sections import ExperimentProtocol
+
+
+@dataclass(frozen=True)
+class DeclaredExperiment:
+    """An experiment of an installed package: what it says of itself, and its parts by name."""
+
+    plugin: Plugin
+    declaration: ExperimentDeclaration
+
+    @property
+    def name(self) -> str:
+        """What a protocol file has behind `experiment:`."""
+        return self.declaration.name
+
+    @property
+    def title(self) -> str:
+        """What it is called in a report."""
+        return self.declaration.title
+
+    @property
+    def moves_rig(self) -> bool:
+        """Whether it has a procedure."""
+        return self.declaration.procedure is not None
+
+    @property
+    def can_resume(self) -> bool:
+        """Whether an interrupted run of it can be continued."""
+        return self.declaration.resume is not None
+
+    @property
+    def puts_needle_in_tissue(self) -> bool:
+        """Whether a needle may be in tissue where a run of it was cut short."""
+        return self.declaration.puts_needle_in_tissue
+
+    @property
+    def counts(self) -> str:
+        """What its analysis counts while it goes on."""
+        return self.declaration.counts
+
+    @property
+    def reanalysis_keys(self) -> tuple[str, ...]:
+        """Sections of the protocol that a reanalysis may change."""
+        return self.declaration.reanalysis_keys
+
+    @property
+    def protocol_model(self) -> type[ExperimentProtocol]:
+        """The model of its protocol."""
+        model: type[ExperimentProtocol] = self.part("protocol")
+        return model
+
+    def part(self, name: str) -> Any:
+        """Import a part; a declaration that names none is refused, and so is a name that leads nowhere."""
+        where = getattr(self.declaration, name)
+        if where is None:
+            raise InputError(f"the experiment {self.name} has no {name}", "it moves no rig, or ends as it is")
+        module, _, attribute = where.partition(":")
+        try:
+            return getattr(importlib.import_module(module), attribute)
+        except (ImportError, AttributeError) as error:
+            raise PluginError(
+                f"{self.plugin}: its {name} is not at {where}: {error}",
+                f"install another version of {self.plugin.package}",
+            ) from error
+
+
+@cache
+def find_declared(name: str) -> DeclaredExperiment:
+    """Return the experiment of this name.
+
+    Raises
+    ------
+    InputError
+        When no installed package has it, or several have.
+    PluginError
+        When its declaration cannot be imported or is none.
+    MachineError
+        When labrig's own are missing.
+    """
+    plugin = find_plugin(EXPERIMENTS, name)
+    declaration = plugin.load()
+    if not isinstance(declaration, ExperimentDeclaration) or declaration.name != name:
+        raise PluginError(
+            f"{plugin} is declared by {declaration!r}, expected an ExperimentDeclaration of the same name",
+            f"install another version of {plugin.package}",
+        )
+    return DeclaredExperiment(plugin, declaration)
+
+
+class ProtocolModels(Mapping[str, type[ExperimentProtocol]]):
+    """The model of each experiment's protocol, imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> type[ExperimentProtocol]:
+        if name not in installed(EXPERIMENTS):
+            raise KeyError(name)
+        return find_declared(name).protocol_model
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(installed(EXPERIMENTS))
+
+    def __len__(self) -> int:
+        return len(installed(EXPERIMENTS))
+
+    def __contains__(self, name: object) -> bool:
+        return name in installed(EXPERIMENTS)
+
+
+PROTOCOL_MODELS = ProtocolModels()
+"""Of every experiment that is installed."""

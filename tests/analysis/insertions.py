@@ -11,7 +11,7 @@ from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.registry import experiment_of
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.test_insertion import conducted, insertion
+from tests.experiments.insertion.test_procedure import conducted, insertion
 
 OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.benchmarks.table import print_rows
 from tests.devices.fault_table import CELLS, Stop, outcome_of
-from tests.experiments.fault_cells import run_cell
+from tests.runner.fault_cells import run_cell
 
 
 def print_table() -> None:

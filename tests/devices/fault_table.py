@@ -1,7 +1,7 @@
 """The fault matrix as a table: what goes wrong, and what must come of it; written down before anything is run.
 
 Each fault strikes an axis that idles, that moves with the needle in tissue, and that homes. `Cell.outcome` is the
-whole expectation; `tests/experiments/fault_cells.py` makes it come true or not.
+whole expectation; `tests/runner/fault_cells.py` makes it come true or not.
 """
 
 from dataclasses import dataclass, replace

@@ -33,7 +33,7 @@ from labrig.runner.commissioning import (
     judge_travel,
 )
 from tests.devices.rigs import OpenedRig, Person, Signal, opened_rig, simulated_rig
-from tests.experiments.sessions import Watched
+from tests.runner.sessions import Watched
 
 INSERTION = simulated_rig().axes.insertion
 ROTATION = simulated_rig().axes.rotation

@@ -14,9 +14,9 @@ from labrig.experiments.insertion.settings import insertion_settings
 from labrig.experiments.shared.sight import Eye, TipSeen, load_eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.steering.step import start_steering
-from tests.experiments.sessions import PROTOCOLS
+from tests.runner.sessions import PROTOCOLS
 
-SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
+SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"
 
 
 def _seen(off_rad: float, misses: int) -> TipSeen:

@@ -21,7 +21,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
-from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
+from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
 EVEN = (

@@ -11,9 +11,9 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from tests.devices.rigs import load_rig, simulated_rig
-from tests.experiments.sessions import PROTOCOLS, find_problems, plan_of
+from tests.runner.sessions import PROTOCOLS, find_problems, plan_of
 
-SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
+SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"
 
 
 def insertion(*overrides: str) -> ExperimentProtocol:

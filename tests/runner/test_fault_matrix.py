@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.devices.fault_table import CELLS, FAULTS, Phase
-from tests.experiments.fault_cells import STRIKES, run_cell
+from tests.runner.fault_cells import STRIKES, run_cell
 
 
 def test_the_matrix_is_large_enough_and_has_no_blank() -> None:

@@ -8,7 +8,7 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.runner.plan import estimate
 from tests.devices.rigs import BENCH, load_rig, simulated_rig
-from tests.experiments.sessions import PROTOCOLS, bench, find_problems, plan_of, sweep
+from tests.runner.sessions import PROTOCOLS, bench, find_problems, plan_of, sweep
 
 
 def test_the_example_protocol_suits_the_simulated_rig() -> None:

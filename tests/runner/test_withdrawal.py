@@ -19,7 +19,7 @@ from labrig.errors import DriveError, SafetyStopError
 from labrig.record.reader import open_run
 from labrig.runner.stance import Stance, stance_of
 from labrig.runner.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
-from tests.experiments.sessions import Bench, Watched, bench, sweep
+from tests.runner.sessions import Bench, Watched, bench, sweep
 
 TURNED = (
     Stance(0, 0, 0),

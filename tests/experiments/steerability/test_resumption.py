@@ -11,7 +11,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_rest
 from labrig.runner.session import Session
-from tests.experiments.sessions import Bench, Told, Watched, bench, sweep
+from tests.runner.sessions import Bench, Told, Watched, bench, sweep
 
 
 def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:

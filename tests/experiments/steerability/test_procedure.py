@@ -13,7 +13,7 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.errors import DriveError, InterruptedRunError, SafetyStopError
-from tests.experiments.sessions import Watched, bench, sweep
+from tests.runner.sessions import Watched, bench, sweep
 
 
 def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) -> None:

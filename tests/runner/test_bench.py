@@ -20,9 +20,9 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.sessions import PROTOCOLS, Bench, Watched, bench
-from tests.experiments.test_insertion import EVEN, certified, insertion
+from tests.experiments.insertion.test_procedure import EVEN, certified, insertion
 from tests.pages import write_page
+from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")

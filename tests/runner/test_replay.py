@@ -28,8 +28,8 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
 from labrig.runner.replay import Replay, _replay_session, _Replayed, replay_run
 from labrig.runner.session import Session
-from tests.experiments.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
 from tests.record.faults import killed_run
+from tests.runner.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
 
 
 def replay(run: Run) -> Replay:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from labrig.errors import InputError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import BegunTrial, PlannedTrial, rest_of_sweep, whole_sweep
-from tests.experiments.sessions import sweep
+from tests.runner.sessions import sweep
 
 TWO_GELS = "specimens=[{name: a, gelatin_percent: 10}, {name: b, gelatin_percent: 19}]"
 

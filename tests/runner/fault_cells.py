@@ -32,7 +32,7 @@ from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, simulated_rig
-from tests.experiments.sessions import Told, Watched, sweep
+from tests.runner.sessions import Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
 STRUCK = {Phase.IDLE: "insertion", Phase.MOVING: "insertion", Phase.HOMING: "linear"}

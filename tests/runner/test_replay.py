@@ -291,7 +291,8 @@ def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> Non
     late = Replay()
     (exact,) = recordings(open_run(run.path), exact=False)
     frames = tuple(frame._replace(t_s=1.01 * frame.t_s) for frame in exact.can_frames)
-    _replay_session(run, recorded_rig(run), replace(exact, can_frames=frames), Told(), late)
+    replayed = _Replayed(run, experiment_of(run), protocol_of(run), recorded_rig(run))
+    _replay_session(replayed, replace(exact, can_frames=frames), Told(), late)
     assert late.first_difference is None
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription, HomingDescription
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.cia402 import DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Drive, Homing, Identity
 from labrig.errors import DriveError, DriveFaultError, SafetyStopError
 

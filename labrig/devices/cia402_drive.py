@@ -33,7 +33,7 @@ from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402 import (
+from labrig.devices.cia402_states import (
     CHANGE_IMMEDIATELY,
     ENABLE,
     FAULT_RESET,
@@ -569,7 +569,7 @@ class Cia402Drive(Generic[Section]):
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
 
     def homing_method(self, method: int) -> int:
-        """Return the number under which the drive has a homing methco."""
+        """Return the number under which the drive has a homing method."""
         return method
 
     def has_homed(self) -> bool:

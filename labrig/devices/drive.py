@@ -24,7 +24,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.check_result import CheckResult
-from labrig.devices.cia402 import DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.simulated_node import SimulatedNode

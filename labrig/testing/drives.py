@@ -13,7 +13,7 @@ from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
-from labrig.devices.cia402 import DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.dead_man import DeadManClock
 from labrig.devices.drive import STILL_LOOK_S, Drive, Homing, find_drive_kind, open_drive

@@ -13,7 +13,7 @@ from labrig.devices.camera_kind import rate_result
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
-from labrig.devices.cia402 import DriveState, decode_state
+from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.clocks import SimulatedClock, SystemClock
 from labrig.devices.epos2.check import check_axis
 from labrig.devices.epos2.settings import Epos2Axis

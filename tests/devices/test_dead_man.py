@@ -4,7 +4,7 @@ import pytest
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
-from labrig.devices.cia402 import DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.errors import (
     BusError,
     BusOffError,

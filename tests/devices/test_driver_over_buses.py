@@ -10,7 +10,7 @@ from labrig.clock import Clock
 from labrig.devices import canopen_objects as co
 from labrig.devices.bus import open_can
 from labrig.devices.can_description import CanDescription, HeartbeatDescription
-from labrig.devices.cia402 import (
+from labrig.devices.cia402_states import (
     HALT,
     HOMING_ATTAINED,
     SETPOINT_ACKNOWLEDGED,

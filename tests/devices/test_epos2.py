@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.devices import canopen_objects as co
-from labrig.devices.cia402 import (
+from labrig.devices.cia402_drive import STILL_COUNTS
+from labrig.devices.cia402_states import (
     ENABLE,
     FAULT_RESET,
     HALT,
@@ -20,7 +21,6 @@ from labrig.devices.cia402 import (
     Goal,
     decode_state,
 )
-from labrig.devices.cia402_drive import STILL_COUNTS
 from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import still_time_s

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.cia402 import DriveState, decode_state
+from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import wait_for_all
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig

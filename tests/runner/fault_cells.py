@@ -12,7 +12,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.camera import Picture, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402 import DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import SimulatedDrive

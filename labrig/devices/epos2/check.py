@@ -7,7 +7,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
-from labrig.devices.cia402 import REFERENCED, decode_state
+from labrig.devices.cia402_states import REFERENCED, decode_state
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint

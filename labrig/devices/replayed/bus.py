@@ -8,7 +8,7 @@ import can
 
 from labrig.devices.bus import BusNetwork, CanLink
 from labrig.devices.canopen_objects import CONTROLWORD
-from labrig.devices.cia402 import HALT
+from labrig.devices.cia402_states import HALT
 from labrig.devices.replayed.clock import ReplayedClock
 from labrig.devices.replayed.commands import CommandWords
 from labrig.devices.replayed.comparison import Comparison

@@ -6,7 +6,7 @@ from typing import ClassVar
 from labrig.clock import Clock
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402 import (
+from labrig.devices.cia402_states import (
     CHANGE_IMMEDIATELY,
     FAULT_RESET,
     HALT,

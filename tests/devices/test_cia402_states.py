@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.devices.cia402 import (
+from labrig.devices.cia402_states import (
     FAULT_RESET,
     FAULTED,
     HALT,

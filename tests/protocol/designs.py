@@ -6,8 +6,8 @@ from typing import Any
 
 SWEEP = Path(__file__).parents[2] / "protocols" / "steerability.yaml"
 NUMBERS = """\
-  diameter_mm: 1.2       # outside
-  design_radius_mm: 30   # what the hinges were cut for; the line drawn in the report
+  diameter_mm: 1.2       # outer diameter
+  design_radius_mm: 30   # the radius that the hinges were cut for; drawn as a line in the report
 """
 
 DESIGN: dict[str, Any] = {

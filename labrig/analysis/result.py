@@ -354,7 +354,8 @@ _PAIRS = {
 _LEFT_OUT = {"bend"}
 # What a spreadsheet would take for the start of a formula.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
-_UNITS = {"mm": "mm", "px": "px", "rad": "rad", "deg": "deg", "s": "s", "percent": "percent"}
+# The longest first: a speed in mm/s also ends with s.
+_UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "hz", "percent")
 
 
 def _columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
@@ -364,7 +365,8 @@ def _columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
 
 def _unit(column: str) -> str | None:
     """Return the unit in the name of a column; None of one without."""
-    return _UNITS.get(column.rpartition("_")[2])
+    found = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), None)
+    return None if found is None else found.replace("_", "/")
 
 
 def _csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:

@@ -117,6 +117,25 @@ def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:
     assert measured.content.mean_radius_mm is not None
 
 
+def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: Measured) -> None:
+    """tables.json names each CSV file, its columns in order with their units, and the number of its rows."""
+    listed = json.loads((measured.result.path / "tables.json").read_text(encoding="utf-8"))
+    assert listed.keys() == {"measurements", "specimens"}
+    for table in listed.values():
+        rows = list(
+            csv.reader((measured.result.path / table["file"]).read_text(encoding="utf-8").splitlines())
+        )
+        assert [column["name"] for column in table["columns"]] == rows[0]
+        assert table["rows"] == len(rows) - 1
+    units = {column["name"]: column["unit"] for column in listed["measurements"]["columns"]}
+    assert (units["radius_mm"], units["tip_u_px"], units["gelatin_percent"], units["frame"]) == (
+        "mm",
+        "px",
+        "percent",
+        None,
+    )
+
+
 def test_a_whole_run_has_no_damage(measured: Measured) -> None:
     """Nothing is said of a record that is as it was written."""
     assert measured.result.document["damage"] == []

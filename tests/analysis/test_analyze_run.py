@@ -120,7 +120,7 @@ def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:
 def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: Measured) -> None:
     """tables.json names each CSV file, its columns in order with their units, and the number of its rows."""
     listed = json.loads((measured.result.path / "tables.json").read_text(encoding="utf-8"))
-    assert listed.keys() == {"measurements", "specimens"}
+    assert listed.keys() == {"measurements", "specimens", "origins"}
     for table in listed.values():
         rows = list(
             csv.reader((measured.result.path / table["file"]).read_text(encoding="utf-8").splitlines())

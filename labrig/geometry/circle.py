@@ -1,9 +1,9 @@
 """The circle through points, by orthogonal distances.
 
-Three answers, by an explicit name. "geometric" minimises the sum of squared orthogonal distances
-(Levenberg-Marquardt); "taubin" is the algebraic fit it starts from (Taubin 1991, IEEE PAMI 13:1115; its bias
-is examined by Al-Sharadqah and Chernov 2009, EJS 3:886); "robust" is an M-estimate with Tukey's biweight that
-starts from the best of many circles through three points, and is the one for points that a picture gave.
+There are three methods, chosen by name. "geometric" minimises the sum of squared orthogonal distances
+(Levenberg-Marquardt). "taubin" is the algebraic fit that it starts from (Taubin 1991, IEEE PAMI 13:1115;
+Al-Sharadqah and Chernov 2009, EJS 3:886, derive its bias). "robust" is an M-estimate with Tukey's biweight that
+starts from the best of many circles through three points; use it for points measured in a picture.
 """
 
 from dataclasses import dataclass
@@ -18,15 +18,14 @@ CircleMethod = Literal["robust", "geometric", "taubin"]
 
 _FloatArray = NDArray[np.float64]
 
-# Least ratio of the points' two principal extents: below it the points are collinear as far as doubles can
-# tell.
+# Least ratio of the points' two principal extents: below it the points are collinear to double precision.
 _LEAST_FLATNESS = 1e-8
-# Largest radius, in units of the points' rms distance from their centroid. An arc that flat has a sagitta of
-# a millionth of its length, which no picture can show.
+# Largest radius, in units of the points' rms distance from their centroid. So flat an arc has a sagitta of a
+# millionth of its length, which no picture can show.
 _LARGEST_RADIUS = 1e6
 _STEP_TOLERANCE = 1e-13
 _MAX_ITERATIONS = 200
-# Reweighted steps during which the scale follows the residuals.
+# Reweighted steps in which the scale follows the residuals.
 _SCALE_STEPS = 10
 _TRIPLES = 128
 _POINTS_JUDGING_A_TRIPLE = 128
@@ -34,7 +33,7 @@ _TRIPLE_SEED = 20_090_816
 # 95 % efficiency on normal residuals (Maronna et al. 2019, Robust Statistics, table 2.4).
 _TUKEY_CONSTANT = 4.685
 _MAD_TO_SIGMA = 1.4826
-# Scale below which residuals are rounding, in units of the points' rms distance from their centroid.
+# Scale below which residuals are rounding errors, in units of the points' rms distance from their centroid.
 _ROUNDING = 1e-12
 
 
@@ -49,15 +48,14 @@ class Circle:
     radius : float
         Positive.
     covariance : ndarray (3, 3) or None
-        Of (centre, radius), first order, for residuals that are independent and alike, scaled by the
-        residuals themselves; None for three points, which leave nothing to scale by. **Residuals along an
-        edge in a picture are correlated, and then this is too small** by a factor of two or more;
-        `labrig.vision.measure_curvature` resamples blocks instead, and nothing prints this one as an
-        interval.
+        Of (centre, radius), to first order, for independent residuals of equal variance, which is estimated
+        from them; None for three points, which leave no residual. **Residuals along an edge in a picture are
+        correlated, and the true covariance is then larger**, by a factor of two or more in the deviations.
+        `labrig.vision.curvature` works with means of blocks instead; no interval is printed from this matrix.
     residual_rms : float
         Root mean square of the orthogonal distances of the inliers.
     inliers : ndarray of bool (N,)
-        Points with a weight above zero; all of them unless the method is robust.
+        Points with a weight above zero: all points, unless the method is "robust".
     """
 
     centre: tuple[float, float]
@@ -82,7 +80,7 @@ class _Model(NamedTuple):
     def residuals(self, points: _FloatArray) -> _FloatArray:
         return np.asarray(np.hypot(points[:, 0] - self.a, points[:, 1] - self.b) - self.r)
 
-    def linearised(self, points: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+    def linearise(self, points: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
         """Return the residuals (N,) and their Jacobian (N, 3) with respect to (a, b, r)."""
         offsets = points - (self.a, self.b)
         distances = np.hypot(offsets[:, 0], offsets[:, 1])
@@ -101,9 +99,9 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     points : array_like (N, 2)
         N >= 3, any unit.
     method : "robust", "geometric" or "taubin"
-        "robust" bears outliers (fewer than half) and is for points measured in a picture; it is deterministic
-        and does not depend on the points' order by more than rounding and the choice of its start.
-        "geometric" is the certified least-squares answer. "taubin" is fast and algebraic.
+        "robust" tolerates outliers (fewer than half) and is for points measured in a picture. It is
+        deterministic; the order of the points changes only rounding and the choice of its start.
+        "geometric" is the least-squares answer, tested against certified values. "taubin" is algebraic and fast.
 
     Returns
     -------
@@ -114,10 +112,9 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     InputError
         If the array is not (N, 2) or the method is unknown.
     MeasurementRefusedError
-        If there are fewer than three points, one is not finite, or they are collinear or coincide as far as
-        the fit can tell.
+        If there are fewer than three points, a point is not finite, or the points are collinear or coincide.
     """
-    array = _checked(points)
+    array = _check_points(points)
     if method not in get_args(CircleMethod):
         raise InputError(
             f"circle method {method!r} is unknown", f"one of {', '.join(get_args(CircleMethod))}"
@@ -126,28 +123,28 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
     scale = float(np.sqrt(np.mean(np.sum((array - centroid) ** 2, axis=1))))
     normal = (array - centroid) / scale
     try:
-        model, weights = _fitted(normal, method)
+        model, weights = _fit(normal, method)
     except np.linalg.LinAlgError:
-        raise _collinear(len(array)) from None
+        raise _collinear_error(len(array)) from None
     if not model.r < _LARGEST_RADIUS:
-        raise _collinear(len(array))
-    return _in_units(model, normal, weights, centroid, scale)
+        raise _collinear_error(len(array))
+    return _restore_units(model, normal, weights, centroid, scale)
 
 
-def _fitted(points: _FloatArray, method: CircleMethod) -> tuple[_Model, _FloatArray]:
-    """Return the circle through normalised points and the weight of each (N,)."""
+def _fit(points: _FloatArray, method: CircleMethod) -> tuple[_Model, _FloatArray]:
+    """Return the circle through normalised points and their weights (N,)."""
     if method == "robust":
-        return _tukey(points, _least_median(points))
-    model = _taubin(points)
+        return _fit_tukey(points, _find_least_median(points))
+    model = _fit_taubin(points)
     if method == "geometric":
-        model = _levenberg_marquardt(points, model)
+        model = _fit_geometric(points, model)
     return model, np.ones(len(points))
 
 
-def _checked(points: ArrayLike) -> _FloatArray:
+def _check_points(points: ArrayLike) -> _FloatArray:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"points for a circle have shape {array.shape}, not (N, 2)", "one row a point")
+        raise InputError(f"points for a circle have shape {array.shape}, not (N, 2)", "one row per point")
     if len(array) < 3:
         raise MeasurementRefusedError(
             f"{len(array)} points do not determine a circle", "at least 3 are needed"
@@ -157,94 +154,94 @@ def _checked(points: ArrayLike) -> _FloatArray:
         raise MeasurementRefusedError(f"point {bad} for the circle is {array[bad].tolist()}, not finite")
     extents = np.linalg.svd(array - array.mean(axis=0), compute_uv=False)
     if extents[1] <= _LEAST_FLATNESS * extents[0]:
-        raise _collinear(len(array))
+        raise _collinear_error(len(array))
     return array
 
 
-def _collinear(count: int) -> MeasurementRefusedError:
+def _collinear_error(count: int) -> MeasurementRefusedError:
     return MeasurementRefusedError(
         f"{count} points for the circle lie on a straight line or in one place",
         "a longer or more curved arc is needed",
     )
 
 
-def _taubin(points: _FloatArray) -> _Model:
-    """Algebraic fit: least |A z + B x + C y + D| with Taubin's gradient normalisation; points are centred."""
+def _fit_taubin(points: _FloatArray) -> _Model:
+    """Minimise |A z + B x + C y + D| with Taubin's gradient normalisation; the points are centred."""
     squares = np.sum(points**2, axis=1)
     mean = squares.mean()
     design = np.column_stack(((squares - mean) / (2.0 * np.sqrt(mean)), points))
     direction = np.linalg.svd(design, full_matrices=False)[2][2]
     leading = direction[0] / (2.0 * np.sqrt(mean))
     if abs(leading) * _LARGEST_RADIUS < 1.0 / _LARGEST_RADIUS:
-        raise _collinear(len(points))
+        raise _collinear_error(len(points))
     a, b = -direction[1:] / (2.0 * leading)
     return _Model(float(a), float(b), float(np.sqrt(a * a + b * b + mean)))
 
 
-def _levenberg_marquardt(points: _FloatArray, start: _Model) -> _Model:
+def _fit_geometric(points: _FloatArray, start: _Model) -> _Model:
     """Minimise the sum of squared orthogonal distances from `start`."""
     model, damping = start, 1e-4
     cost = _cost(model, points)
     for _ in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearised(points)
+        residuals, jacobian = model.linearise(points)
         normal = jacobian.T @ jacobian
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), -(jacobian.T @ residuals))
-        trial = _moved(model, step)
+        trial = _move(model, step)
         trial_cost = _cost(trial, points)
         if np.abs(step).max() <= 1e-6 * model.r:
-            return _newton(points, trial)
+            return _refine_by_newton(points, trial)
         if trial_cost <= cost:
             model, cost, damping = trial, trial_cost, damping / 10.0
         else:
             damping *= 10.0
         if not model.r < _LARGEST_RADIUS:
             break
-    raise _collinear(len(points))
+    raise _collinear_error(len(points))
 
 
-def _newton(points: _FloatArray, start: _Model) -> _Model:
-    """Bring a nearly converged fit to rounding, past where comparing sums of squares stalls."""
+def _refine_by_newton(points: _FloatArray, start: _Model) -> _Model:
+    """Refine a nearly converged fit to rounding error, where comparing sums of squares stalls."""
     model, last_size = start, np.inf
     for _ in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearised(points)
+        residuals, jacobian = model.linearise(points)
         distances = residuals + model.r
         across = np.column_stack((-jacobian[:, 1], jacobian[:, 0]))
         hessian = jacobian.T @ jacobian
-        # A distance curves only across its own direction, by one over the distance.
+        # A distance has curvature only across its own direction: one over the distance.
         hessian[:2, :2] += (across * (residuals / distances)[:, None]).T @ across
         step = np.linalg.solve(hessian, -jacobian.T @ residuals)
-        model = _moved(model, step)
+        model = _move(model, step)
         size = float(np.abs(step).max())
         if size <= _STEP_TOLERANCE * model.r or size >= last_size:
             return model
         last_size = size
-    raise _collinear(len(points))
+    raise _collinear_error(len(points))
 
 
 def _cost(model: _Model, points: _FloatArray) -> float:
     return float(np.sum(model.residuals(points) ** 2))
 
 
-def _moved(model: _Model, step: NDArray[np.floating]) -> _Model:
+def _move(model: _Model, step: NDArray[np.floating]) -> _Model:
     return _Model(model.a + float(step[0]), model.b + float(step[1]), model.r + float(step[2]))
 
 
-def _least_median(points: _FloatArray) -> _Model:
+def _find_least_median(points: _FloatArray) -> _Model:
     """Return the circle through three of the points with the least median absolute residual."""
     generator = np.random.default_rng(_TRIPLE_SEED)
     triples = points[generator.integers(0, len(points), size=(_TRIPLES, 3))]
-    centres, radii = _circumcircles(triples)
+    centres, radii = _find_circumcircles(triples)
     judges = points[np.linspace(0, len(points) - 1, min(len(points), _POINTS_JUDGING_A_TRIPLE)).astype(int)]
     offsets = judges[None, :, :] - centres[:, None, :]
     residuals = np.abs(np.hypot(offsets[..., 0], offsets[..., 1]) - radii[:, None])
     medians = np.median(residuals, axis=1)
     if not len(medians) or not np.isfinite(medians).any():
-        raise _collinear(len(points))
+        raise _collinear_error(len(points))
     best = int(np.nanargmin(medians))
     return _Model(float(centres[best, 0]), float(centres[best, 1]), float(radii[best]))
 
 
-def _circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+def _find_circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     """Return centres and radii of the circles through triples (K, 3, 2), leaving out collinear ones."""
     origin = triples[:, 0]
     p, q = triples[:, 1] - origin, triples[:, 2] - origin
@@ -258,44 +255,44 @@ def _circumcircles(triples: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     return origin + offset, np.hypot(offset[:, 0], offset[:, 1])
 
 
-def _tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]:
+def _fit_tukey(points: _FloatArray, start: _Model) -> tuple[_Model, _FloatArray]:
     """Minimise Tukey's biweight from `start`; return the model and the weights (N,).
 
-    The scale follows the residuals for the first, reweighted steps and is then held, so that there is a minimum to
-    reach. Reweighting alone creeps there where many points lie at the edge of being outliers.
+    The scale follows the residuals for the first, reweighted steps and is then held, so that a minimum exists.
+    Reweighting alone converges slowly if many points are close to being outliers.
     """
     model, scale = start, _robust_scale(start.residuals(points))
     for iteration in range(_MAX_ITERATIONS):
-        residuals, jacobian = model.linearised(points)
+        residuals, jacobian = model.linearise(points)
         if iteration < _SCALE_STEPS:
             scale = _robust_scale(residuals)
         weights = _biweight(residuals, scale)
         weighted = jacobian * weights[:, None]
         normal = weighted.T @ jacobian
         if np.linalg.cond(normal) > _LARGEST_RADIUS**2:
-            raise _collinear(len(points))
+            raise _collinear_error(len(points))
         step = np.asarray(np.linalg.solve(normal, -weighted.T @ residuals), dtype=np.float64)
         if iteration >= _SCALE_STEPS:
-            step = _sharper(points, model, scale, step)
-        model = _moved(model, step)
+            step = _choose_step(points, model, scale, step)
+        model = _move(model, step)
         if iteration >= _SCALE_STEPS and np.abs(step).max() <= 1e-11 * max(1.0, model.r):
             return model, _biweight(model.residuals(points), scale)
     raise MeasurementRefusedError(
-        f"the robust circle through {len(points)} points does not settle: they speak for no one circle",
+        f"the robust circle through {len(points)} points does not settle: they lie on no single circle",
         "leave out what is not on the arc",
     )
 
 
-def _sharper(points: _FloatArray, model: _Model, scale: float, step: _FloatArray) -> _FloatArray:
-    """Return Newton's step where it lowers the cost further than the reweighted one, else that."""
-    residuals, jacobian = model.linearised(points)
+def _choose_step(points: _FloatArray, model: _Model, scale: float, step: _FloatArray) -> _FloatArray:
+    """Return Newton's step if it lowers the cost at least as far as the reweighted `step`, else `step`."""
+    residuals, jacobian = model.linearise(points)
     root = np.sqrt(_biweight(residuals, scale))
     slopes = root * (5.0 * root - 4.0)
     normal = (jacobian * slopes[:, None]).T @ jacobian
     if np.linalg.eigvalsh(normal)[0] <= 0.0:
         return step
     newton = np.linalg.solve(normal, -jacobian.T @ (root * root * residuals))
-    reweighted, sharp = (_tukey_cost(points, _moved(model, one), scale) for one in (step, newton))
+    reweighted, sharp = (_tukey_cost(points, _move(model, trial), scale) for trial in (step, newton))
     return np.asarray(newton if sharp <= reweighted else step)
 
 
@@ -304,7 +301,7 @@ def _tukey_cost(points: _FloatArray, model: _Model, scale: float) -> float:
 
 
 def _robust_scale(residuals: _FloatArray) -> float:
-    """Return the bulk's standard deviation, corrected for few points (Rousseeuw 1987, p. 202)."""
+    """Return the standard deviation of the inliers, corrected for few points (Rousseeuw 1987, p. 202)."""
     correction = _MAD_TO_SIGMA * (1.0 + 5.0 / max(len(residuals) - 3, 1))
     return max(correction * float(np.median(np.abs(residuals))), _ROUNDING)
 
@@ -314,7 +311,7 @@ def _biweight(residuals: _FloatArray, scale: float) -> _FloatArray:
     return np.asarray((1.0 - ratio * ratio) ** 2)
 
 
-def _in_units(
+def _restore_units(
     model: _Model, normal: _FloatArray, weights: _FloatArray, centroid: _FloatArray, scale: float
 ) -> Circle:
     inliers = weights > 0.0
@@ -330,15 +327,15 @@ def _in_units(
 
 
 def _covariance(model: _Model, points: _FloatArray, weights: _FloatArray) -> _FloatArray | None:
-    """First-order covariance of (a, b, r) for independent residuals.
+    """Return the first-order covariance of (a, b, r) for independent residuals.
 
-    With weights it is Huber's for an M-estimate (Robust Statistics 1981, section 7.6), in which sum(psi^2)
-    and sum(psi') are taken from the residuals; with unit weights it is the usual s^2 (J^T J)^-1.
+    With weights it is Huber's for an M-estimate (Robust Statistics 1981, section 7.6), with sum(psi^2) and
+    sum(psi') from the residuals; with unit weights it is the usual s^2 (J^T J)^-1.
     """
     count = len(points)
     if count <= 3:
         return None
-    residuals, jacobian = model.linearised(points)
+    residuals, jacobian = model.linearise(points)
     spread = float(np.sum((weights * residuals) ** 2)) / (count - 3)
     # psi = r (1 - q)^2 with q = (r / c)^2, so psi' = (1 - q)(1 - 5 q); unit weights have psi' = 1.
     root = np.sqrt(weights)

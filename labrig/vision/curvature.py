@@ -289,7 +289,7 @@ def _arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tu
         return ()
     sample = points[:: max(1, len(points) // _ARC_POINTS)]
     try:
-        arcs = fit_arcs(sample).arcs
+        arcs = fit_arcs(sample)
     except MeasurementRefusedError:
         return ()
     return arcs if len(arcs) > 1 else ()

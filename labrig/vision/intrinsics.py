@@ -185,7 +185,9 @@ class Intrinsics:
     def _to_directions(self, px: ArrayLike) -> _FloatArray:
         array = np.asarray(px, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
-            raise InputError(f"pixels have shape {array.shape}, not (N, 2)", "one row a point, columns u, v")
+            raise InputError(
+                f"pixels have shape {array.shape}, not (N, 2)", "one row per point, columns u, v"
+            )
         flat = (array - (self.cx, self.cy)) / (self.fx, self.fy)
         flat[:, 0] -= self.skew / self.fx * flat[:, 1]
         return np.asarray(flat)

@@ -289,7 +289,7 @@ class PlaneMap:
 def _as_points(points: ArrayLike, what: str) -> _FloatArray:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise InputError(f"{what} have shape {array.shape}, not (N, 2)", "one row a point")
+        raise InputError(f"{what} have shape {array.shape}, not (N, 2)", "one row per point")
     return array
 
 

@@ -1,4 +1,4 @@
-"""Circles through points: certified answers, laws, outliers, refusals, and the uncertainty that is claimed."""
+"""Circles through points: certified answers, laws, outliers, refusals, and the stated uncertainty."""
 
 import json
 from pathlib import Path
@@ -100,7 +100,7 @@ def test_residuals_are_positive_outside():
 
 @pytest.mark.parametrize("share", [0.05, 0.3])
 def test_robust_fit_bears_outliers(share):
-    """Scattered mistakes that ruin the geometric fit leave the robust one where it was."""
+    """Outliers that ruin the geometric fit do not move the robust fit."""
     points = arc(500, noise=0.025)
     generator = np.random.default_rng(1)
     wrong = generator.choice(500, int(share * 500), replace=False)
@@ -112,7 +112,7 @@ def test_robust_fit_bears_outliers(share):
 
 
 def test_robust_fit_bears_points_of_the_straight_sheath():
-    """Points on a tangent before the arc, a twentieth of all, move the radius by a tenth of a percent at most."""
+    """A twentieth of the points on a tangent before the arc moves the radius by 0.15 percent at most."""
     points = arc(475, noise=0.025)
     along = np.linspace(-2.0, 0.0, 25)
     sheath = np.column_stack((np.full(25, 31.0), along - 7.0)) + np.random.default_rng(2).normal(
@@ -129,7 +129,7 @@ def test_robust_fit_is_deterministic():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_claimed_spread_is_the_observed_one(method):
-    """With independent noise the stated standard deviation of the radius is what repeated fits show."""
+    """With independent noise the stated standard deviation of the radius matches repeated fits."""
     fits = [fit_circle(arc(150, noise=0.05, seed=seed), method=method) for seed in range(200)]
     radii = np.array([circle.radius for circle in fits])
     claimed = np.mean([np.sqrt(circle.covariance[2, 2]) for circle in fits])
@@ -147,7 +147,7 @@ def test_three_points_leave_no_uncertainty_to_state(method):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
-    ("points", "said"),
+    ("points", "message"),
     [
         (np.empty((0, 2)), "0 points"),
         ([(0.0, 0.0), (1.0, 1.0)], "2 points"),
@@ -158,9 +158,9 @@ def test_three_points_leave_no_uncertainty_to_state(method):
         ([(0.0, 0.0), (np.inf, 0.0), (2.0, 1.0)], "not finite"),
     ],
 )
-def test_refuses_points_without_a_circle(points, said, method):
-    """Too few, collinear, coincident and non-finite points are refused with what is wrong."""
-    with pytest.raises(MeasurementRefusedError, match=said):
+def test_refuses_points_without_a_circle(points, message, method):
+    """Too few, collinear, coincident and non-finite points are refused, and the message says why."""
+    with pytest.raises(MeasurementRefusedError, match=message):
         fit_circle(points, method=method)
 
 
@@ -172,7 +172,7 @@ def test_wants_one_row_a_point(points):
 
 
 def test_names_the_methods_it_knows():
-    """An unknown method is refused with those that exist."""
+    """An unknown method is refused; the hint lists the known methods."""
     with pytest.raises(InputError, match="kasa") as caught:
         fit_circle(arc(10), method="kasa")
     assert "robust" in caught.value.hint
@@ -180,13 +180,13 @@ def test_names_the_methods_it_knows():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_survives_points_on_the_centre(method):
-    """A point in the circle's centre has no direction; the fit goes on without it."""
+    """A point at the circle's centre has no direction and does not break the fit."""
     points = np.vstack((arc(100, span_deg=350.0), [(3.0, -7.0)]))
     assert np.isfinite(parameters(fit_circle(points, method=method))).all()
 
 
 def test_robust_fit_settles_where_reweighting_creeps():
-    """Centre line of a drawn needle of 19.53 mm, on which a third of the rows are at the edge of being outliers."""
+    """The robust fit converges on a drawn needle of 19.53 mm, a third of whose rows are nearly outliers."""
     points = np.loadtxt(Path(__file__).with_name("creeping_arc.csv"), delimiter=",", skiprows=1)
     circle = fit_circle(points)
     assert circle.radius == pytest.approx(19.53, abs=0.05)

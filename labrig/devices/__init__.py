@@ -4,7 +4,7 @@ What is decided here
 --------------------
 - A replayed rig (`open_replayed`) is one whose bus, camera, clock and operator are those of a record; axes and drivers
   are the real ones there too, and what they send is compared with what was sent.
-- Real or simulated is what the rig file says, and only `plant.make_plant` asks. The seam is at the wire: a
+- Real or simulated is what the rig file says, and only `hardware.make_hardware` asks. The seam is at the wire: a
   simulated drive is a CANopen node on a bus inside the process, and the driver that talks to it is the one
   for real drives.
 - A kind of drive is a folder (`epos2/`) behind `Drive` and `DriveKind`, which an entry point of the group

@@ -91,7 +91,7 @@ class Axis:
         self.max_speed = description.max_speed
         self.lag_s = description.lag_s
         self.referenced = False
-        self.believed = False
+        self.assumed = False
         self._description = description
         self._drive = drive
         self._clock = clock
@@ -134,11 +134,11 @@ class Axis:
         LimitError
             Before anything is sent.
         SafetyStopError
-            When the axis is not referenced, so that no position means anything, and none is believed.
+            When the axis is not referenced, so that no position means anything, and none is assumed.
         DriveError, BusError
         """
         self.check_move(position, speed)
-        if not (self.referenced or self.believed):
+        if not (self.referenced or self.assumed):
             raise SafetyStopError(
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 f"first: labrig devices home --axis {self.name} --rig FILE",
@@ -257,7 +257,7 @@ class Axis:
 
     # Stopping
 
-    def call_halt(self) -> None:
+    def send_halt(self) -> None:
         """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
         self._drive.send_stop()
 
@@ -266,7 +266,7 @@ class Axis:
         self._due_s = self._then = None
         self._drive.stop()
 
-    def looks_until_still(self) -> Iterator[None]:
+    def wait_until_still(self) -> Iterator[None]:
         """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
 
         Raises
@@ -349,7 +349,7 @@ class Axis:
         ------
         DriveError, BusError
         """
-        self.referenced = self.believed = False
+        self.referenced = self.assumed = False
         self._due_s = self._then = None
         self._drive.set_limits(None)
         self._drive.start_homing(homing)
@@ -377,7 +377,7 @@ class Axis:
         self._moves = False
         self.set_limits()
 
-    def believe_position(self, position: float) -> None:
+    def assume_position(self, position: float) -> None:
         """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
 
         Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits that the
@@ -391,7 +391,7 @@ class Axis:
         self._drive.assume_position(position)
         self._moves = False
         self._then = self._due_s = None
-        self.believed = True
+        self.assumed = True
 
     def set_limits(self) -> None:
         """Give the drive the limits of the rig file; they mean something only while the axis is referenced.

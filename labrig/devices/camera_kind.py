@@ -76,7 +76,7 @@ class CameraKind(Generic[Section]):
         yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
 
 
-def camera_kind(section: CameraDescription) -> CameraKind[CameraDescription]:
+def find_camera_kind(section: CameraDescription) -> CameraKind[CameraDescription]:
     """Return the kind of camera of a section.
 
     Raises

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from labrig.devices.camera import Camera
-from labrig.devices.camera_kind import camera_kind
+from labrig.devices.camera_kind import find_camera_kind
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
-from labrig.devices.control import owner_of
+from labrig.devices.control import find_owner
 from labrig.devices.drive import find_drive_kind
+from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import last_motion, motion_log_path
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.plant import Plant, make_plant
 from labrig.devices.rig_file import RigDescription, unknown_entries
 from labrig.errors import InputError, LabrigError
 from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
@@ -42,7 +42,7 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         CheckResult(key, CheckStatus.FAIL, "unknown", f"enter it: {w}")
         for key, w in unknown_entries(rig).items()
     ]
-    owner = owner_of(rig)
+    owner = find_owner(rig)
     if owner:
         value = f"in use by {owner}: bus, drives and camera are not looked at"
         solution = "wait until it has ended, or: labrig devices stop --rig FILE"
@@ -55,18 +55,18 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
 
 def _device_results(rig: RigDescription) -> list[CheckResult]:
     try:
-        plant = make_plant(rig, seed=0)
+        hardware = make_hardware(rig, seed=0)
     except LabrigError as error:
         return [failed("rig", error)]
     with ExitStack() as stack:
-        stack.callback(plant.close)
-        return [*_bus_results(rig, plant, stack), *_camera_results(rig, plant, stack)]
+        stack.callback(hardware.close)
+        return [*_bus_results(rig, hardware, stack), *_camera_results(rig, hardware, stack)]
 
 
-def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterator[CheckResult]:
+def _bus_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
     where = f"{rig.can.interface} {rig.can.channel}".strip()
     try:
-        link = plant.open_link()
+        link = hardware.open_link()
     except LabrigError as error:
         yield failed("bus", error)
         for name, axis in rig.axes.items():
@@ -76,20 +76,20 @@ def _bus_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterato
     stack.callback(link.close)
     yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
-        yield from find_drive_kind(axis.driver).check(link, axis, name, plant.clock, rig.can.heartbeat)
+        yield from find_drive_kind(axis.driver).check(link, axis, name, hardware.clock, rig.can.heartbeat)
 
 
-def _camera_results(rig: RigDescription, plant: Plant, stack: ExitStack) -> Iterator[CheckResult]:
+def _camera_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
     try:
-        source = plant.open_source()
+        source = hardware.open_source()
         stack.callback(source.close)
-        camera = Camera(source, rig.camera, plant.clock)
+        camera = Camera(source, rig.camera, hardware.clock)
         yield CheckResult(
             "camera settings",
             CheckStatus.PASS,
             ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
         )
-        yield from camera_kind(rig.camera).check(rig.camera, camera)
+        yield from find_camera_kind(rig.camera).check(rig.camera, camera)
     except LabrigError as error:
         yield failed("camera", error)
 

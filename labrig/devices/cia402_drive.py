@@ -46,7 +46,7 @@ from labrig.devices.cia402_states import (
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
     DriveState,
-    Goal,
+    TargetState,
     decode_state,
     plan_controlword,
 )
@@ -297,7 +297,7 @@ class Cia402Drive(Generic[Section]):
         self.raise_if_faulted()
         self.stop()
         self.settle(ANSWER_TIME_S)
-        self.go_to(Goal.POWER_OFF)
+        self.go_to(TargetState.POWER_OFF)
 
     def write_settings(self, settings: Mapping[Entry, int]) -> tuple[str, ...]:
         """Bring settings to what they must be, each read back; return the places of those that were written.
@@ -348,7 +348,7 @@ class Cia402Drive(Generic[Section]):
 
     # States
 
-    def go_to(self, goal: Goal) -> None:
+    def go_to(self, goal: TargetState) -> None:
         """Bring the drive to a goal of its state machine.
 
         Raises
@@ -360,7 +360,7 @@ class Cia402Drive(Generic[Section]):
         while True:
             statusword = self.statusword()
             state, now_s = decode_state(statusword), self._clock.now_s()
-            if goal is Goal.ENABLED:
+            if goal is TargetState.ENABLED:
                 self._refuse_fault(statusword)
             plan = plan_controlword(statusword, goal)
             if plan.attained:
@@ -380,11 +380,11 @@ class Cia402Drive(Generic[Section]):
         self.ensure(co.MODE, _PROFILE_POSITION)
         self.download(co.CONTROLWORD, HALT)
         self.download(co.TARGET_POSITION, self.upload(co.POSITION_ACTUAL))
-        self.go_to(Goal.ENABLED)
+        self.go_to(TargetState.ENABLED)
 
     def disable(self) -> None:
         """Switch the power stage off."""
-        self.go_to(Goal.POWER_OFF)
+        self.go_to(TargetState.POWER_OFF)
 
     def counter(self) -> int:
         """Return the actual position [counts]."""
@@ -518,7 +518,7 @@ class Cia402Drive(Generic[Section]):
 
     def quick_stop(self) -> None:
         """Stop with the quick stop deceleration and leave operation enabled."""
-        self.go_to(Goal.QUICK_STOPPED)
+        self.go_to(TargetState.QUICK_STOPPED)
 
     def settle(self, within_s: float) -> None:
         """Return once the axis stands still. Raises `DriveError` when it still moves after `within_s`."""

@@ -28,7 +28,7 @@ class DriveState(Enum):
     UNKNOWN = auto()
 
 
-class Goal(Enum):
+class TargetState(Enum):
     """Where a drive is to be brought."""
 
     ENABLED = auto()
@@ -37,7 +37,7 @@ class Goal(Enum):
 
 
 @dataclass(frozen=True)
-class Plan:
+class NextStep:
     """The next step towards a goal: a controlword to send, None to wait, or `attained`."""
 
     controlword: int | None = None
@@ -85,32 +85,32 @@ STATUSWORDS = {
 
 FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
 
-_WAIT = Plan()
-_ATTAINED = Plan(attained=True)
-_PLANS: dict[Goal, dict[DriveState, Plan]] = {
-    Goal.ENABLED: {
-        DriveState.SWITCH_ON_DISABLED: Plan(SHUTDOWN | HALT),
-        DriveState.READY_TO_SWITCH_ON: Plan(SWITCH_ON | HALT),
-        DriveState.SWITCHED_ON: Plan(ENABLE | HALT),
-        DriveState.QUICK_STOP_ACTIVE: Plan(DISABLE_VOLTAGE | HALT),
+_WAIT = NextStep()
+_ATTAINED = NextStep(attained=True)
+_PLANS: dict[TargetState, dict[DriveState, NextStep]] = {
+    TargetState.ENABLED: {
+        DriveState.SWITCH_ON_DISABLED: NextStep(SHUTDOWN | HALT),
+        DriveState.READY_TO_SWITCH_ON: NextStep(SWITCH_ON | HALT),
+        DriveState.SWITCHED_ON: NextStep(ENABLE | HALT),
+        DriveState.QUICK_STOP_ACTIVE: NextStep(DISABLE_VOLTAGE | HALT),
         DriveState.OPERATION_ENABLED: _ATTAINED,
     },
-    Goal.QUICK_STOPPED: {
-        DriveState.OPERATION_ENABLED: Plan(QUICK_STOP),
+    TargetState.QUICK_STOPPED: {
+        DriveState.OPERATION_ENABLED: NextStep(QUICK_STOP),
         DriveState.QUICK_STOP_ACTIVE: _ATTAINED,
         DriveState.SWITCH_ON_DISABLED: _ATTAINED,
         DriveState.READY_TO_SWITCH_ON: _ATTAINED,
-        DriveState.SWITCHED_ON: Plan(SHUTDOWN),
-        DriveState.MEASURE_INIT: Plan(DISABLE_VOLTAGE),
-        DriveState.REFRESH: Plan(DISABLE_VOLTAGE),
+        DriveState.SWITCHED_ON: NextStep(SHUTDOWN),
+        DriveState.MEASURE_INIT: NextStep(DISABLE_VOLTAGE),
+        DriveState.REFRESH: NextStep(DISABLE_VOLTAGE),
         DriveState.FAULT: _ATTAINED,
     },
-    Goal.POWER_OFF: {
-        DriveState.OPERATION_ENABLED: Plan(DISABLE_VOLTAGE),
-        DriveState.QUICK_STOP_ACTIVE: Plan(DISABLE_VOLTAGE),
-        DriveState.SWITCHED_ON: Plan(DISABLE_VOLTAGE),
-        DriveState.REFRESH: Plan(DISABLE_VOLTAGE),
-        DriveState.MEASURE_INIT: Plan(DISABLE_VOLTAGE),
+    TargetState.POWER_OFF: {
+        DriveState.OPERATION_ENABLED: NextStep(DISABLE_VOLTAGE),
+        DriveState.QUICK_STOP_ACTIVE: NextStep(DISABLE_VOLTAGE),
+        DriveState.SWITCHED_ON: NextStep(DISABLE_VOLTAGE),
+        DriveState.REFRESH: NextStep(DISABLE_VOLTAGE),
+        DriveState.MEASURE_INIT: NextStep(DISABLE_VOLTAGE),
         DriveState.READY_TO_SWITCH_ON: _ATTAINED,
         DriveState.SWITCH_ON_DISABLED: _ATTAINED,
         DriveState.FAULT: _ATTAINED,
@@ -123,7 +123,7 @@ def decode_state(statusword: int) -> DriveState:
     return STATUSWORDS.get(statusword & STATE_BITS, DriveState.UNKNOWN)
 
 
-def plan_controlword(statusword: int, goal: Goal) -> Plan:
+def plan_controlword(statusword: int, goal: TargetState) -> NextStep:
     """Return the next step from `statusword` towards `goal`.
 
     States that a drive passes by itself (start, refresh, measure init, fault reaction) and patterns that are
@@ -135,7 +135,7 @@ def plan_controlword(statusword: int, goal: Goal) -> Plan:
         When the drive is to be enabled and reports a fault: a fault is reset by a person, never from here.
     """
     state = decode_state(statusword)
-    if goal is Goal.ENABLED and state in FAULTED:
+    if goal is TargetState.ENABLED and state in FAULTED:
         raise DriveError(
             f"the drive reports a fault (statusword 0x{statusword:04X}) and cannot be enabled",
             "find the cause, then power the drive off and on; labrig resets no fault by itself",

@@ -82,7 +82,7 @@ class StopRequests:
 
 
 @contextmanager
-def possessed(rig: RigDescription, doing: str) -> Iterator[StopRequests | None]:
+def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None]:
     """Have a rig alone, for as long as the block lasts; None where nobody else could reach it.
 
     Raises
@@ -114,7 +114,7 @@ def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
     return (*own, *(_folder_of_locks() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
 
 
-def owner_of(rig: RigDescription) -> str:
+def find_owner(rig: RigDescription) -> str:
     """Return who has a rig or one of its drives now; empty where nobody has."""
     owners = (lock_owner(path) for path in lock_paths(rig))
     return next((str(owner) for owner in owners if owner is not None), "")
@@ -186,7 +186,7 @@ def ask_to_stop(rig: RigDescription) -> Reply | None:
         done = _document(caller.hear(_DONE_WITHIN_S) if taken else None)
     finally:
         caller.close()
-    owner = f"{taken['taken_by']} (process {taken['pid']})" if taken else owner_of(rig)
+    owner = f"{taken['taken_by']} (process {taken['pid']})" if taken else find_owner(rig)
     return Reply(owner, tuple(map(str, done["failures"])) if done else None)
 
 

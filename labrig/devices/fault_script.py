@@ -7,7 +7,7 @@ from pydantic import Field
 
 from labrig.protocol.model import Conflict, Model
 
-Fault = Literal[
+FaultName = Literal[
     "silent",
     "deaf",
     "boot-up",
@@ -38,7 +38,7 @@ _NEEDS_CODE = frozenset({"emergency", "sdo-abort"})
 class FaultDescription(Model):
     """One fault of a simulated rig."""
 
-    fault: Fault = Field(description="What goes wrong.")
+    fault: FaultName = Field(description="What goes wrong.")
     axis: Literal["insertion", "rotation", "linear"] | None = Field(
         None, description="Whose drive has it. null: the fault is one of the bus."
     )

@@ -54,7 +54,7 @@ class MotionLog:
         self._doing = doing
 
     @contextmanager
-    def noting(self, axis: Axis, what: str) -> Iterator[None]:
+    def note_motion(self, axis: Axis, what: str) -> Iterator[None]:
         """Note that an axis is about to do `what`, and, however the block ends, where it stands then.
 
         An error of the block is the one that is told, also where the log cannot be written any more.

@@ -11,15 +11,15 @@ from labrig.devices.axis_description import AXES
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
-from labrig.devices.control import StopRequests, possessed
-from labrig.devices.dead_man import DeadManClock
+from labrig.devices.control import StopRequests, acquire_rig
 from labrig.devices.drive import Homing, Identity, open_drive, raise_together, wait_for_all
+from labrig.devices.hardware import Hardware, make_hardware
+from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
-from labrig.devices.past import PastInsertion
-from labrig.devices.plant import Plant, make_plant
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.errors import (
     CameraError,
@@ -71,14 +71,14 @@ class Rig:
     ----------
     description : RigDescription
         Its rig file.
-    plant : Plant
+    hardware : Hardware
         Clock, operator and what is true.
     link : CanLink
         The bus on which the drives stand.
     source : PictureSource or None
         What draws the camera's pictures; None without the camera.
     person : Operator
-        Answers where the plant does not answer by itself.
+        Answers where the hardware does not answer by itself.
     interrupted : callable
         Asked between two bus transactions whether a signal has arrived.
     stop_requests : StopRequests or None
@@ -95,7 +95,7 @@ class Rig:
         self,
         description: RigDescription,
         *,
-        plant: Plant,
+        hardware: Hardware,
         link: CanLink,
         source: PictureSource | None,
         person: Operator,
@@ -107,31 +107,31 @@ class Rig:
     ) -> None:
         self.description = description
         self._opening = opening
-        self.clock = plant.clock
-        self.operator = plant.operator or person
-        self.needs_person = plant.operator is None
+        self.clock = hardware.clock
+        self.operator = hardware.operator or person
+        self.needs_person = hardware.operator is None
         self.state_period_s = 1 / description.recording.state_rate_hz
-        self._plant = plant
+        self._hardware = hardware
         self._interrupted = interrupted
         self._stop_requests = stop_requests
         self.needle = needle or NeedleState(description.state_path)
-        self._motions = MotionLog(description.state_path, plant.clock.utc, doing)
+        self._motions = MotionLog(description.state_path, hardware.clock.utc, doing)
         self._identities: dict[str, Identity] = {}
         self._link = link
-        self._dead_man = DeadManClock(self.clock, link, description.can.heartbeat)
+        self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._axes = {
             name: Axis(
                 name,
                 axis,
-                open_drive(link, axis, name, self._dead_man),
-                self._dead_man,
+                open_drive(link, axis, name, self._heartbeat),
+                self._heartbeat,
                 description.can.heartbeat,
                 max_current_ma=opening.max_current_ma,
             )
             for name, axis in description.axes.items()
             if name in opening.axes
         }
-        self._camera = None if source is None else Camera(source, description.camera, self._dead_man)
+        self._camera = None if source is None else Camera(source, description.camera, self._heartbeat)
         self._read_s = 0.0
 
     # What is known
@@ -178,11 +178,11 @@ class Rig:
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the insertion that the camera shows, one dict; nothing where nobody knows."""
-        return () if self.description.camera.recorded else self._plant.truth()
+        return () if self.description.camera.recorded else self._hardware.truth()
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
         """Take note of what earlier sessions of this run did to the specimens, once its needle is mounted."""
-        self._plant.recall(insertions)
+        self._hardware.recall(insertions)
 
     def describe(self) -> dict[str, object]:
         """Return what the rig is and how it was found, ready for JSON."""
@@ -237,7 +237,7 @@ class Rig:
             self._stop_because_of(error)
             raise
 
-    def look(self) -> tuple[Frame, dict[str, AxisReadback]]:
+    def take_picture(self) -> tuple[Frame, dict[str, AxisReadback]]:
         """Take a picture, and read where every axis stands; the frame says where it lies since the reading before.
 
         Raises
@@ -264,15 +264,15 @@ class Rig:
         """
         steps = max(1, math.ceil(duration_s / MAX_STEP_S))
         try:
-            self.look_after()
+            self.supervise()
             for _ in range(steps):
                 self.clock.sleep(duration_s / steps)
-                self.look_after()
+                self.supervise()
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
             raise
 
-    def look_after(self) -> None:
+    def supervise(self) -> None:
         """Check bus, drives and signals, and only then tell the drives by a beat that somebody watches.
 
         To be called more often than the heartbeat's period while nothing else lets rig time pass; waits of
@@ -283,7 +283,7 @@ class Rig:
         InterruptedRunError, BusError, DriveError
         """
         self._check()
-        self._dead_man.beat()
+        self._heartbeat.beat()
 
     def ask(self, request: OperatorRequest) -> Answer:
         """Let the operator do something; the axes hold still and are looked after meanwhile.
@@ -294,12 +294,12 @@ class Rig:
             The axes have been stopped.
         """
         try:
-            return self.operator.ask(request, self.look_after)
+            return self.operator.ask(request, self.supervise)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
             raise
 
-    def noting(self, axis_name: str, what: str) -> AbstractContextManager[None]:
+    def note_motion(self, axis_name: str, what: str) -> AbstractContextManager[None]:
         """Note beside the state file, for as long as the block lasts, that an axis is moved outside of any run.
 
         Raises
@@ -307,7 +307,7 @@ class Rig:
         DiskError
             Before the block.
         """
-        return self._motions.noting(self.axis(axis_name), what)
+        return self._motions.note_motion(self.axis(axis_name), what)
 
     def take_can_frames(self) -> list[tuple[float, int, bytes, str]]:
         """Return the CAN frames since the last call: rig time [s], COB-ID, data, T or R for sent or received."""
@@ -337,21 +337,21 @@ class Rig:
             When an axis is not known to stand still; names each and why.
         """
         failures = [
-            *_tried(self.axes, Axis.call_halt),
+            *_tried(self.axes, Axis.send_halt),
             *_tried(self.axes, Axis.halt),
             *self._wait_until_still().values(),
         ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
         if failures:
-            self._dead_man.let_go()
+            self._heartbeat.let_go()
             raise SafetyStopError(
                 "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
                 "press the emergency stop, then see labrig devices check",
             )
 
     def _wait_until_still(self) -> dict[str, str]:
-        return wait_for_all({axis.name: axis.looks_until_still() for axis in self.axes}, self._dead_man)
+        return wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
 
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
         """Stop everything; what cannot be stopped is told together with the error that is on its way."""
@@ -392,7 +392,7 @@ class Rig:
             axis.start_homing(homing)
             while not axis.has_homed():
                 self.clock.sleep(_HOMING_LOOK_S)
-                self.look_after()
+                self.supervise()
             axis.finish_homing(homing)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
@@ -435,7 +435,7 @@ class Rig:
         self.check_homing(name, method, needle_mounted=needle_mounted)
         self.home(name, self.axis(name).homing_by(method))
 
-    def believe_positions(self, positions: Mapping[str, float]) -> None:
+    def assume_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
 
         Only for taking a needle out: the axes stay without a reference, and the next run asks for zero.
@@ -445,7 +445,7 @@ class Rig:
         DriveError, BusError
         """
         for name, position in positions.items():
-            self._axes[name].believe_position(position)
+            self._axes[name].assume_position(position)
 
     # Opening and closing
 
@@ -602,17 +602,17 @@ def open_rig(
     """
     require_complete(description, opening.axes)
     with ExitStack() as stack:
-        stop_requests = stack.enter_context(possessed(description, doing))
-        plant = make_plant(description, seed)
-        stack.callback(plant.close)
-        link = plant.open_link()
+        stop_requests = stack.enter_context(acquire_rig(description, doing))
+        hardware = make_hardware(description, seed)
+        stack.callback(hardware.close)
+        link = hardware.open_link()
         stack.callback(link.close)
-        source = plant.open_source() if opening.camera else None
+        source = hardware.open_source() if opening.camera else None
         if source is not None:
             stack.callback(source.close)
         rig = Rig(
             description,
-            plant=plant,
+            hardware=hardware,
             link=link,
             source=source,
             person=person,

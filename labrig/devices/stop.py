@@ -7,7 +7,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.clocks import SystemClock
-from labrig.devices.control import Reply, ask_to_stop, owner_of
+from labrig.devices.control import Reply, ask_to_stop, find_owner
 from labrig.devices.drive import open_drive, wait_for_all
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import BusError, MachineError, SafetyStopError
@@ -68,7 +68,7 @@ def stop_rig(rig: RigDescription) -> StopReport:
 def _unstopped(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
     """Say why the labrig that has the rig did not stop it; nothing where nobody has it."""
     if reply is None:
-        owner = owner_of(rig)
+        owner = find_owner(rig)
         return (f"{owner} has the rig and does not listen",) if owner else ("no labrig has the rig",)
     if reply.failures is None:
         return (f"{reply.owner or 'the labrig that has the rig'} did not answer",)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.devices.replayed.comparison import Comparison, ReplayDifference
-from labrig.devices.replayed.opening import open_replayed, recorded_rig
-from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.hardware import ReplayedHardware
+from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
 from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
@@ -78,7 +78,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     if not experiment.moves_rig:
         _replay_without_rig(run, experiment, found)
         return found
-    description = recorded_rig(run)
+    description = load_recorded_rig(run)
     for recording in recordings(run, exact=description.kind == "simulated"):
         _replay_session(_Replayed(run, experiment, protocol, description), recording, progress, found)
         if not found.identical:
@@ -90,7 +90,7 @@ def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) 
     """Return what the progress of a replay counts up to."""
     if not experiment.moves_rig:
         return 1.0
-    rig = recorded_rig(run)
+    rig = load_recorded_rig(run)
     return estimate(experiment.plan(protocol, rig), rig).work
 
 
@@ -122,11 +122,11 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
     """Replay one session and add what came of it."""
     comparison, journal = Comparison(recording), None
     try:
-        with open_replayed(replayed.rig, recording, comparison) as (rig, plant):
+        with open_replayed(replayed.rig, recording, comparison) as (rig, hardware):
             rig.describe()  # reads how the devices stand, as it did when the record was begun
             journal = ReplayedJournal(replayed.run, recording, comparison)
             _conduct(replayed, recording, Session(rig, journal, progress))
-            _require_nothing_left(plant, journal, comparison)
+            _require_nothing_left(hardware, journal, comparison)
     except ReplayDiffersError:
         found.first_difference = comparison.found
     except RecordEndsError as error:
@@ -149,9 +149,11 @@ def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> Non
     conduct_rest(experiment, remainder, session)
 
 
-def _require_nothing_left(plant: ReplayedPlant, journal: "ReplayedJournal", comparison: Comparison) -> None:
+def _require_nothing_left(
+    hardware: ReplayedHardware, journal: "ReplayedJournal", comparison: Comparison
+) -> None:
     """Raise `ReplayDiffersError` where the record goes on and the procedure has ended."""
-    command, line = plant.bus.left(), journal.left()
+    command, line = hardware.bus.left(), journal.left()
     if command is not None:
         comparison.differs("command", command, "nothing")
     if line is not None:

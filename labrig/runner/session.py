@@ -98,7 +98,7 @@ class Session:
         else half-way: a needle that advances at 1 mm/s is told to some hundredths of a millimetre.
         """
         before = stance_of(self.rig.read_states())
-        frame, states = self.rig.look()
+        frame, states = self.rig.take_picture()
         stance = before.on_the_way_to(stance_of(states), 0.5 if frame.fraction is None else frame.fraction)
         self.recorder.can_frames(self.rig.take_can_frames())
         known = {**frame.time_fields(), **asdict(stance)}

@@ -201,7 +201,7 @@ def recover(session: Session, run_name: str, path: Sequence[Stance], standing: S
         session.ask(
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
-        rig.believe_positions({name: believed[name] for name in lost})
+        rig.assume_positions({name: believed[name] for name in lost})
     moves = reverse_moves((*path, stance_of(rig.read_states())))
     session.ask(ConfirmWithdrawal(tuple(_sentence(move) for move in moves)))
     rig.needle.mark_in_tissue(session.recorder.run_name)

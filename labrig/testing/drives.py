@@ -15,8 +15,8 @@ from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.dead_man import DeadManClock
 from labrig.devices.drive import STILL_LOOK_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.shaft import Mechanics
@@ -60,7 +60,7 @@ class _Bench:
 
     def __init__(self, opened: OpenedDrive) -> None:
         self.opened = opened
-        self.clock = DeadManClock(opened.clock, opened.link, opened.heartbeat)
+        self.clock = HeartbeatClock(opened.clock, opened.link, opened.heartbeat)
         self.drive: Drive = open_drive(opened.link, opened.section, "tested", self.clock)
         scale = opened.section.scale()
         self.speed = scale.to_speed(scale.speed_units_below(opened.section.max_speed / 2))

@@ -59,7 +59,7 @@ class BenchAt:
 
     def shaft_mm(self, node_id: int, lead_mm: float) -> float:
         """Return where a shaft truly stands."""
-        return self.served.drives[node_id].shaft_quadcounts / (4 * 500 * 4) * lead_mm
+        return self.served.drives[node_id].shaft_counts / (4 * 500 * 4) * lead_mm
 
 
 @pytest.fixture

@@ -88,14 +88,14 @@ def bench_rig(
 ) -> Iterator[Rig]:
     """Open a rig over the bus, connected and with no needle in tissue; it is closed without a word about power."""
     placed = description.placed_in(folder)
-    plant = ServedPlant(placed)
-    link = plant.open_link()
+    hardware = ServedPlant(placed)
+    link = hardware.open_link()
     try:
         rig = Rig(
             placed,
-            plant=plant,
+            hardware=hardware,
             link=link,
-            source=plant.open_source(),
+            source=hardware.open_source(),
             person=Person(),
             interrupted=interrupted or Signal(),
         )

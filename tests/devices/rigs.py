@@ -9,12 +9,12 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.hardware import Hardware
 from labrig.devices.operator import Answer, OperatorRequest
-from labrig.devices.plant import Plant
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.bus import InProcessWire, attach
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.hardware import SimulatedHardware
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
 SIMULATED = CALIBRATION / "rig-simulated.yaml"
@@ -94,10 +94,10 @@ def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
 
 @dataclass
 class OpenedRig:
-    """A rig whose simulated plant a test can reach behind its back."""
+    """A rig whose simulated hardware a test can reach behind its back."""
 
     rig: Rig
-    plant: SimulatedPlant
+    hardware: SimulatedHardware
     signal: Signal
     person: Person
 
@@ -106,14 +106,14 @@ class OpenedRig:
 def opened_rig(
     description: RigDescription | None = None, person: Person | None = None
 ) -> Iterator[OpenedRig]:
-    """Open a simulated rig over a plant of which the test keeps hold; it is not closed by this."""
+    """Open a simulated rig over a hardware of which the test keeps hold; it is not closed by this."""
     description = description or simulated_rig()
     assert description.world is not None
-    plant = SimulatedPlant(description, description.world, seed=1)
-    kept: Plant = plant
+    hardware = SimulatedHardware(description, description.world, seed=1)
+    kept: Hardware = hardware
     link, source = kept.open_link(), kept.open_source()
     signal, person = Signal(), person or Person()
-    rig = Rig(description, plant=plant, link=link, source=source, person=person, interrupted=signal)
-    yield OpenedRig(rig, plant, signal, person)
+    rig = Rig(description, hardware=hardware, link=link, source=source, person=person, interrupted=signal)
+    yield OpenedRig(rig, hardware, signal, person)
     link.close()
-    plant.close()
+    hardware.close()

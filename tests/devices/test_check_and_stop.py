@@ -34,7 +34,7 @@ def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
 def _axis_results(opened: OpenedRig, axis: AxisDescription) -> list[CheckResult]:
     assert isinstance(axis, Epos2Axis)
     heartbeat = simulated_rig().can.heartbeat
-    return list(check_axis(opened.plant.open_link(), axis, "linear", opened.plant.clock, heartbeat))
+    return list(check_axis(opened.hardware.open_link(), axis, "linear", opened.hardware.clock, heartbeat))
 
 
 def test_the_simulated_rig_is_in_order() -> None:
@@ -89,12 +89,12 @@ def test_a_wrong_encoder_fails_the_check() -> None:
 def test_a_faulted_drive_fails_the_check() -> None:
     """The fault is named, and the check resets nothing."""
     with opened_rig() as opened:
-        opened.plant.drives["linear"].fail(0x4210)
+        opened.hardware.drives["linear"].fail(0x4210)
         axis = simulated_rig().axes.linear
         results = _axis_results(opened, axis)
         failed = [result for result in results if result.status is CheckStatus.FAIL]
         assert "over-temperature" in failed[0].value
-        assert decode_state(opened.plant.drives["linear"]._statusword()) is DriveState.FAULT
+        assert decode_state(opened.hardware.drives["linear"]._statusword()) is DriveState.FAULT
 
 
 def test_commands_that_are_named_name_the_rig_file() -> None:
@@ -158,24 +158,24 @@ def test_stopping_from_outside_stops_every_drive() -> None:
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.linear.start_move(100.0, 5.0)
         opened.rig.wait(1.0)
-        done = stop_drives(simulated_rig(), opened.plant.open_link(), opened.plant.clock)
+        done = stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
         assert sum("stands still" in line for line in done) == 3
         assert done[-1] == "sent NMT stop to all nodes"
-        positions = [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
-        opened.plant.clock.sleep(1.0)
-        assert [drive.shaft_quadcounts for drive in opened.plant.drives.values()] == positions
+        positions = [drive.shaft_counts for drive in opened.hardware.drives.values()]
+        opened.hardware.clock.sleep(1.0)
+        assert [drive.shaft_counts for drive in opened.hardware.drives.values()] == positions
 
 
 def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
     """A node in NMT STOPPED answers no SDO; whoever opens the rig next wakes it, and nothing moves by that."""
     with opened_rig() as opened:
-        link = opened.plant.open_link()
-        stop_drives(simulated_rig(), link, opened.plant.clock)
+        link = opened.hardware.open_link()
+        stop_drives(simulated_rig(), link, opened.hardware.clock)
         link.close()
-        opened.plant.clock.sleep(1.0)
+        opened.hardware.clock.sleep(1.0)
         opened.rig.connect()
         assert opened.rig.read_states()["linear"].state is DriveState.OPERATION_ENABLED
-        assert all(drive.shaft_quadcounts == 0 for drive in opened.plant.drives.values())
+        assert all(drive.shaft_counts == 0 for drive in opened.hardware.drives.values())
 
 
 def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
@@ -185,10 +185,10 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
         opened.rig.reference_axes()
         opened.rig.linear.start_move(100.0, 5.0)
         opened.rig.wait(1.0)
-        opened.plant.drives["insertion"].unplug()
+        opened.hardware.drives["insertion"].unplug()
         with pytest.raises(SafetyStopError, match=r"axis insertion \(node 1\) did not answer.*sent NMT stop"):
-            stop_drives(simulated_rig(), opened.plant.open_link(), opened.plant.clock)
-        statusword = opened.plant.drives["linear"]._statusword()
+            stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
+        statusword = opened.hardware.drives["linear"]._statusword()
         # Meanwhile the rig did not beat, so that the drive has also stopped by itself.
         assert decode_state(statusword) in {DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT}
 
@@ -257,8 +257,8 @@ def test_a_frame_reaches_everybody_but_its_sender() -> None:
     """On the bus inside the process, delivery is over when send returns."""
     with opened_rig() as opened:
         heard: list[int] = []
-        first = InProcessBus(opened.plant.wire, lambda m: heard.append(m.arbitration_id))
-        second = InProcessBus(opened.plant.wire, lambda m: heard.append(-m.arbitration_id))
+        first = InProcessBus(opened.hardware.wire, lambda m: heard.append(m.arbitration_id))
+        second = InProcessBus(opened.hardware.wire, lambda m: heard.append(-m.arbitration_id))
         first.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
         assert heard == [-0x7FF]
         first.shutdown()
@@ -322,8 +322,8 @@ class _SlowSource:
 def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStatus) -> None:
     """By the clock of the rig: 30 Hz is what was asked, 10 Hz is too slow."""
     with opened_rig() as opened:
-        source = _SlowSource(opened.plant.open_source(), opened.plant.clock, exposure_s)
-        measured = Camera(source, simulated_rig().camera, opened.plant.clock).measure_rate_hz(3)
+        source = _SlowSource(opened.hardware.open_source(), opened.hardware.clock, exposure_s)
+        measured = Camera(source, simulated_rig().camera, opened.hardware.clock).measure_rate_hz(3)
         assert measured == pytest.approx(1 / exposure_s, rel=1e-3)
         assert rate_result(measured, 30.0).status is status
 

@@ -10,7 +10,7 @@ from labrig.devices.cia402_states import (
     HALT,
     STATUSWORDS,
     DriveState,
-    Goal,
+    TargetState,
     decode_state,
     plan_controlword,
 )
@@ -23,11 +23,11 @@ def _enables(controlword: int | None) -> bool:
     return controlword is not None and controlword & 0x0F == 0x0F
 
 
-@pytest.mark.parametrize("goal", Goal)
-def test_no_statusword_at_all_makes_the_planner_reset_a_fault(goal: Goal) -> None:
+@pytest.mark.parametrize("goal", TargetState)
+def test_no_statusword_at_all_makes_the_planner_reset_a_fault(goal: TargetState) -> None:
     """For every statusword there is a plan or a refusal, and no plan touches the fault reset bit."""
     for statusword in EVERY_STATUSWORD:
-        if goal is Goal.ENABLED and decode_state(statusword) in FAULTED:
+        if goal is TargetState.ENABLED and decode_state(statusword) in FAULTED:
             with pytest.raises(DriveError):
                 plan_controlword(statusword, goal)
             continue
@@ -38,14 +38,14 @@ def test_no_statusword_at_all_makes_the_planner_reset_a_fault(goal: Goal) -> Non
 
 def test_power_is_switched_on_only_when_asked_and_then_with_halt() -> None:
     """Only the goal of enabling leads to an enabled power stage, from switched on, with the Halt bit."""
-    for goal in Goal:
+    for goal in TargetState:
         for statusword in EVERY_STATUSWORD:
             state = decode_state(statusword)
-            if goal is Goal.ENABLED and state in FAULTED:
+            if goal is TargetState.ENABLED and state in FAULTED:
                 continue
             plan = plan_controlword(statusword, goal)
             if _enables(plan.controlword):
-                assert goal is Goal.ENABLED
+                assert goal is TargetState.ENABLED
                 assert state is DriveState.SWITCHED_ON
                 assert plan.controlword is not None
                 assert plan.controlword & HALT
@@ -60,7 +60,7 @@ def test_only_documented_patterns_name_a_state() -> None:
     documented = [state for state in STATUSWORDS.values() if state is not DriveState.UNKNOWN]
     assert known[DriveState.OPERATION_ENABLED] == 2**7
     assert sum(known.values()) - known[DriveState.UNKNOWN] == len(documented) * 2**7
-    assert plan_controlword(0x0177, Goal.ENABLED).controlword is None
+    assert plan_controlword(0x0177, TargetState.ENABLED).controlword is None
 
 
 @given(st.lists(st.integers(0, 0xFFFF), max_size=30))
@@ -69,9 +69,9 @@ def test_no_sequence_of_statuswords_enables_out_of_a_fault(statuswords: list[int
     for statusword in [*statuswords, 0x0108, *statuswords, 0x010F]:
         if decode_state(statusword) in FAULTED:
             with pytest.raises(DriveError, match="fault"):
-                plan_controlword(statusword, Goal.ENABLED)
-            assert not _enables(plan_controlword(statusword, Goal.POWER_OFF).controlword)
-            assert not _enables(plan_controlword(statusword, Goal.QUICK_STOPPED).controlword)
+                plan_controlword(statusword, TargetState.ENABLED)
+            assert not _enables(plan_controlword(statusword, TargetState.POWER_OFF).controlword)
+            assert not _enables(plan_controlword(statusword, TargetState.QUICK_STOPPED).controlword)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.control import ask_to_stop, lock_paths, owner_of
+from labrig.devices.control import ask_to_stop, find_owner, lock_paths
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import StopReport, stop_rig
@@ -39,8 +39,8 @@ def test_a_rig_is_had_by_one_labrig_at_a_time(tmp_path: Path) -> None:
             open_rig(rig, seed=1, person=Person(), interrupted=Signal()),
         ):
             pass
-        assert "labrig run a.yaml" in owner_of(rig)
-    assert owner_of(rig) == ""
+        assert "labrig run a.yaml" in find_owner(rig)
+    assert find_owner(rig) == ""
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()):
         pass
 

@@ -16,14 +16,14 @@ from labrig.devices.cia402_states import (
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
     DriveState,
-    Goal,
+    TargetState,
     decode_state,
 )
 from labrig.devices.clocks import SystemClock
-from labrig.devices.dead_man import DeadManClock
 from labrig.devices.drive import Homing
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
+from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import (
     DriveError,
@@ -143,7 +143,7 @@ def test_enabling_moves_nothing(bare: OnABus) -> None:
     bare.driver.enable()
     assert bare.driver.upload(co.TARGET_POSITION) == 0
     assert bare.driver.upload(co.CONTROLWORD) & HALT
-    assert bare.drive.shaft_quadcounts == 0
+    assert bare.drive.shaft_counts == 0
 
 
 def test_moves_arrive_and_can_be_changed_on_their_way(ready: OnABus) -> None:
@@ -152,7 +152,7 @@ def test_moves_arrive_and_can_be_changed_on_their_way(ready: OnABus) -> None:
     assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
     ready.driver.start_profile(-1000, 2 * FAST_RPM)
     ready.arrive()
-    assert ready.driver.counter() == ready.drive.shaft_quadcounts == -1000
+    assert ready.driver.counter() == ready.drive.shaft_counts == -1000
 
 
 def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
@@ -167,7 +167,7 @@ def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
         stop()
         ready.driver.settle(PATIENCE_S)
         assert decode_state(ready.driver.statusword()) is state
-        assert 0 < ready.drive.shaft_quadcounts < FAR
+        assert 0 < ready.drive.shaft_counts < FAR
 
 
 def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
@@ -177,7 +177,7 @@ def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
     ready.driver.start_homing(Homing(HOMING_HERE))
     ready.wait_until(ready.driver.has_homed)
     ready.driver.finish_homing(Homing(HOMING_HERE))
-    assert (ready.driver.counter(), ready.drive.shaft_quadcounts) == (0, 2000)
+    assert (ready.driver.counter(), ready.drive.shaft_counts) == (0, 2000)
     assert ready.driver.is_referenced()
     ready.driver.start_homing(Homing(-3, timeout_s=PATIENCE_S))
     assert not ready.driver.has_homed()
@@ -212,7 +212,7 @@ def test_an_emergency_names_code_register_text_and_remedy(ready: OnABus) -> None
     ready.do(lambda: ready.drive.fail(0x4210))
     ready.raises_in_time(DriveFaultError, "error 0x4210, over-temperature")
     with pytest.raises(DriveFaultError) as fault:
-        ready.driver.go_to(Goal.ENABLED)
+        ready.driver.go_to(TargetState.ENABLED)
     assert (fault.value.code, fault.value.register) == (0x4210, 0x09)
     assert fault.value.text
     assert fault.value.remedy
@@ -226,7 +226,7 @@ def test_passing_a_limit_is_a_fault(ready: OnABus) -> None:
     ready.driver.start_profile(FAR, FAST_RPM)
     ready.raises_in_time(DriveFaultError, "0xFF09")
     ready.driver.settle(PATIENCE_S)
-    assert ready.drive.shaft_quadcounts < FAR
+    assert ready.drive.shaft_counts < FAR
 
 
 def test_a_restart_is_noticed(ready: OnABus) -> None:
@@ -239,7 +239,7 @@ def test_heartbeats_are_watched_both_ways(ready: OnABus) -> None:
     """The drive gives up a computer that has beaten and falls silent; the driver a drive that falls silent."""
     ready.driver.download(co.CONSUMER_HEARTBEAT, 127 << 16 | 100)
     heartbeat = HeartbeatDescription(period_ms=10, timeout_ms=100)
-    DeadManClock(ready.clock, ready.driver._link, heartbeat).beat()
+    HeartbeatClock(ready.clock, ready.driver._link, heartbeat).beat()
     ready.raises_in_time(DriveFaultError, "error 0x8130")
 
 

@@ -18,7 +18,7 @@ from labrig.devices.cia402_states import (
     SETPOINT_ACKNOWLEDGED,
     TARGET_REACHED,
     DriveState,
-    Goal,
+    TargetState,
     decode_state,
 )
 from labrig.devices.drive import Homing
@@ -113,7 +113,7 @@ def test_enabling_moves_nothing(one: OneDrive) -> None:
     assert one.driver.upload(co.TARGET_POSITION) == 0
     assert one.driver.upload(co.CONTROLWORD) & HALT
     one.clock.sleep(1.0)
-    assert one.drive.shaft_quadcounts == 0
+    assert one.drive.shaft_counts == 0
 
 
 def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
@@ -121,9 +121,9 @@ def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
     ready.driver.start_profile(100_000, 120)
     ready.clock.sleep(2.0)
     _configure(ready)
-    stopped_at = ready.drive.shaft_quadcounts
+    stopped_at = ready.drive.shaft_counts
     ready.clock.sleep(1.0)
-    assert ready.drive.shaft_quadcounts == stopped_at < 20_000
+    assert ready.drive.shaft_counts == stopped_at < 20_000
     assert decode_state(ready.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
@@ -135,7 +135,7 @@ def test_a_move_ends_at_its_target_in_its_time(ready: OneDrive) -> None:
     ready.driver.start_profile(40_000, 120)
     ramps_s = COUNTS_PER_S_AT_120_RPM / 200_000
     assert _run_until_done(ready) == pytest.approx(10.0 + ramps_s + 0.02, abs=0.011)
-    assert ready.driver.counter() == ready.drive.shaft_quadcounts == 40_000
+    assert ready.driver.counter() == ready.drive.shaft_counts == 40_000
 
 
 def test_a_move_can_be_changed_on_its_way(ready: OneDrive) -> None:
@@ -164,18 +164,18 @@ def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
     """Halting takes v / a, covers v^2 / 2a, and leaves the axis powered."""
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(5.0)
-    before = ready.drive.shaft_quadcounts
+    before = ready.drive.shaft_counts
     ready.driver.stop()
     ready.driver.settle(0.5)
     distance = COUNTS_PER_S_AT_120_RPM**2 / (2 * 200_000)
-    assert ready.drive.shaft_quadcounts - before == pytest.approx(distance, rel=1e-6)
+    assert ready.drive.shaft_counts - before == pytest.approx(distance, rel=1e-6)
     assert decode_state(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
 
 
 def test_halting_a_drive_without_power_does_not_switch_it_on(one: OneDrive) -> None:
     """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
     _configure(one)
-    one.driver.go_to(Goal.POWER_OFF)
+    one.driver.go_to(TargetState.POWER_OFF)
     one.driver.stop()
     assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
 
@@ -184,10 +184,10 @@ def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
     """A quick stop uses its own deceleration and leaves operation enabled."""
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(5.0)
-    before = ready.drive.shaft_quadcounts
+    before = ready.drive.shaft_counts
     ready.driver.quick_stop()
     ready.driver.settle(0.5)
-    assert ready.drive.shaft_quadcounts - before == pytest.approx(COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000))
+    assert ready.drive.shaft_counts - before == pytest.approx(COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000))
     assert decode_state(ready.driver.statusword()) is DriveState.QUICK_STOP_ACTIVE
 
 
@@ -228,11 +228,11 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
     _run_until_done(ready)
     assert not ready.driver.is_referenced()
     _home_here(ready)
-    assert (ready.driver.counter(), ready.drive.shaft_quadcounts) == (0, 4000)
+    assert (ready.driver.counter(), ready.drive.shaft_counts) == (0, 4000)
     assert ready.driver.is_referenced()
     ready.driver.start_profile(1000, 120)
     _run_until_done(ready)
-    assert ready.drive.shaft_quadcounts == 5000
+    assert ready.drive.shaft_counts == 5000
 
 
 # Faults
@@ -260,7 +260,7 @@ def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(3.0)
     braking = COUNTS_PER_S_AT_120_RPM**2 / (2 * 800_000)
-    assert ready.drive.shaft_quadcounts == pytest.approx(8000 + braking, abs=1e-3)
+    assert ready.drive.shaft_counts == pytest.approx(8000 + braking, abs=1e-3)
     assert decode_state(ready.driver.statusword()) is DriveState.FAULT
     with pytest.raises(DriveError, match="0xFF09, software position limit exceeded"):
         ready.driver.check()
@@ -285,9 +285,9 @@ def test_a_fault_while_moving_stops_the_axis_and_is_named(ready: OneDrive, code:
     with pytest.raises(DriveError, match=words):
         ready.driver.check()
     ready.clock.sleep(1.0)
-    stopped_at = ready.drive.shaft_quadcounts
+    stopped_at = ready.drive.shaft_counts
     ready.clock.sleep(1.0)
-    assert ready.drive.shaft_quadcounts == stopped_at
+    assert ready.drive.shaft_counts == stopped_at
     with pytest.raises(DriveError, match=f"0x{code:04X}"):
         ready.driver.raise_if_faulted()
 
@@ -304,7 +304,7 @@ def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:
         with pytest.raises(DriveError, match="0x2310"):
             action()
     assert decode_state(ready.driver.statusword()) is DriveState.FAULT
-    ready.driver.go_to(Goal.POWER_OFF)
+    ready.driver.go_to(TargetState.POWER_OFF)
     ready.driver.download(co.CONTROLWORD, 0)
     ready.driver.download(co.CONTROLWORD, FAULT_RESET)
     assert decode_state(ready.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
@@ -325,7 +325,7 @@ def test_a_drive_that_obeys_no_command_is_told(one: OneDrive, told: list[int]) -
     words = cycle(told)
     one.drive.node.objects._live[co.STATUSWORD] = lambda: next(words)
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
-        one.driver.go_to(Goal.ENABLED)
+        one.driver.go_to(TargetState.ENABLED)
     assert one.clock.now_s() == pytest.approx(1.0, abs=0.05)
 
 
@@ -333,4 +333,4 @@ def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:
     """A node in NMT STOPPED answers nothing, and every command says so instead of hanging."""
     ready.driver.send_nmt(0x02)
     with pytest.raises(DriveError, match="did not answer"):
-        ready.driver.go_to(Goal.POWER_OFF)
+        ready.driver.go_to(TargetState.POWER_OFF)

@@ -8,20 +8,20 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.epos2 import objects as od
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import FileFormatError
 from tests.devices.rigs import rig_text, simulated_rig
 
 
-def _plant(*faults: FaultDescription) -> SimulatedPlant:
+def _hardware(*faults: FaultDescription) -> SimulatedHardware:
     description: RigDescription = simulated_rig().model_copy(update={"faults": faults})
     assert description.world is not None
-    return SimulatedPlant(description, description.world, seed=1)
+    return SimulatedHardware(description, description.world, seed=1)
 
 
-def _move(plant: SimulatedPlant) -> None:
+def _move(hardware: SimulatedHardware) -> None:
     """Set the insertion moving, behind everybody's back."""
-    objects = plant.drives["insertion"].node.objects
+    objects = hardware.drives["insertion"].node.objects
     objects.put(co.TARGET_POSITION, 100_000)
     for word in (0x06, 0x0F, 0x3F):
         objects.put(co.CONTROLWORD, word)
@@ -57,18 +57,18 @@ def test_a_script_that_makes_no_sense_is_refused(tmp_path: Path, script: str, wo
 
 def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
     """Not before `at_s`, and then not before the axis moves; the drive's own journal has the instant."""
-    plant = _plant(FaultDescription(fault="boot-up", axis="insertion", at_s=1.0, once="moving"))
-    plant.clock.sleep(2.0)
-    assert plant.faults.happened == []
-    _move(plant)
-    plant.clock.sleep(0.1)
-    ((happened_s, _),) = plant.faults.happened
-    boot = plant.drives["insertion"].journal.last("boot")
-    still = plant.drives["insertion"].journal.last("still")
+    hardware = _hardware(FaultDescription(fault="boot-up", axis="insertion", at_s=1.0, once="moving"))
+    hardware.clock.sleep(2.0)
+    assert hardware.faults.happened == []
+    _move(hardware)
+    hardware.clock.sleep(0.1)
+    ((happened_s, _),) = hardware.faults.happened
+    boot = hardware.drives["insertion"].journal.last("boot")
+    still = hardware.drives["insertion"].journal.last("still")
     assert boot is not None
     assert still is not None
     assert boot.t_s == still.t_s == happened_s == 2.1
-    plant.close()
+    hardware.close()
 
 
 @pytest.mark.parametrize(
@@ -83,18 +83,18 @@ def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
 )
 def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
     """The axis stands still within half a second of the fault, and the error history names it."""
-    plant = _plant()
-    drive = plant.drives["insertion"]
+    hardware = _hardware()
+    drive = hardware.drives["insertion"]
     drive.node.objects.put(od.LIMIT_EXECUTION_MASK, 3)
-    _move(plant)
-    plant.clock.sleep(1.0)
-    plant.faults.inject(fault)
-    plant.clock.sleep(1.0)
+    _move(hardware)
+    hardware.clock.sleep(1.0)
+    hardware.faults.inject(fault)
+    hardware.clock.sleep(1.0)
     assert drive.node.objects.value(co.LAST_ERROR) == code
     still = drive.journal.last("still")
     assert still is not None
     assert 1.0 <= still.t_s <= 1.5
-    plant.close()
+    hardware.close()
 
 
 @pytest.mark.parametrize(
@@ -114,12 +114,12 @@ def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> No
 )
 def test_what_a_client_hears_after_a_fault(fault: FaultDescription, answers: list[int]) -> None:
     """The command bytes of the answers to one SDO request: none, one, two, or an abort."""
-    plant = _plant()
-    link = plant.open_link()
+    hardware = _hardware()
+    link = hardware.open_link()
     heard: list[int] = []
     link.network.subscribe(0x581, lambda _can_id, data, _t: heard.append(data[0]))
-    plant.faults.inject(fault)
+    hardware.faults.inject(fault)
     link.network.send_message(0x601, b"\x40\x41\x60\0\0\0\0\0")
     assert heard == answers
-    plant.faults.inject(FaultDescription(fault="unplugged"))
-    plant.close()
+    hardware.faults.inject(FaultDescription(fault="unplugged"))
+    hardware.close()

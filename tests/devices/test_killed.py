@@ -18,7 +18,7 @@ import pytest
 
 from labrig.devices.clocks import SystemClock
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.journal import DriveEvent
+from labrig.devices.simulated.drive_journal import DriveEvent
 from tests.devices.mover import HEARTBEAT_S, QUICK_STOP_MM_S2, SPEED_MM_S
 from tests.devices.served import Served, served_drives
 
@@ -101,4 +101,4 @@ def test_a_drive_stops_by_itself_when_labrig_is_gone(
     last = sum(before <= emergency.t_s for before in beats.before) - 1
     assert beats.before[last] + HEARTBEAT_S <= emergency.t_s <= beats.after[last] + HEARTBEAT_S
     assert emergency.t_s <= still.t_s <= emergency.t_s + SPEED_MM_S / QUICK_STOP_MM_S2 + 1e-6
-    assert served.drives[1].shaft_quadcounts == still.shaft_quadcounts > 0
+    assert served.drives[1].shaft_counts == still.shaft_counts > 0

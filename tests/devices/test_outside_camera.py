@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.devices.camera_kind import CameraContext, camera_kind
+from labrig.devices.camera_kind import CameraContext, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig, rig_schema
 from labrig.errors import FileFormatError
@@ -92,7 +92,7 @@ def test_it_is_chosen_by_its_name_and_opened_with_keys_of_its_own(site: Path, tm
     """No file of labrig knows it."""
     _install(site, "lab_grey", "lab_grey_camera_1", MODULE)
     section = load_rig(_rig_file(tmp_path)).camera
-    exposure = camera_kind(section).open(section, CameraContext(SimulatedClock())).read()
+    exposure = find_camera_kind(section).open(section, CameraContext(SimulatedClock())).read()
     assert exposure is not None
     assert exposure.image.mean() == 7.0
     assert "lab-grey" in rig_schema()["properties"]["camera"]["discriminator"]["mapping"]

@@ -11,7 +11,7 @@ from labrig.devices.drive import wait_for_all
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
 from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
 
@@ -29,9 +29,9 @@ def _ready(opened: OpenedRig) -> OpenedRig:
 
 
 def _still(opened: OpenedRig) -> bool:
-    before = [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
-    opened.plant.clock.sleep(1.0)
-    return before == [drive.shaft_quadcounts for drive in opened.plant.drives.values()]
+    before = [drive.shaft_counts for drive in opened.hardware.drives.values()]
+    opened.hardware.clock.sleep(1.0)
+    return before == [drive.shaft_counts for drive in opened.hardware.drives.values()]
 
 
 # Moving
@@ -102,7 +102,7 @@ def test_a_reversed_axis_turns_its_motor_the_other_way() -> None:
     with opened_rig(simulated_rig("axes.insertion.reversed=true")) as opened:
         _ready(opened)
         _go(opened, "insertion", 10.0, 5.0)
-        assert opened.plant.drives["insertion"].shaft_quadcounts == -40_000
+        assert opened.hardware.drives["insertion"].shaft_counts == -40_000
         _go(opened, "insertion", 120.0, 20.0)
         assert opened.rig.read_states()["insertion"].position == 120.0
 
@@ -133,7 +133,7 @@ def test_a_signal_stops_every_axis() -> None:
         opened.signal.name = "SIGTERM"
         with pytest.raises(InterruptedRunError, match="SIGTERM"):
             opened.rig.wait(5.0)
-        assert opened.plant.clock.now_s() < 4.0
+        assert opened.hardware.clock.now_s() < 4.0
         assert _still(opened)
 
 
@@ -144,7 +144,7 @@ def test_a_fault_of_one_axis_stops_the_others() -> None:
         opened.rig.insertion.start_move(40.0, 1.0)
         opened.rig.linear.start_move(40.0, 5.0)
         opened.rig.wait(1.0)
-        opened.plant.drives["linear"].fail(0x8611)
+        opened.hardware.drives["linear"].fail(0x8611)
         with pytest.raises(
             DriveError, match=r"axis linear \(node 3\) is in fault: error 0x8611, following error"
         ):
@@ -159,12 +159,12 @@ def test_a_silent_axis_does_not_keep_the_others_from_stopping() -> None:
         opened.rig.insertion.start_move(40.0, 1.0)
         opened.rig.linear.start_move(40.0, 5.0)
         opened.rig.wait(1.0)
-        opened.plant.drives["insertion"].unplug()
+        opened.hardware.drives["insertion"].unplug()
         with pytest.raises(DriveError, match=r"did not answer.*not known to stand still"):
             opened.rig.read_states()
-        before = opened.plant.drives["linear"].shaft_quadcounts
-        opened.plant.clock.sleep(1.0)
-        assert opened.plant.drives["linear"].shaft_quadcounts == before
+        before = opened.hardware.drives["linear"].shaft_counts
+        opened.hardware.clock.sleep(1.0)
+        assert opened.hardware.drives["linear"].shaft_counts == before
 
 
 def test_stop_quick_stops_an_axis_that_goes_on() -> None:
@@ -173,7 +173,7 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         _ready(opened)
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.wait(1.0)
-        assert wait_for_all({"one": opened.rig.insertion.looks_until_still()}, opened.rig._dead_man) == {}
+        assert wait_for_all({"one": opened.rig.insertion.wait_until_still()}, opened.rig._heartbeat) == {}
         statusword = opened.rig.insertion._drive.statusword()
         assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
@@ -192,11 +192,11 @@ def test_three_axes_are_watched_at_the_same_time() -> None:
 
 def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
     """However the block is left, the axes stand still, the power stages are off, and the error is the one raised."""
-    plants = []
+    opened = []
 
     def fail_while_moving() -> None:
         with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
-            plants.append(rig._plant)
+            opened.append(rig._hardware)
             rig.reference_axes()
             rig.insertion.start_move(40.0, 1.0)
             rig.wait(1.0)
@@ -204,12 +204,12 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
 
     with pytest.raises(ZeroDivisionError):
         fail_while_moving()
-    (plant,) = plants
-    assert isinstance(plant, SimulatedPlant)
-    before = plant.drives["insertion"].shaft_quadcounts
-    plant.clock.sleep(1.0)
-    assert plant.drives["insertion"].shaft_quadcounts == before < 10_000
-    assert {drive._state for drive in plant.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
+    (hardware,) = opened
+    assert isinstance(hardware, SimulatedHardware)
+    before = hardware.drives["insertion"].shaft_counts
+    hardware.clock.sleep(1.0)
+    assert hardware.drives["insertion"].shaft_counts == before < 10_000
+    assert {drive._state for drive in hardware.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_closing_switches_the_power_off() -> None:
@@ -227,8 +227,8 @@ def test_closing_switches_the_power_off() -> None:
 def test_every_drive_that_fails_is_told_at_once() -> None:
     """Connecting tries all three, and the error names each that is missing."""
     with opened_rig() as opened:
-        opened.plant.drives["insertion"].unplug()
-        opened.plant.drives["linear"].unplug()
+        opened.hardware.drives["insertion"].unplug()
+        opened.hardware.drives["linear"].unplug()
         with pytest.raises(DriveError, match=r"node 1.*node 3"):
             opened.rig.connect()
 

@@ -45,8 +45,8 @@ def test_a_canopen_client_drives_a_node_over_every_interface(interface: str) -> 
             pass
         assert int.from_bytes(node.sdo.upload(0x6064, 0), "little") == 300
         network.disconnect()
-        assert served.drives[2].shaft_quadcounts == 300
-        assert served.drives[1].shaft_quadcounts == 0
+        assert served.drives[2].shaft_counts == 300
+        assert served.drives[1].shaft_counts == 0
 
 
 @pytest.fixture(name="adapter")

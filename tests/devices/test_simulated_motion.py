@@ -116,7 +116,7 @@ def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
         b.home(method)
         b.clock.sleep(60.0)
         assert b.word() & 0xB400 == 0x9400
-        assert b.drive.shaft_quadcounts == pytest.approx(home, abs=1e-6)
+        assert b.drive.shaft_counts == pytest.approx(home, abs=1e-6)
         assert b.read(co.POSITION_ACTUAL) == 50
 
 
@@ -135,10 +135,10 @@ def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
         b.clock.sleep(1.0)
         b.write(co.CONTROLWORD, 0x11F)
         b.clock.sleep(2.0)
-        before = b.drive.shaft_quadcounts
+        before = b.drive.shaft_counts
         b.write(co.CONTROLWORD, 0x0F)
         b.clock.sleep(2.0)
-        assert b.drive.shaft_quadcounts == before
+        assert b.drive.shaft_counts == before
         assert not b.word() & 0x1000
         last = b.drive.journal.last("homing")
         assert last is not None
@@ -160,11 +160,11 @@ def test_a_blocked_shaft_becomes_a_following_error() -> None:
         b.go(100_000)
         b.clock.sleep(0.5)
         b.drive.block()
-        before = b.drive.shaft_quadcounts
+        before = b.drive.shaft_counts
         b.clock.sleep(1.0)
         assert b.word() & 0x6F == 0x08
         assert b.read(co.LAST_ERROR) == 0x8611
-        assert b.drive.shaft_quadcounts == before
+        assert b.drive.shaft_counts == before
         emergency = b.drive.journal.last("emergency")
         assert emergency is not None
         assert emergency.t_s == pytest.approx(0.5 + 2000 / (1000 * COUNTS_PER_RPM), abs=1e-4)
@@ -260,9 +260,9 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
         b.clock.sleep(60.0)
         fastest = 25_000 * COUNTS_PER_RPM
         braking = fastest**2 / (2 * 10_000 * COUNTS_PER_RPM)
-        assert abs(b.drive.shaft_quadcounts) <= 20_000 + braking
+        assert abs(b.drive.shaft_counts) <= 20_000 + braking
         # The counter holds whole quadcounts: a target on the limit is not beyond it by its last binary digit.
-        if round(abs(b.drive.shaft_quadcounts)) > 20_000:
+        if round(abs(b.drive.shaft_counts)) > 20_000:
             assert b.read(co.LAST_ERROR) == 0xFF09
         assert not b.drive.is_moving
 

@@ -21,7 +21,7 @@ from labrig.devices.operator import OperatorRequest, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import MachineError, SafetyStopError, WireError
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.sections import ExperimentProtocol
@@ -94,16 +94,16 @@ class FaultyCamera:
 class Hanging(Signal):
     """The place between two transactions where a signal is looked for, and where the program can hang."""
 
-    def __init__(self, plant: SimulatedPlant) -> None:
+    def __init__(self, hardware: SimulatedHardware) -> None:
         super().__init__()
         self.hangs = False
-        self._plant = plant
+        self._hardware = hardware
 
     def __call__(self) -> str | None:
         """Hang if it is time to, then return the signal that has arrived."""
         if self.hangs:
             self.hangs = False
-            self._plant.clock.sleep(_HANG_S)
+            self._hardware.clock.sleep(_HANG_S)
         return self.name
 
 
@@ -113,7 +113,7 @@ class Cell:
 
     fault: str
     phase: Phase
-    plant: SimulatedPlant
+    hardware: SimulatedHardware
     camera: FaultyCamera
     signal: Hanging
     rig: Rig
@@ -126,18 +126,18 @@ class Cell:
     @property
     def drive(self) -> SimulatedDrive:
         """The drive that is struck."""
-        return self.plant.drives[STRUCK[self.phase]]
+        return self.hardware.drives[STRUCK[self.phase]]
 
     def script(self, fault: FaultDescription) -> None:
         """Let a fault happen as a rig file does."""
         of_drive = {"axis": STRUCK[self.phase]} if fault.axis else {}
-        self.plant.faults.inject(fault.model_copy(update=of_drive))
+        self.hardware.faults.inject(fault.model_copy(update=of_drive))
 
     def strike(self) -> None:
         """Let the fault happen, once."""
         if self.struck_s is None:
-            self.struck_s = self.plant.clock.now_s()
-            self.moving = [drive for drive in self.plant.drives.values() if drive.is_moving]
+            self.struck_s = self.hardware.clock.now_s()
+            self.moving = [drive for drive in self.hardware.drives.values() if drive.is_moving]
             STRIKES[self.fault](self)
 
     def at_next_answer(self, then: Callable[[], None]) -> None:
@@ -149,7 +149,7 @@ class Cell:
                 self.taps.pop().shutdown()
                 then()
 
-        self.taps.append(InProcessBus(self.plant.wire, hear))
+        self.taps.append(InProcessBus(self.hardware.wire, hear))
 
     def swap(self, entry: Entry, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
@@ -249,25 +249,27 @@ class Result:
 
 
 @contextmanager
-def _rig(description: RigDescription, plant: SimulatedPlant) -> Iterator[tuple[Rig, FaultyCamera, Hanging]]:
-    link, camera, signal = plant.open_link(), FaultyCamera(plant.open_source()), Hanging(plant)
-    rig = Rig(description, plant=plant, link=link, source=camera, person=Person(), interrupted=signal)
+def _rig(
+    description: RigDescription, hardware: SimulatedHardware
+) -> Iterator[tuple[Rig, FaultyCamera, Hanging]]:
+    link, camera, signal = hardware.open_link(), FaultyCamera(hardware.open_source()), Hanging(hardware)
+    rig = Rig(description, hardware=hardware, link=link, source=camera, person=Person(), interrupted=signal)
     yield rig, camera, signal
     with suppress(SafetyStopError):
         rig.close()
     link.close()
 
 
-def _plant(description: RigDescription) -> SimulatedPlant:
+def _hardware(description: RigDescription) -> SimulatedHardware:
     """Return a rig whose drives have their fingerprint stored."""
     assert description.world is not None
-    plant = SimulatedPlant(description, description.world, seed=1)
-    for drive in plant.drives.values():
+    hardware = SimulatedHardware(description, description.world, seed=1)
+    for drive in hardware.drives.values():
         objects = drive.node.objects
         objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
         objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
         objects.put(co.STORE, 0x65766173)
-    return plant
+    return hardware
 
 
 def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
@@ -281,21 +283,21 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
         Which cell.
     """
     description = simulated_rig(*_RIG).placed_in(folder)
-    plant, protocol = _plant(description), sweep(*_SHORT)
-    with _rig(description, plant) as (rig, camera, signal):
-        cell = Cell(fault, phase, plant, camera, signal, rig)
+    hardware, protocol = _hardware(description), sweep(*_SHORT)
+    with _rig(description, hardware) as (rig, camera, signal):
+        cell = Cell(fault, phase, hardware, camera, signal, rig)
         rig.needle.mark_out()
         rig.connect()
         outcome, run = _conduct(cell, folder, protocol, description)
         counted = sum(sum(axis.counts().values()) for axis in rig.axes)
-    plant.clock.sleep(_LONG_AFTER_S)
+    hardware.clock.sleep(_LONG_AFTER_S)
     still_after_s = _still_after_s(cell)
     differences = [
         *_ending_differences(cell, outcome, run, counted),
         *_stop_differences(cell, still_after_s),
         *_next_run_differences(cell, description, run.path.name),
     ]
-    plant.close()
+    hardware.close()
     return Result(outcome, run, still_after_s, tuple(differences))
 
 
@@ -312,7 +314,7 @@ def _conduct(
     )
     cell.folder = recorder.path
     cell.rig.operator = Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
-    cell.plant.clock.on_advance(lambda: _strike_on_the_way(cell))
+    cell.hardware.clock.on_advance(lambda: _strike_on_the_way(cell))
     try:
         outcome = conduct(find_experiment(protocol.experiment), protocol, Session(cell.rig, recorder, Told()))
     finally:
@@ -334,7 +336,7 @@ def _strike_on_the_way(cell: Cell) -> None:
     if cell.phase is Phase.IDLE:
         return
     doing = cell.drive.is_homing if cell.phase is Phase.HOMING else cell.drive.is_moving
-    way = abs(cell.drive.shaft_quadcounts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]]
+    way = abs(cell.drive.shaft_counts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]]
     if doing and way >= _WAY_MM:
         cell.strike()
 
@@ -369,22 +371,22 @@ def _stop_differences(cell: Cell, still_after_s: float) -> Iterator[str]:
     limit = outcome_of(cell.fault, cell.phase).stop.value
     if still_after_s > limit + 1e-6:
         yield f"stood still after {still_after_s:.3f} s, limit {limit:.3f} s"
-    stood = [drive.shaft_quadcounts for drive in cell.plant.drives.values()]
-    cell.plant.clock.sleep(_LONG_AFTER_S)
-    if [drive.shaft_quadcounts for drive in cell.plant.drives.values()] != stood:
+    stood = [drive.shaft_counts for drive in cell.hardware.drives.values()]
+    cell.hardware.clock.sleep(_LONG_AFTER_S)
+    if [drive.shaft_counts for drive in cell.hardware.drives.values()] != stood:
         yield "moves on"
 
 
 def _mend(cell: Cell) -> set[str]:
     """Mend what has failed, switch off and on what is in fault, and return which axes that were."""
-    cell.plant.wire.restore()
+    cell.hardware.wire.restore()
     off_and_on = set()
-    for name, drive in cell.plant.drives.items():
+    for name, drive in cell.hardware.drives.items():
         drive.recover()
         drive.restore_power_stage()
         drive.unblock()
         drive.forced_inputs = 0
-        drive.node.vigilance.mute = False
+        drive.node.error_control.mute = False
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
             drive.restart()
@@ -395,7 +397,7 @@ def _next_run_differences(cell: Cell, description: RigDescription, run_name: str
     """Yield what the next run does otherwise than it should: it honours the needle and the lost references."""
     expected = outcome_of(cell.fault, cell.phase)
     _mend(cell)
-    with _rig(description, cell.plant) as (rig, _, _):
+    with _rig(description, cell.hardware) as (rig, _, _):
         refused = REFUSED_AT_CONNECT.get(cell.fault)
         try:
             rig.connect()

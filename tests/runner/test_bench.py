@@ -30,7 +30,7 @@ STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
 
 def nearer(opened: Bench, part: float) -> None:
     """Bring the camera nearer to the bench by a part of its distance."""
-    world = opened.opened.plant.world
+    world = opened.opened.hardware.world
     lens = world.description.lens
     moved = lens.model_copy(update={"distance_mm": lens.distance_mm * (1.0 - part)})
     world.description = world.description.model_copy(update={"lens": moved})

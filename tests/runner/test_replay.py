@@ -12,7 +12,7 @@ from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.operator import ShiftToHole
 from labrig.devices.replayed.comparison import ReplayDifference
-from labrig.devices.replayed.opening import recorded_rig
+from labrig.devices.replayed.opening import load_recorded_rig
 from labrig.devices.replayed.recording import recordings
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -291,7 +291,7 @@ def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> Non
     late = Replay()
     (exact,) = recordings(open_run(run.path), exact=False)
     frames = tuple(frame._replace(t_s=1.01 * frame.t_s) for frame in exact.can_frames)
-    replayed = _Replayed(run, experiment_of(run), protocol_of(run), recorded_rig(run))
+    replayed = _Replayed(run, experiment_of(run), protocol_of(run), load_recorded_rig(run))
     _replay_session(replayed, replace(exact, can_frames=frames), Told(), late)
     assert late.first_difference is None
 
@@ -309,7 +309,9 @@ def test_a_record_of_real_time_is_identical_though_its_times_are_not_ours(
         frames.append(frame._replace(t_s=slower * frame.t_s + late_s))
     found = Replay()
     recording = replace(exact, can_frames=tuple(frames))
-    replayed = _Replayed(insertion, experiment_of(insertion), protocol_of(insertion), recorded_rig(insertion))
+    replayed = _Replayed(
+        insertion, experiment_of(insertion), protocol_of(insertion), load_recorded_rig(insertion)
+    )
     _replay_session(replayed, recording, Told(), found)
     assert found.first_difference is None
     assert found.counts["states"] == len(insertion.states)

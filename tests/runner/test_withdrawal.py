@@ -128,7 +128,7 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
         _turned_in_gel(rig)
         axis = rig.opened.rig.insertion
         axis.referenced = False
-        axis.believe_position(14.5)
+        axis.assume_position(14.5)
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
         path = (Stance(0, 0, 0), Stance(6, 0, 5), Stance(6, 3, 5), Stance(14, 3, 5))
         with pytest.raises(SafetyStopError, match="no needle is in tissue"):
@@ -144,7 +144,7 @@ def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> N
     """A withdrawal that does not come to its end changes nothing of what the rig knows."""
     with bench(tmp_path, sweep()) as rig:
         _turned_in_gel(rig)
-        rig.opened.plant.drives["insertion"].block()
+        rig.opened.hardware.drives["insertion"].block()
         with pytest.raises(DriveError):
             withdraw(rig.session, (Stance(0, 0, 0),))
         assert rig.opened.rig.state.needle_in_tissue is True

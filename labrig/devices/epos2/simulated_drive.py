@@ -30,7 +30,7 @@ class SimulatedDrive(SimulatedCia402Drive):
 
     Parameters
     ----------
-    wire, node_id, clock, shaft_quadcounts, mechanics, boot_time_s
+    wire, node_id, clock, shaft_counts, mechanics, boot_time_s
         As `SimulatedCia402Drive` takes them.
     encoder_pulses : int
         Lines of its encoder a turn.
@@ -51,7 +51,7 @@ class SimulatedDrive(SimulatedCia402Drive):
         clock: Clock,
         *,
         encoder_pulses: int = 500,
-        shaft_quadcounts: float = 0.0,
+        shaft_counts: float = 0.0,
         hardware_version: int = od.HARDWARE_VERSION.default,
         mechanics: Mechanics = _NO_MECHANICS,
         boot_time_s: float = 0.0,
@@ -68,7 +68,7 @@ class SimulatedDrive(SimulatedCia402Drive):
                 co.PRODUCT_CODE: hardware_version << 16,
                 co.SERIAL_NUMBER: 1000 + node_id,
             },
-            shaft_quadcounts=shaft_quadcounts,
+            shaft_counts=shaft_counts,
             mechanics=mechanics,
             boot_time_s=boot_time_s,
         )
@@ -95,7 +95,7 @@ class SimulatedDrive(SimulatedCia402Drive):
 
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
-        SimulatedDrive(self._wire, self.node_id, self._clock, shaft_quadcounts=self.shaft_quadcounts)
+        SimulatedDrive(self._wire, self.node_id, self._clock, shaft_counts=self.shaft_counts)
 
     def set_encoder(self, pulses: int) -> None:
         """Have another encoder resolution than before, as if somebody had changed the settings."""

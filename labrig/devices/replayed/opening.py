@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.replayed.comparison import Comparison
-from labrig.devices.replayed.plant import ReplayedPlant
+from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -14,7 +14,7 @@ from labrig.errors import InputError
 from labrig.record.reader import Run
 
 
-def recorded_rig(run: Run) -> RigDescription:
+def load_recorded_rig(run: Run) -> RigDescription:
     """Return the rig of a run, with the calibration that the run holds.
 
     Raises
@@ -37,7 +37,7 @@ def recorded_rig(run: Run) -> RigDescription:
 @contextmanager
 def open_replayed(
     description: RigDescription, recording: Recording, comparison: Comparison
-) -> Iterator[tuple[Rig, ReplayedPlant]]:
+) -> Iterator[tuple[Rig, ReplayedHardware]]:
     """Open the rig of a recorded session; nothing outside of the process is touched, and no state file.
 
     It is not stopped when the block is left: what was sent to close it is no part of the record.
@@ -47,16 +47,16 @@ def open_replayed(
     ReplayDiffersError, RecordEndsError
         When connecting already differs, or the record ends in it.
     """
-    plant = ReplayedPlant(description, recording, comparison)
-    with closing(plant.open_link()) as link:
+    hardware = ReplayedHardware(description, recording, comparison)
+    with closing(hardware.open_link()) as link:
         rig = Rig(
             description,
-            plant=plant,
+            hardware=hardware,
             link=link,
-            source=plant.open_source(),
-            person=plant.operator,
-            interrupted=plant.interrupted,
+            source=hardware.open_source(),
+            person=hardware.operator,
+            interrupted=hardware.interrupted,
             needle=NeedleState(None, recording.state),
         )
         rig.connect()
-        yield rig, plant
+        yield rig, hardware

@@ -22,12 +22,12 @@ from labrig.devices.cia402_states import (
 )
 from labrig.devices.simulated import sdo_server
 from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.canopen_node import CanopenNode, NmtState
 from labrig.devices.simulated.dictionary import ObjectTable
-from labrig.devices.simulated.homing import Stretch, plan_homing
-from labrig.devices.simulated.journal import DriveEvent, Journal
-from labrig.devices.simulated.node import NmtState, Node
+from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
+from labrig.devices.simulated.homing import HomingMove, plan_homing
 from labrig.devices.simulated.sdo_server import SdoAbortError
-from labrig.devices.simulated.shaft import Mechanics, Shaft
+from labrig.devices.simulated.shaft import Mechanics, MotorShaft
 from labrig.devices.simulated.trapezoid import Limits
 
 _STATE_BITS = {state: bits for bits, state in reversed(STATUSWORDS.items())}
@@ -57,7 +57,7 @@ class SimulatedCia402Drive:
         What objects it has; those of `canopen_objects` that motion needs are among them.
     fixed : mapping of Entry to int
         What this drive has instead of the defaults, and keeps through every reset.
-    shaft_quadcounts : float
+    shaft_counts : float
         Where the motor's shaft stands [counts]; the counter starts at zero whatever this is, as after power on.
     mechanics : Mechanics
         What the shaft can run against.
@@ -94,28 +94,28 @@ class SimulatedCia402Drive:
         *,
         table: ObjectTable,
         fixed: Mapping[Entry, int],
-        shaft_quadcounts: float = 0.0,
+        shaft_counts: float = 0.0,
         mechanics: Mechanics = _NO_MECHANICS,
         boot_time_s: float = 0.0,
     ) -> None:
         self.node_id = node_id
         self._wire = wire
-        self.journal = Journal()
+        self.journal = DriveJournal()
         self.forced_inputs = 0
         self.lasting_errors: set[int] = set()
         self._clock = clock
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
-        self._shaft = Shaft(mechanics, clock.now_s(), shaft_quadcounts)
+        self._shaft = MotorShaft(mechanics, clock.now_s(), shaft_counts)
         self._state = DriveState.SWITCH_ON_DISABLED
         self._errors: list[int] = []
         self._target = 0.0
         self._waiting_target: float | None = None
-        self._stretches: list[Stretch] = []
+        self._stretches: list[HomingMove] = []
         self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
         self._moving = False
         self._inputs = 0
-        self.node = Node(
+        self.node = CanopenNode(
             wire,
             node_id,
             clock,
@@ -134,7 +134,7 @@ class SimulatedCia402Drive:
         self.node.boot()
 
     @property
-    def shaft_quadcounts(self) -> float:
+    def shaft_counts(self) -> float:
         """Where the motor's shaft stands, whatever the counter has been set to."""
         return self._shaft.position
 
@@ -239,7 +239,7 @@ class SimulatedCia402Drive:
 
     def stop_heartbeat(self) -> None:
         """Produce no heartbeat any more; everything else goes on."""
-        self.node.vigilance.mute = True
+        self.node.error_control.mute = True
 
     def press(self, inputs: int) -> None:
         """Hold switches closed: the bits of 0x2071:01."""

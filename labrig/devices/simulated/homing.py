@@ -7,14 +7,14 @@ Those below zero are maxon's, with its signs: -1 and -3 go with positive speed i
 import math
 from dataclasses import dataclass
 
-from labrig.devices.simulated.shaft import Shaft
+from labrig.devices.simulated.shaft import MotorShaft
 
 _TO_INDEX = frozenset({-2, -1, 1, 2, 7, 11})
 _FOR_EVER = 1e12
 
 
 @dataclass(frozen=True)
-class Stretch:
+class HomingMove:
     """A part of homing.
 
     Parameters
@@ -32,25 +32,27 @@ class Stretch:
     to_stop: bool = False
 
 
-def plan_homing(method: int, shaft: Shaft, quadcounts_per_turn: int, offset: float) -> tuple[Stretch, ...]:
+def plan_homing(
+    method: int, shaft: MotorShaft, quadcounts_per_turn: int, offset: float
+) -> tuple[HomingMove, ...]:
     """Return the stretches of a method from where the shaft stands, the home offset last."""
     if method in {0, 35, 37}:
         return ()
     if method in {33, 34}:
         index = _next_index(shaft.actual, 1 if method == 34 else -1, shaft.zero, quadcounts_per_turn)
-        return (Stretch(index, slow=True), Stretch(index + offset, slow=True))
+        return (HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
     place, direction, back = _end_of(method, shaft)
     if place is None:
-        return (Stretch(direction * _FOR_EVER, to_stop=method < 0),)
+        return (HomingMove(direction * _FOR_EVER, to_stop=method < 0),)
     end = place - shaft.zero
-    first = Stretch(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
+    first = HomingMove(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
     if method not in _TO_INDEX:
-        return (first, Stretch(end + offset, slow=True))
+        return (first, HomingMove(end + offset, slow=True))
     index = _next_index(end, back, shaft.zero, quadcounts_per_turn)
-    return (first, Stretch(index, slow=True), Stretch(index + offset, slow=True))
+    return (first, HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
 
 
-def _end_of(method: int, shaft: Shaft) -> tuple[float | None, int, int]:
+def _end_of(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
     """Return (place of the stop or switch, direction towards it, direction in which the index is sought)."""
     mechanics = shaft.mechanics
     ends = {

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import can
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.journal import DriveEvent
+from labrig.devices.simulated.drive_journal import DriveEvent
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
 from labrig.errors import BusError, InputError
@@ -182,5 +182,5 @@ def serve_drives(
             drives.serve(until)
         finally:
             if journal is not None:
-                lines = [json.dumps({"node_id": node, **asdict(event)}) for node, event in drives.events()]
+                lines = [json.dumps({"node_id": node, **event.document()}) for node, event in drives.events()]
                 journal.write_text("".join(line + "\n" for line in lines), encoding="utf-8")

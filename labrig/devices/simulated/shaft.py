@@ -29,7 +29,7 @@ class Mechanics:
     home_switch: float | None = None
 
 
-class Shaft:
+class MotorShaft:
     """Where the shaft is asked to be, where it is, and what its counter says.
 
     Parameters

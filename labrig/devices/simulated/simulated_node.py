@@ -2,17 +2,17 @@
 
 from typing import Protocol
 
-from labrig.devices.simulated.journal import Journal
+from labrig.devices.simulated.drive_journal import DriveJournal
 
 
 class SimulatedNode(Protocol):
     """A simulated drive on a wire, with the motor's shaft that it turns."""
 
     node_id: int
-    journal: Journal
+    journal: DriveJournal
 
     @property
-    def shaft_quadcounts(self) -> float:
+    def shaft_counts(self) -> float:
         """Where the motor's shaft stands, in counts of the drive, whatever its counter has been set to."""
         ...
 

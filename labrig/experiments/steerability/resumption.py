@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from labrig.devices.operator import ConfirmNeedleOut, WithdrawNeedle
-from labrig.devices.past import PastInsertion
+from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import BegunTrial, rest_of_sweep

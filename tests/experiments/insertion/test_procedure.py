@@ -42,7 +42,7 @@ def certified(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[
     """Open a rig on which a needle is mounted, the axes are referenced, and its roll zero is certified."""
     with bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
-        opened.opened.plant.world.mount_needle("N1")
+        opened.opened.hardware.world.mount_needle("N1")
         rig.reference_axes()
         rig.needle.certify_roll_zero(RollZero("N1", 0.0, 0.01, "before"))
         yield opened
@@ -330,7 +330,7 @@ def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
     """The screw jams at 12 mm: the drive lags behind, every axis stands, and the needle counts as in tissue."""
     protocol = insertion()
     with certified(tmp_path, protocol, EVEN) as opened:
-        insertion_drive = opened.opened.plant.drives["insertion"]
+        insertion_drive = opened.opened.hardware.drives["insertion"]
 
         def jam(_done: float, doing: str) -> None:
             if doing == "inserted 12 mm":

@@ -46,7 +46,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
 def test_a_device_that_does_not_answer_is_in_the_snapshot_with_its_reason(tmp_path: Path) -> None:
     """A dead drive does not keep the snapshot of the others from being taken."""
     with bench(tmp_path, sweep()) as rig:
-        rig.opened.plant.drives["rotation"].unplug()
+        rig.opened.hardware.drives["rotation"].unplug()
         axes = rig.opened.rig.snapshot()["axes"]
         assert isinstance(axes, dict)
         assert set(axes["rotation"]) == {"error"}
@@ -116,7 +116,7 @@ def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None
     """The needle stands still, the run is aborted, and the rig remembers the needle in tissue."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.plant.clock
+        clock = rig.opened.hardware.clock
 
         def after_ten_seconds() -> None:
             if clock.now_s() > 10:
@@ -142,13 +142,13 @@ def test_a_fault_of_a_drive_fails_the_run_by_name(tmp_path: Path) -> None:
     """A following error in the middle of an insertion ends it as failed, naming axis and fault."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.plant.clock
+        clock = rig.opened.hardware.clock
         struck: list[float] = []
 
         def lag() -> None:
             if clock.now_s() > 10 and not struck:
                 struck.append(clock.now_s())
-                rig.opened.plant.drives["insertion"].fail(0x8611)
+                rig.opened.hardware.drives["insertion"].fail(0x8611)
 
         clock.on_advance(lag)
         outcome, run = rig.conduct(protocol)
@@ -163,11 +163,11 @@ def test_a_drive_that_falls_silent_fails_the_run_and_the_record_is_closed(tmp_pa
     """When even stopping cannot be confirmed, the record says both and is closed all the same."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        clock = rig.opened.plant.clock
+        clock = rig.opened.hardware.clock
 
         def unplug() -> None:
             if clock.now_s() > 10:
-                rig.opened.plant.drives["insertion"].unplug()
+                rig.opened.hardware.drives["insertion"].unplug()
 
         clock.on_advance(unplug)
         outcome, run = rig.conduct(protocol)

@@ -100,7 +100,7 @@ def test_a_run_that_was_stopped_before_its_first_insertion_goes_on_from_the_star
     with bench(tmp_path, protocol) as at:
         at.opened.rig.operator = Watched(at.opened.rig.operator, declines=MountNeedle)
         assert conduct(find_experiment(protocol.experiment), protocol, at.session).exit_status == "aborted"
-        at.opened.rig.operator = at.opened.plant.operator
+        at.opened.rig.operator = at.opened.hardware.operator
         outcome, run = _go_on(at, protocol, open_run(at.recorder.path))
     assert outcome.exit_status == "success"
     assert list(run.trials["exit_status"]) == ["success"]

@@ -31,11 +31,11 @@ def test_a_computer_that_hangs_does_not_beat_and_the_drives_stop() -> None:
     """Time passes without labrig: within the heartbeat time and its deceleration the axis stands still."""
     with opened_rig() as opened:
         _moving(opened)
-        drive, clock = opened.plant.drives["insertion"], opened.plant.clock
+        drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock
         clock.sleep(0.5 + 0.1 + 5.0 / 200)
-        stood = drive.shaft_quadcounts
+        stood = drive.shaft_counts
         clock.sleep(1.0)
-        assert drive.shaft_quadcounts == stood
+        assert drive.shaft_counts == stood
         with pytest.raises(DriveFaultError) as fault:
             opened.rig.read_states()
         assert (fault.value.code, fault.value.register & 0x10) == (0x8130, 0x10)
@@ -47,18 +47,18 @@ def test_a_drive_that_stops_beating_is_silent() -> None:
     """It still answers, but its heartbeat has stopped: the rig stops within its timeout and names the drive."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.plant.drives["linear"].stop_heartbeat()
-        mute_s = opened.plant.clock.now_s()
+        opened.hardware.drives["linear"].stop_heartbeat()
+        mute_s = opened.hardware.clock.now_s()
         with pytest.raises(DriveSilentError, match=r"axis linear \(node 3\) has sent no heartbeat"):
             opened.rig.wait(2.0)
-        assert opened.plant.clock.now_s() - mute_s < 0.5 + 0.5
+        assert opened.hardware.clock.now_s() - mute_s < 0.5 + 0.5
 
 
 def test_a_power_cycle_in_the_middle_of_a_move_is_named() -> None:
     """The boot-up is heard: the axis has lost its reference, and the others are stopped."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.plant.drives["insertion"].restart()
+        opened.hardware.drives["insertion"].restart()
         with pytest.raises(DriveRestartedError, match="lost power, its position and its reference"):
             opened.rig.wait(1.0)
 
@@ -67,21 +67,21 @@ def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
     """Nothing can be sent; the error says so, and the drives stop for want of beats."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.plant.wire.bus_off()
+        opened.hardware.wire.bus_off()
         with pytest.raises(BusOffError, match="bus is off"):
             opened.rig.wait(1.0)
-        drive, clock = opened.plant.drives["insertion"], opened.plant.clock
+        drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock
         clock.sleep(1.0)
-        stood = drive.shaft_quadcounts
+        stood = drive.shaft_counts
         clock.sleep(1.0)
-        assert drive.shaft_quadcounts == stood
+        assert drive.shaft_counts == stood
 
 
 def test_an_unplugged_adapter_is_a_bus_error() -> None:
     """The next frame finds it out."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.plant.wire.unplug()
+        opened.hardware.wire.unplug()
         with pytest.raises(BusError, match="took no frame"):
             opened.rig.wait(1.0)
 
@@ -91,7 +91,7 @@ def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
     """The question is asked again, or the second answer is dropped; the move goes on."""
     with opened_rig() as opened:
         _moving(opened)
-        getattr(opened.plant.wire, fault)(2)
+        getattr(opened.hardware.wire, fault)(2)
         for _ in range(3):
             _read(opened)
         assert sum(sum(axis.counts().values()) for axis in opened.rig.axes) >= 1

@@ -16,7 +16,7 @@ _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
 
 
-class DeadManClock:
+class HeartbeatClock:
     """A clock that beats while it waits.
 
     Parameters

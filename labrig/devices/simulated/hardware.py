@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
-from labrig.devices.camera_kind import CameraContext, camera_kind
+from labrig.devices.camera_kind import CameraContext, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.drive import find_drive_kind
-from labrig.devices.past import PastInsertion
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.faults import FaultScript
@@ -22,7 +22,7 @@ _STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
 """How far beyond the limits of an axis that travels its hard stops and limit switches stand [mm]."""
 
 
-class SimulatedPlant:
+class SimulatedHardware:
     """What stands where a bench has its hardware.
 
     Parameters
@@ -69,7 +69,7 @@ class SimulatedPlant:
     def open_source(self) -> PictureSource:
         """Open the camera, which may see the world. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder, self.world)
-        return camera_kind(self._rig.camera).open(self._rig.camera, context)
+        return find_camera_kind(self._rig.camera).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""
@@ -99,8 +99,7 @@ class SimulatedPlant:
     def _where(self) -> dict[str, float]:
         """Return where each axis truly stands [mm or rad]."""
         return {
-            name: self._scales[name].to_position(drive.shaft_quadcounts)
-            for name, drive in self.drives.items()
+            name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
         }
 
 

@@ -7,7 +7,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.operator import Answer, OperatorRequest, request_details
-from labrig.devices.past import PastInsertion
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
 from labrig.devices.replayed.commands import CommandWords
 from labrig.devices.replayed.comparison import Comparison
@@ -18,7 +18,7 @@ _REAL_SLACK_US = 100_000
 """How much a replay may lag behind a record of real time, in which every wait was a little longer than asked."""
 
 
-class ReplayedPlant:
+class ReplayedHardware:
     """Clock, bus, camera and operator of a recorded session.
 
     Parameters

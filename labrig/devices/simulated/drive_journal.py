@@ -19,17 +19,21 @@ class DriveEvent:
         boot, nmt, state, emergency, set-point, brake, still or homing.
     text : str
         State entered, error code, and the like.
-    shaft_quadcounts : float
+    shaft_counts : float
         Where the shaft stood.
     """
 
     t_s: float
     kind: str
     text: str
-    shaft_quadcounts: float
+    shaft_counts: float
+
+    def document(self) -> dict[str, object]:
+        """Return it ready for JSON."""
+        return {"t_s": self.t_s, "kind": self.kind, "text": self.text, "shaft_quadcounts": self.shaft_counts}
 
 
-class Journal:
+class DriveJournal:
     """The last events of a drive, oldest first."""
 
     def __init__(self) -> None:

@@ -13,9 +13,9 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.dictionary import ObjectDictionary, ObjectTable
+from labrig.devices.simulated.error_control import ErrorControl
 from labrig.devices.simulated.pdo import PdoEngine
 from labrig.devices.simulated.sdo_server import SdoServer
-from labrig.devices.simulated.vigilance import Vigilance
 
 _PDO_ENTRIES = frozenset(
     {*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS, *co.TPDO_TYPES, co.RESTORE_PDO_IDS}
@@ -32,7 +32,7 @@ class NmtState(IntEnum):
     PRE_OPERATIONAL = 127
 
 
-class Node:
+class CanopenNode:
     """What of a simulated drive is on the bus; what it does stands in the folder of its kind.
 
     Parameters
@@ -91,7 +91,7 @@ class Node:
             is_pre_operational=lambda: self.state is NmtState.PRE_OPERATIONAL,
         )
         self._sdo = SdoServer(self.objects.read, self.objects.write)
-        self.vigilance = Vigilance(self.objects, self._send_state, on_silence)
+        self.error_control = ErrorControl(self.objects, self._send_state, on_silence)
         self.pdo = PdoEngine(self.objects, self.send, on_pdo_error)
         self._wire = wire
         self._bus = InProcessBus(wire, self._on_frame)
@@ -113,7 +113,7 @@ class Node:
         self.state = NmtState.PRE_OPERATIONAL
         self.pdo.configure()
         self.send(0x700 + self.node_id, b"\0")
-        self.vigilance.start(self._clock.now_s())
+        self.error_control.start(self._clock.now_s())
 
     def enter(self, state: NmtState) -> None:
         """Change the NMT state."""
@@ -126,7 +126,7 @@ class Node:
         self._wire.tick(now_s)
         if self.state is NmtState.OFF:
             return
-        self.vigilance.tick(now_s)
+        self.error_control.tick(now_s)
         if self.state is NmtState.OPERATIONAL:
             self.pdo.send_changes(now_s)
 
@@ -159,7 +159,7 @@ class Node:
 
     def _written(self, entry: Entry, value: int, before: int) -> None:
         if entry in _WATCH_ENTRIES:
-            self.vigilance.configure(self._clock.now_s())
+            self.error_control.configure(self._clock.now_s())
         elif entry in _PDO_ENTRIES:
             self.pdo.configure()
         self._written_further(entry, value, before)
@@ -176,13 +176,13 @@ class Node:
         elif can_id == 0x000:
             self._on_nmt(bytes(message.data))
         elif can_id >= 0x700:
-            self.vigilance.hear(can_id - 0x700, self._clock.now_s())
+            self.error_control.hear(can_id - 0x700, self._clock.now_s())
         elif self.state is NmtState.OPERATIONAL and can_id < 0x580:
             self._on_process_data(can_id, bytes(message.data))
 
     def _on_remote(self, can_id: int) -> None:
         if can_id == 0x700 + self.node_id:
-            self.vigilance.guard(self._clock.now_s())
+            self.error_control.guard(self._clock.now_s())
         elif self.state is NmtState.OPERATIONAL:
             self._before_frame()
             self.pdo.request(can_id)

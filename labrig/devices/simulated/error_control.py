@@ -7,7 +7,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.simulated.dictionary import ObjectDictionary
 
 
-class Vigilance:
+class ErrorControl:
     """Producer and consumer heartbeat, node guarding and life guarding of one node.
 
     Parameters

@@ -1,4 +1,4 @@
-"""What a rig is made of, real or simulated, as one `Plant`; here, and only here, the rig file chooses."""
+"""What a rig is made of, real or simulated, as one `Hardware`; here, and only here, the rig file chooses."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -6,15 +6,15 @@ from typing import Protocol
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink, open_can
 from labrig.devices.camera import PictureSource
-from labrig.devices.camera_kind import CameraContext, camera_kind
+from labrig.devices.camera_kind import CameraContext, find_camera_kind
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
-from labrig.devices.past import PastInsertion
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig_file import RigDescription
-from labrig.devices.simulated.plant import SimulatedPlant
+from labrig.devices.simulated.hardware import SimulatedHardware
 
 
-class Plant(Protocol):
+class Hardware(Protocol):
     """Where bus, camera and clock of a rig come from."""
 
     @property
@@ -48,7 +48,7 @@ class Plant(Protocol):
         ...
 
 
-class BenchPlant:
+class BenchHardware:
     """A real bus, camera and clock.
 
     Parameters
@@ -70,7 +70,7 @@ class BenchPlant:
     def open_source(self) -> PictureSource:
         """Open the camera. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder)
-        return camera_kind(self._rig.camera).open(self._rig.camera, context)
+        return find_camera_kind(self._rig.camera).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: nobody knows."""
@@ -83,7 +83,7 @@ class BenchPlant:
         """Nothing is held beside link and source."""
 
 
-def make_plant(rig: RigDescription, seed: int) -> Plant:
+def make_hardware(rig: RigDescription, seed: int) -> Hardware:
     """Return what the rig file describes; nothing is opened yet.
 
     Parameters
@@ -98,4 +98,4 @@ def make_plant(rig: RigDescription, seed: int) -> Plant:
     InputError
         When entries are unknown that a simulated rig needs.
     """
-    return BenchPlant(rig) if rig.world is None else SimulatedPlant(rig, rig.world, seed)
+    return BenchHardware(rig) if rig.world is None else SimulatedHardware(rig, rig.world, seed)

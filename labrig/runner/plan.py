@@ -102,17 +102,24 @@ def find_rig_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
     """Return what a rig cannot do of an experiment that moves and measures: moves beyond a limit, no calibration."""
+    uncalibrated = (
+        Problem(result.check, result.value, result.solution)
+        for result in check_calibration(rig)
+        if result.status is CheckStatus.FAIL
+    )
+    return (*find_move_problems(protocol, rig, moves), *uncalibrated)
+
+
+def find_move_problems(
+    protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
+) -> tuple[Problem, ...]:
+    """Return what a rig cannot do of an experiment that moves; it may measure in pixels, without a calibration."""
     problems = [*find_unknown_entries(rig), *_picture_problems(protocol, rig)]
     for move in moves:
         try:
             check_axis_move(rig, move.axis, move.position, move.speed)
         except LimitError as error:
             problems.append(Problem(move.where, error.message, error.hint))
-    problems += [
-        Problem(result.check, result.value, result.solution)
-        for result in check_calibration(rig)
-        if result.status is CheckStatus.FAIL
-    ]
     return tuple(problems)
 
 

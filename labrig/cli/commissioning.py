@@ -23,6 +23,8 @@ from labrig.runner.commissioning import (
     jog,
 )
 
+_LEAST_MA = 50
+
 
 @dataclass(frozen=True)
 class Careful:
@@ -83,9 +85,13 @@ def _checked(names: Sequence[str]) -> tuple[str, ...]:
 @contextmanager
 def _opened(careful: Careful, axes: tuple[str, ...], doing: str) -> Iterator[Rig]:
     """Open axes of a rig without its camera, gently; faults are reset where the person confirms it."""
+    if 0 < careful.current_ma < _LEAST_MA:
+        raise InputError(
+            f"--current-ma {careful.current_ma} moves nothing", f"give {_LEAST_MA} or more, or 0 for no limit"
+        )
     description = load_rig(rig_file(careful.rig))
     remark_on_yes(description, yes=careful.yes)
-    opening = Opening(axes, camera=False, max_current_ma=careful.current_ma, reset_faults=True)
+    opening = Opening(axes, camera=False, max_current_ma=careful.current_ma or None, reset_faults=True)
     with rig_for_person(description, doing, opening=opening) as (rig, _):
         yield rig
 

@@ -16,7 +16,12 @@ YesOption = Annotated[
 ]
 CurrentOption = Annotated[
     int,
-    typer.Option("--current-ma", min=50, max=20_000, help="Output current in mA that no drive exceeds."),
+    typer.Option(
+        "--current-ma",
+        min=0,
+        max=20_000,
+        help="Output current in mA that no drive exceeds; 0 leaves the drives' own limits.",
+    ),
 ]
 
 

@@ -1,10 +1,12 @@
 """What the rig file says of an axis whatever drives it; each kind of drive adds its own keys."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
+from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.protocol.model import Conflict, Model
@@ -45,8 +47,10 @@ class AxisDescription(Model):
         Keys without which nothing can be converted; null where nobody has entered them yet.
     where_to_find : mapping of str to str
         Where each of them is found.
-    count_unit, speed_unit : str
-        What the drive counts positions and speeds in.
+    file_keys : tuple of str
+        Keys that name a file beside the rig file, of which every run keeps a copy.
+    count_unit : str
+        What the drive counts positions in.
     """
 
     homing_directions: ClassVar[Mapping[int, int]] = {}
@@ -55,8 +59,8 @@ class AxisDescription(Model):
         "gear_ratio": "turns of the motor a turn of the screw or shaft: plate of the gearhead; 1 without one",
         "lead_mm": "travel a turn of the screw: its data sheet, or ten turns measured and divided by ten",
     }
+    file_keys: ClassVar[tuple[str, ...]] = ()
     count_unit: ClassVar[str] = "counts"
-    speed_unit: ClassVar[str] = "rpm of the motor"
 
     driver: str = Field(description="Kind of drive.")
     unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
@@ -101,6 +105,29 @@ class AxisDescription(Model):
         description="Measured time by which what the axis moves follows later than its drive: a needle winds up while "
         "it is turned in gel. A turn of the bevel waits for it before the needle goes on [s].",
     )
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def placed_in(self, folder: Path) -> Self:
+        """Return this section as of a rig file in `folder`, to which its file names are relative."""
+        placed = self.model_copy()
+        placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
+        return placed
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files beside the rig file that this section names, by its keys."""
+        named = {key: getattr(self, key) for key in self.file_keys}
+        return {key: self._folder / name for key, name in named.items() if name is not None}
+
+    def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:  # noqa: ARG002 - for kinds that have some
+        """Yield what is wrong with files that this section names, or with its settings for such a drive."""
+        yield from ()
+
+    @property
+    def speed_unit(self) -> str:
+        """What the drive takes speeds in."""
+        return "rpm of the motor"
 
     @property
     def nodes(self) -> tuple[int, ...]:

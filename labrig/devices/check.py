@@ -19,7 +19,7 @@ from labrig.devices.drive import find_drive_kind
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import last_motion, motion_log_path
 from labrig.devices.needle_state import NeedleState
-from labrig.devices.rig_file import RigDescription, unknown_entries
+from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError
 from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
@@ -41,6 +41,10 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
     results = [
         CheckResult(key, CheckStatus.FAIL, "unknown", f"enter it: {w}")
         for key, w in unknown_entries(rig).items()
+    ]
+    results += [
+        CheckResult(key, CheckStatus.FAIL, problem.message, problem.hint)
+        for key, problem in section_problems(rig)
     ]
     owner = find_owner(rig)
     if owner:

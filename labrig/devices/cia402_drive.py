@@ -47,7 +47,7 @@ from labrig.devices.cia402_states import (
     TARGET_REACHED,
     DriveState,
     TargetState,
-    decode_state,
+    decode_standard_state,
     plan_controlword,
 )
 from labrig.devices.drive import STILL_LOOK_S, DriveReading, Homing, RoundedMove
@@ -74,6 +74,9 @@ STILL_COUNTS = 2
 LONGEST_STILL_TIME_S = 0.4
 """For so long a position must stay within the dither where nobody knows how fast the slowest creep counts [s]."""
 
+_CLASHING_ANSWERS = 3
+"""Answers that nobody asked for among those to who a drive is: one may be a frame that came twice."""
+
 _RESET_TIME_S = 0.05
 """How long a drive is given to take the reset of a fault."""
 
@@ -90,6 +93,18 @@ _REPORT_PATIENCE = 0.25
 """Part of the time for an answer that a report may take: it is a frame that is already on its way."""
 
 Section = TypeVar("Section", bound=AxisDescription)
+
+
+def still_time_s(slowest_counts_per_s: float | None) -> float:
+    """Return for how long a position must stay within `STILL_COUNTS` before an axis is said to stand still [s].
+
+    In this time the slowest speed that the drive can be told counts more than the dither at either end of the time:
+    such a creep never counts as standing still. Where that takes longer than `LONGEST_STILL_TIME_S`, or the speed is
+    unknown (None), it is that time, and a slower creep is not seen.
+    """
+    if slowest_counts_per_s is None:
+        return LONGEST_STILL_TIME_S
+    return min((2 * STILL_COUNTS + 1) / slowest_counts_per_s, LONGEST_STILL_TIME_S)
 
 
 class Cia402Drive(Generic[Section]):
@@ -121,7 +136,7 @@ class Cia402Drive(Generic[Section]):
     """
 
     tool: ClassVar[str] = "the program of its manufacturer"
-    reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x81FD})
+    reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x8130, 0x8140, 0x81FD})
     report_pdo: ClassVar[int] = 2
 
     def __init__(
@@ -144,6 +159,8 @@ class Cia402Drive(Generic[Section]):
         self._offset_counts = 0
         self._target: int | None = None
         self._settings: dict[Entry, int] = {}
+        self._heartbeat: HeartbeatDescription | None = None
+        self._own_limits: dict[Entry, int] = {}
         self._written: tuple[str, ...] = ()
         self.has_restarted = False
         self._emergency: tuple[int, int] | None = None
@@ -179,6 +196,20 @@ class Cia402Drive(Generic[Section]):
     def _window_counts(self) -> int:
         return self.scale.to_distance_counts(self.section.position_window)
 
+    # What a kind of drive has of its own
+
+    def decode(self, statusword: int) -> DriveState:
+        """Return the state that a statusword tells, as CiA 402 has it."""
+        return decode_standard_state(statusword)
+
+    def own_entry(self, entry: Entry) -> Entry:
+        """Return an object with the width that it has in this drive."""
+        return entry
+
+    def has(self, entry: Entry) -> bool:  # noqa: ARG002 - for drives that lack some
+        """Tell whether the drive has an object that not every drive has."""
+        return True
+
     # Objects
 
     def upload(self, entry: Entry) -> int:
@@ -188,6 +219,7 @@ class Cia402Drive(Generic[Section]):
         ------
         DriveSilentError, DriveRefusedError, BusError
         """
+        entry = self.own_entry(entry)
         try:
             return entry.unpack(self.sdo.upload(entry.index, entry.subindex))
         except SdoAbortedError as error:
@@ -197,6 +229,7 @@ class Cia402Drive(Generic[Section]):
 
     def download(self, entry: Entry, value: int) -> None:
         """Write an object. Raises as `upload`."""
+        entry = self.own_entry(entry)
         what = f"{entry.name} ({entry.place}) = {value}"
         try:
             self.sdo.download(entry.index, entry.subindex, entry.pack(value))
@@ -238,17 +271,29 @@ class Cia402Drive(Generic[Section]):
             self.send_nmt(_NMT_PRE_OPERATIONAL)
             return self.upload(co.VENDOR_ID)
 
+    def require_alone(self, strays: int) -> None:
+        """Refuse a node id for which two nodes have answered, since there were so many stray answers.
+
+        Answers to whoever asked before do not count. Raises `DriveError`.
+        """
+        if self.sdo.strays - strays >= _CLASHING_ANSWERS:
+            raise DriveError(
+                f"{self.name}: two nodes answer as node {self.node_id}",
+                "give every drive a node id of its own",
+            )
+
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
         return self._cob_ids(co.TRANSMIT_PDO_COB_IDS), self._cob_ids(co.RECEIVE_PDO_COB_IDS)
 
     def _cob_ids(self, entries: Iterable[Entry]) -> frozenset[int]:
-        values = (self.upload(entry) for entry in entries)
+        values = (self.upload(entry) for entry in entries if self.has(entry))
         return frozenset(value & 0x7FF for value in values if not value & _PDO_UNUSED)
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Hold the drive off and give it its settings; heartbeats are watched from here."""
         self.hold_off()
+        self._heartbeat = heartbeat
         self.watch(heartbeat.period_ms, heartbeat.timeout_ms / 1000)
         limit = self.limit_current(max_current_ma)
         self._settings = self.settings_of(heartbeat) | limit
@@ -260,13 +305,29 @@ class Cia402Drive(Generic[Section]):
         raise NotImplementedError
 
     def limit_current(self, max_current_ma: int | None) -> dict[Entry, int]:
-        """Return the setting that limits the current. Raises `DriveError` where there is none."""
+        """Return the setting that limits the current, and keep the drive's own for `close`.
+
+        Raises
+        ------
+        DriveError
+            Where the drive has no limit.
+        """
         if max_current_ma is None:
             return {}
-        raise DriveError(
-            f"{self.name} has no current limit that labrig can set, asked for {max_current_ma} mA",
-            f"set it in {self.tool}",
-        )
+        found = self.find_current_limit()
+        if found is None:
+            raise DriveError(
+                f"{self.name} has no current limit that labrig can set, asked for {max_current_ma} mA",
+                f"set it in {self.tool}; --current-ma 0 asks for none",
+            )
+        entry, milliamperes = found
+        own = self.upload(entry)
+        self._own_limits = {entry: own}
+        return {entry: min(math.floor(max_current_ma / milliamperes), own)}
+
+    def find_current_limit(self) -> tuple[Entry, float] | None:
+        """Return the object that limits the current and what one unit of it is [mA]; None where there is none."""
+        return None
 
     def settings(self) -> dict[str, int]:
         """Return what each setting was asked to be; each was read back, those that differed were written."""
@@ -281,8 +342,10 @@ class Cia402Drive(Generic[Section]):
         }
 
     def close(self) -> None:
-        """Switch power off and let both heartbeats end: the drive is left alone without power, which is no fault."""
+        """Switch power off, give the drive its current limit back, and let both heartbeats end, which is no fault."""
         self.disable()
+        if self._own_limits:
+            self.adjust(self._own_limits)
         self.unwatch()
 
     def hold_off(self) -> None:
@@ -359,10 +422,10 @@ class Cia402Drive(Generic[Section]):
         since_s: dict[DriveState, float] = {}
         while True:
             statusword = self.statusword()
-            state, now_s = decode_state(statusword), self._clock.now_s()
+            state, now_s = self.decode(statusword), self._clock.now_s()
             if goal is TargetState.ENABLED:
                 self._refuse_fault(statusword)
-            plan = plan_controlword(statusword, goal)
+            plan = plan_controlword(statusword, goal, self.decode)
             if plan.attained:
                 return
             if now_s - since_s.setdefault(state, now_s) > ANSWER_TIME_S:
@@ -407,7 +470,8 @@ class Cia402Drive(Generic[Section]):
         ------
         DriveError, BusError
         """
-        found = tuple(self.upload(entry) for entry in co.TPDO_MAPS[self.report_pdo][: len(_REPORT_MAP)])
+        mapping = co.TPDO_MAPS[self.report_pdo][: len(_REPORT_MAP)]
+        found = tuple(self.upload(entry) for entry in mapping if self.has(entry))
         self._has_reports = found == _REPORT_MAP
         if not self._has_reports:
             return
@@ -448,7 +512,7 @@ class Cia402Drive(Generic[Section]):
         return self.statusword(), self.counter()
 
     def _note_state(self, statusword: int) -> None:
-        self._was_enabled = decode_state(statusword) is DriveState.OPERATION_ENABLED
+        self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
 
     # Moving
 
@@ -475,7 +539,7 @@ class Cia402Drive(Generic[Section]):
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
-        return DriveReading(self._position(counter), statusword, decode_state(statusword), arrived)
+        return DriveReading(self._position(counter), statusword, self.decode(statusword), arrived)
 
     def start_profile(self, target: int, speed_units: int) -> None:
         """Start a profile to an absolute position, with both edges of the set-point handshake.
@@ -507,13 +571,13 @@ class Cia402Drive(Generic[Section]):
 
     def stop(self) -> None:
         """Decelerate and hold, if the axis is powered; power is never switched on by this."""
-        if decode_state(self.statusword()) is DriveState.OPERATION_ENABLED:
+        if self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
     def send_stop(self) -> None:
         """Tell a drive that was enabled when it was last heard to halt, and wait for nothing. Raises `BusError`."""
         if self._was_enabled:
-            data = co.CONTROLWORD.pack(ENABLE | HALT)
+            data = self.own_entry(co.CONTROLWORD).pack(ENABLE | HALT)
             self.sdo.post(co.CONTROLWORD.index, co.CONTROLWORD.subindex, data)
 
     def quick_stop(self) -> None:
@@ -670,7 +734,7 @@ class Cia402Drive(Generic[Section]):
 
     def _refuse_unless_enabled(self, statusword: int) -> None:
         self._refuse_fault(statusword)
-        state = decode_state(statusword)
+        state = self.decode(statusword)
         if state is not DriveState.OPERATION_ENABLED:
             raise DriveError(
                 f"{self.name} is in {state.name} (statusword 0x{statusword:04X}), expected OPERATION_ENABLED",
@@ -678,9 +742,12 @@ class Cia402Drive(Generic[Section]):
             )
 
     def _refuse_fault(self, statusword: int) -> None:
-        if decode_state(statusword) in FAULTED:
-            code = self.upload(co.LAST_ERROR) & 0xFFFF if self.upload(co.ERROR_COUNT) else 0
-            raise self._fault(code, self.upload(co.ERROR_REGISTER))
+        if self.decode(statusword) in FAULTED:
+            raise self._fault(self.error_code(), self.upload(co.ERROR_REGISTER))
+
+    def error_code(self) -> int:
+        """Return the code of the newest error, as far as the drive tells it; 0 where it does not."""
+        return self.upload(co.LAST_ERROR) & 0xFFFF if self.upload(co.ERROR_COUNT) else 0
 
     def describe_emergency(self, code: int) -> Emergency:
         """Return what an error code means; each kind has its own table."""
@@ -701,8 +768,9 @@ class Cia402Drive(Generic[Section]):
         return None
 
     def current_limit_ma(self) -> int | None:
-        """Return nothing: the profile has no current limit in milliamperes."""
-        return None
+        """Return the output current that the drive does not exceed [mA]; None where it has no such limit."""
+        found = self.find_current_limit()
+        return None if found is None else math.floor(self.upload(found[0]) * found[1])
 
     def faults(self) -> tuple[DriveFaultError, ...]:
         """Return the newest fault, where the drive is in one as its statusword says."""
@@ -728,6 +796,7 @@ class Cia402Drive(Generic[Section]):
             self._clock.sleep(ANSWER_TIME_S)
             self.has_restarted = False
             self.send_nmt(_NMT_START)
+            self._restore_communication()
         self.download(co.CONTROLWORD, 0)
         self.download(co.CONTROLWORD, FAULT_RESET)
         self._clock.sleep(_RESET_TIME_S)
@@ -735,6 +804,13 @@ class Cia402Drive(Generic[Section]):
         self._emergency = None
         for left in self.faults():
             raise left.reworded(f"{left.message}; it could not be reset, its cause is still there")
+
+    def _restore_communication(self) -> None:
+        """Bring back what resetting the communication took: both heartbeats and the report, once configured."""
+        if self._heartbeat is not None:
+            self.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
+            self.verify_dead_man(self._heartbeat)
+            self.let_report()
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self._heard_s = self._clock.now_s()

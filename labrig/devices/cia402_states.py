@@ -1,10 +1,11 @@
-"""The state machine of a drive (CiA 402, with the states that maxon adds) as one pure function.
+"""The state machine of a drive (CiA 402, with the states that maxon's EPOS2 adds) as one pure function.
 
 `plan_controlword` never resets a fault: its controlwords leave bit 7 alone, and from a fault it raises. It
 leads to an enabled power stage only when enabling is the goal, and then with the Halt bit set, so that a
 stale target moves nothing.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -65,7 +66,10 @@ HOMING_ERROR = 0x2000
 REFERENCED = 0x8000
 
 STATE_BITS = 0x417F
-"""The bits that name a state: 0 to 6, 8 and 14."""
+"""The bits that name a state of an EPOS2: 0 to 6, 8 and 14."""
+
+STANDARD_STATE_BITS = 0x006F
+"""The bits that name a state in CiA 402; bit 4 is the voltage, bits 8 and 14 are the manufacturer's."""
 
 STATUSWORDS = {
     0x0000: DriveState.START,
@@ -81,6 +85,21 @@ STATUSWORDS = {
     0x010F: DriveState.FAULT_REACTION,
     0x011F: DriveState.FAULT_REACTION,
     0x0108: DriveState.FAULT,
+}
+
+STANDARD_STATUSWORDS = {
+    0x0000: DriveState.NOT_READY,
+    0x0020: DriveState.NOT_READY,
+    0x0040: DriveState.SWITCH_ON_DISABLED,
+    0x0060: DriveState.SWITCH_ON_DISABLED,
+    0x0021: DriveState.READY_TO_SWITCH_ON,
+    0x0023: DriveState.SWITCHED_ON,
+    0x0027: DriveState.OPERATION_ENABLED,
+    0x0007: DriveState.QUICK_STOP_ACTIVE,
+    0x000F: DriveState.FAULT_REACTION,
+    0x002F: DriveState.FAULT_REACTION,
+    0x0008: DriveState.FAULT,
+    0x0028: DriveState.FAULT,
 }
 
 FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
@@ -119,12 +138,19 @@ _PLANS: dict[TargetState, dict[DriveState, NextStep]] = {
 
 
 def decode_state(statusword: int) -> DriveState:
-    """Return the state that a statusword tells."""
+    """Return the state that a statusword of an EPOS2 tells."""
     return STATUSWORDS.get(statusword & STATE_BITS, DriveState.UNKNOWN)
 
 
-def plan_controlword(statusword: int, goal: TargetState) -> NextStep:
-    """Return the next step from `statusword` towards `goal`.
+def decode_standard_state(statusword: int) -> DriveState:
+    """Return the state that a statusword tells as CiA 402 has it."""
+    return STANDARD_STATUSWORDS.get(statusword & STANDARD_STATE_BITS, DriveState.UNKNOWN)
+
+
+def plan_controlword(
+    statusword: int, goal: TargetState, decode: Callable[[int], DriveState] = decode_state
+) -> NextStep:
+    """Return the next step from `statusword`, whose state `decode` tells, towards `goal`.
 
     States that a drive passes by itself (start, refresh, measure init, fault reaction) and patterns that are
     in no document are waited through; who waits must bound it.
@@ -134,7 +160,7 @@ def plan_controlword(statusword: int, goal: TargetState) -> NextStep:
     DriveError
         When the drive is to be enabled and reports a fault: a fault is reset by a person, never from here.
     """
-    state = decode_state(statusword)
+    state = decode(statusword)
     if goal is TargetState.ENABLED and state in FAULTED:
         raise DriveError(
             f"the drive reports a fault (statusword 0x{statusword:04X}) and cannot be enabled",

@@ -161,7 +161,8 @@ class RigDescription(Model):
 
     def placed_in(self, folder: Path) -> Self:
         """Return this description as of a file in `folder`, to which its file names are relative."""
-        placed = self.model_copy()
+        axes = {name: axis.placed_in(folder) for name, axis in self.axes.items()}
+        placed = self.model_copy(update={"axes": self.axes.model_copy(update=axes)})
         placed._folder = folder  # noqa: SLF001 - of this class; not a field, so that it enters neither file nor record
         return placed
 
@@ -221,9 +222,16 @@ class RigDescription(Model):
         return {f"mask{path.suffix}": path}
 
     def calibration_files(self) -> dict[str, Path]:
-        """Return the files named that exist: a rig that is being calibrated has none yet."""
+        """Return the files named that exist, those of the axes too: a rig that is being calibrated has few yet."""
         named = self.calibration_paths() | self.template_paths() | self.mask_paths()
+        for name, axis in self.axes.items():
+            named |= {kept_name(name, key, path): path for key, path in axis.files.items()}
         return {name: path for name, path in named.items() if path.is_file()}
+
+
+def kept_name(axis: str, key: str, path: Path) -> str:
+    """Return the name in a record of the file that an axis names by a key."""
+    return f"{axis}-{key}{path.suffix}"
 
 
 _OTHER_KINDS = {
@@ -263,18 +271,33 @@ def unknown_entries(rig: RigDescription) -> dict[str, str]:
     }
 
 
+def section_problems(rig: RigDescription) -> Iterator[tuple[str, Conflict]]:
+    """Yield what is wrong with files and settings of each axis, with the key at which it is."""
+    for name, axis in rig.axes.items():
+        for conflict in axis.problems(rig.can.heartbeat):
+            yield f"axes.{name}.{conflict.key}", conflict
+
+
 def require_complete(rig: RigDescription, axes: Collection[str]) -> None:
-    """Refuse a rig file with unknown entries of these axes, naming each.
+    """Refuse a rig file with unknown entries of these axes, or with files or settings that their drives do not take.
 
     Raises
     ------
     InputError
+        Names each.
     """
     unknown = [entry for entry in unknown_entries(rig) if entry.split(".")[1] in axes]
     if unknown:
         raise InputError(
             f"rig {rig.name} cannot be opened, unknown: {', '.join(unknown)}",
             "enter them in the rig file; labrig devices check --rig FILE says where to find each",
+        )
+    problems = [(key, problem) for key, problem in section_problems(rig) if key.split(".")[1] in axes]
+    if problems:
+        raise InputError(
+            f"rig {rig.name} cannot be opened: "
+            + "; ".join(f"{key}: {problem.message}" for key, problem in problems),
+            problems[0][1].hint,
         )
 
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from labrig.devices.check import check_calibration
 from labrig.devices.check_result import CheckStatus
-from labrig.devices.rig_file import RigDescription, check_axis_move, unknown_entries
+from labrig.devices.rig_file import RigDescription, check_axis_move, section_problems, unknown_entries
 from labrig.errors import LimitError, Problem
 from labrig.protocol.sections import ExperimentProtocol, GridSentinel, Sheath
 from labrig.runner.experiment import PlannedMove, RunPlan
@@ -81,10 +81,12 @@ def sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
     return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
 
 
-def find_unknown_entries(rig: RigDescription) -> Iterator[Problem]:
-    """Yield the entries of a rig file that nobody has filled in."""
+def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
+    """Yield the entries of a rig file that nobody has filled in, and what is wrong with the files that it names."""
     for key, where in unknown_entries(rig).items():
         yield Problem(f"rig {key}", "unknown", f"enter it: {where}")
+    for key, problem in section_problems(rig):
+        yield Problem(f"rig {key}", problem.message, problem.hint)
 
 
 def _picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
@@ -114,7 +116,7 @@ def find_move_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
     """Return what a rig cannot do of an experiment that moves; it may measure in pixels, without a calibration."""
-    problems = [*find_unknown_entries(rig), *_picture_problems(protocol, rig)]
+    problems = [*find_rig_file_problems(rig), *_picture_problems(protocol, rig)]
     for move in moves:
         try:
             check_axis_move(rig, move.axis, move.position, move.speed)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.devices import canopen_objects as co
-from labrig.devices.cia402_drive import STILL_COUNTS
+from labrig.devices.cia402_drive import STILL_COUNTS, still_time_s
 from labrig.devices.cia402_states import (
     ENABLE,
     FAULT_RESET,
@@ -23,7 +23,6 @@ from labrig.devices.cia402_states import (
 )
 from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.driver import still_time_s
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
 from tests.devices.rigs import OneDrive, epos2_axis, one_drive
@@ -217,9 +216,9 @@ def test_standing_still_is_seen_in_time(ready: OneDrive) -> None:
 @given(pulses=st.integers(188, 65_535), phase=st.floats(0, 1))
 def test_a_creep_moves_farther_than_a_servo_at_rest(pulses: int, phase: float) -> None:
     """In the time that is waited, 1 rpm turns any encoder by more than the dither, wherever its counts begin."""
-    turned = 4 * pulses / 60 * still_time_s(pulses)
+    turned = 4 * pulses / 60 * still_time_s(4 * pulses / 60)
     assert math.floor(phase + turned) - math.floor(phase) > STILL_COUNTS
-    assert still_time_s(pulses) <= still_time_s(None)
+    assert still_time_s(4 * pulses / 60) <= still_time_s(None)
 
 
 def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:

@@ -17,7 +17,8 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402_drive import LONGEST_STILL_TIME_S, STILL_COUNTS, Cia402Drive
+from labrig.devices.cia402_drive import Cia402Drive, still_time_s
+from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import Homing, Identity, raise_together
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
@@ -28,26 +29,10 @@ from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
 
 _SLOWEST_RPM = 1
-_CLASHING_ANSWERS = 3
-"""Answers that nobody asked for among the five to who a drive is: one may be a frame that came twice."""
-
 _INPUT_NAMES = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
 _GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("ABCDEFGH", start=8)}
 _INPUTS = {name: bit for bit, name in enumerate(_INPUT_NAMES)} | _GENERAL_INPUTS
 """Name of a digital input -> its bit in 0x2071:01."""
-
-
-def still_time_s(encoder_pulses: int | None) -> float:
-    """Return for how long a position must stay within `STILL_COUNTS` before an axis is said to stand still [s].
-
-    In this time the slowest speed that an EPOS2 can be told, 1 rpm, turns the encoder by more than the dither at
-    either end of the time: a creep never counts as standing still. An encoder below 188 pulses a turn, or an unknown
-    one (None), gets the longest time, in which a creep of 188 / pulses rpm is seen.
-    """
-    if encoder_pulses is None:
-        return LONGEST_STILL_TIME_S
-    quadcounts_per_s = 4 * encoder_pulses * _SLOWEST_RPM / 60
-    return min((2 * STILL_COUNTS + 1) / quadcounts_per_s, LONGEST_STILL_TIME_S)
 
 
 class Epos2(Cia402Drive[Epos2Axis]):
@@ -66,18 +51,23 @@ class Epos2(Cia402Drive[Epos2Axis]):
     """
 
     tool = "EPOS Studio"
+    reset_communication_first = frozenset({0x8120, 0x81FD})
 
     def __init__(self, link: CanLink, section: Epos2Axis, axis: str, clock: Clock) -> None:
+        pulses = section.encoder_pulses_per_turn
         super().__init__(
             link,
             section,
             axis,
             clock,
             node_id=section.node_id,
-            still_time_s=still_time_s(section.encoder_pulses_per_turn),
+            still_time_s=still_time_s(pulses and 4 * pulses * _SLOWEST_RPM / 60),
         )
         self._vouched: tuple[int, int] | None = None
-        self._own_current_ma: int | None = None
+
+    def decode(self, statusword: int) -> DriveState:
+        """Return the state that a statusword tells, with those that maxon adds."""
+        return decode_state(statusword)
 
     # Connecting
 
@@ -103,7 +93,6 @@ class Epos2(Cia402Drive[Epos2Axis]):
     def read_identity(self) -> Identity:
         """Return what the drive is, however it is set. Raises `DriveError` as `identify`."""
         vendor = self.wake()
-        # Answers to whoever asked before do not count.
         strays = self.sdo.strays
         device_type = self.upload(co.DEVICE_TYPE)
         if vendor != co.VENDOR_ID.default or device_type != co.DEVICE_TYPE.default:
@@ -115,11 +104,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
             raise self._not_an_epos2(f"hardware version 0x{hardware:04X}, {other}")
         versions = {"hardware_version": hardware, "software_version": self.upload(od.SOFTWARE_VERSION)}
         identity = Identity(model, self.upload(co.SERIAL_NUMBER), versions)
-        if self.sdo.strays - strays >= _CLASHING_ANSWERS:
-            raise DriveError(
-                f"{self.name}: two nodes answer as node {self.node_id}",
-                "give every drive a node id of its own",
-            )
+        self.require_alone(strays)
         return identity
 
     def _not_an_epos2(self, found: str) -> DriveError:
@@ -185,19 +170,9 @@ class Epos2(Cia402Drive[Epos2Axis]):
             self.ensure(od.CONFIGURATION_DATE, self._vouched[0])
             self.ensure(od.CONFIGURATION_TIME, self._vouched[1])
 
-    def limit_current(self, max_current_ma: int | None) -> dict[Entry, int]:
-        """Return the current limit of this opening, where it has one below the drive's own."""
-        if max_current_ma is None:
-            return {}
-        self._own_current_ma = self.upload(od.MAX_CURRENT)
-        return {od.MAX_CURRENT: min(max_current_ma, self._own_current_ma)}
-
-    def close(self) -> None:
-        """Switch power off, give the drive its current limit back, and let both heartbeats end."""
-        self.disable()
-        if self._own_current_ma is not None:
-            self.adjust({od.MAX_CURRENT: self._own_current_ma})
-        self.unwatch()
+    def find_current_limit(self) -> tuple[Entry, float] | None:
+        """Return the output current limit, in mA."""
+        return od.MAX_CURRENT, 1.0
 
     def describe(self) -> dict[str, object]:
         """Return how the drive converts and is set, for the record."""
@@ -238,10 +213,6 @@ class Epos2(Cia402Drive[Epos2Axis]):
     def current_ma(self) -> float | None:
         """Return the motor current [mA]."""
         return float(self.upload(co.CURRENT_ACTUAL))
-
-    def current_limit_ma(self) -> int | None:
-        """Return the output current limit [mA]."""
-        return self.upload(od.MAX_CURRENT)
 
     def inputs(self) -> dict[str, bool]:
         """Return the digital inputs by their function, as the drive's polarity settings have them."""

@@ -6,6 +6,7 @@ from typing import ClassVar
 from labrig.clock import Clock
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
+from labrig.devices.cia402_states import STATUSWORDS, DriveState
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
 from labrig.devices.simulated.bus import InProcessWire
@@ -38,10 +39,14 @@ class SimulatedDrive(SimulatedCia402Drive):
         What it says it is (0x2003:02).
     """
 
+    state_bits: ClassVar[Mapping[DriveState, int]] = {
+        state: bits for bits, state in reversed(STATUSWORDS.items())
+    }
     modes = frozenset({-6, -5, -3, -2, -1, 1, 3, 6, 7})
     homing_methods = METHODS
     switch_errors: ClassVar[Mapping[int, int]] = {0x0001: 0xFF06, 0x0002: 0xFF07}
     position_limit_error = 0xFF09
+    reset_communication_first = frozenset({0x8120, 0x81FD})
     reset_node_first = frozenset({0xFF04})
 
     def __init__(

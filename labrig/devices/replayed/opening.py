@@ -9,7 +9,7 @@ from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig import Rig
-from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.errors import InputError
 from labrig.record.reader import Run
 
@@ -30,7 +30,13 @@ def load_recorded_rig(run: Run) -> RigDescription:
     named = {key: value for key, value in description.calibration if value is not None}
     held = {key: f"{key}{Path(value).suffix}" for key, value in named.items()}
     calibration = description.calibration.model_copy(update=held)
-    placed = description.model_copy(update={"calibration": calibration})
+    axes = {
+        name: axis.model_copy(update={key: kept_name(name, key, path) for key, path in axis.files.items()})
+        for name, axis in description.axes.items()
+    }
+    placed = description.model_copy(
+        update={"calibration": calibration, "axes": description.axes.model_copy(update=axes)}
+    )
     return placed.placed_in(run.calibration_path("rig").parent)
 
 

@@ -16,7 +16,6 @@ from labrig.devices.cia402_states import (
     RELATIVE,
     REMOTE,
     SETPOINT_ACKNOWLEDGED,
-    STATUSWORDS,
     TARGET_REACHED,
     DriveState,
 )
@@ -30,7 +29,6 @@ from labrig.devices.simulated.sdo_server import SdoAbortError
 from labrig.devices.simulated.shaft import Mechanics, MotorShaft
 from labrig.devices.simulated.trapezoid import Limits
 
-_STATE_BITS = {state: bits for bits, state in reversed(STATUSWORDS.items())}
 _PROFILE_POSITION, _PROFILE_VELOCITY, _HOMING = 1, 3, 6
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
 _FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
@@ -66,6 +64,8 @@ class SimulatedCia402Drive:
 
     Attributes
     ----------
+    state_bits : mapping of DriveState to int
+        What the statusword says of each state.
     modes, homing_methods : frozenset of int
         Modes of operation and homing methods that it takes; others are refused as out of range.
     switch_errors : mapping of int to int
@@ -78,12 +78,22 @@ class SimulatedCia402Drive:
         Errors that stay until this NMT command.
     """
 
+    state_bits: ClassVar[Mapping[DriveState, int]] = {
+        DriveState.NOT_READY: 0x0000,
+        DriveState.SWITCH_ON_DISABLED: 0x0050,
+        DriveState.READY_TO_SWITCH_ON: 0x0031,
+        DriveState.SWITCHED_ON: 0x0033,
+        DriveState.OPERATION_ENABLED: 0x0037,
+        DriveState.QUICK_STOP_ACTIVE: 0x0017,
+        DriveState.FAULT_REACTION: 0x001F,
+        DriveState.FAULT: 0x0018,
+    }
     modes: ClassVar[frozenset[int]] = frozenset({1, 3, 6})
-    homing_methods: ClassVar[frozenset[int]] = frozenset({1, 2, 17, 18, 33, 34, 37})
+    homing_methods: ClassVar[frozenset[int]] = frozenset({1, 2, 17, 18, 33, 34, 35, 37})
     switch_errors: ClassVar[Mapping[int, int]] = {0x0001: 0x8A80, 0x0002: 0x8A81}
     position_limit_error: ClassVar[int] = 0x8A82
     disabling_errors: ClassVar[frozenset[int]] = frozenset({0x2310, 0x3210})
-    reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x81FD})
+    reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x8130, 0x81FD})
     reset_node_first: ClassVar[frozenset[int]] = frozenset()
 
     def __init__(
@@ -125,7 +135,7 @@ class SimulatedCia402Drive:
             written=self._written,
             is_powered=lambda: self._state in _POWERED,
             on_nmt=self._on_nmt,
-            on_silence=lambda t_s: self._raise_error(_HEARTBEAT_ERROR, t_s),
+            on_silence=self.lose_master,
             on_pdo_error=self.fail,
             before_frame=self.tick,
         )
@@ -182,6 +192,19 @@ class SimulatedCia402Drive:
     def error_register(self, code: int) -> int:
         """Return the bits that an error sets in the error register 0x1001."""
         raise NotImplementedError
+
+    def position_limits(self) -> tuple[int, int]:
+        """Return the software limits [counts]."""
+        values = self.node.objects.values
+        return values[co.LOWER_LIMIT], values[co.UPPER_LIMIT]
+
+    def loses_power(self, code: int) -> bool:
+        """Tell whether an error switches the power stage off at once."""
+        return code in self.disabling_errors | self.lasting_errors
+
+    def lose_master(self, t_s: float) -> None:
+        """Do what the drive does when the heartbeat of the computer has ended: a fault by default."""
+        self._raise_error(_HEARTBEAT_ERROR, t_s)
 
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
@@ -310,7 +333,7 @@ class SimulatedCia402Drive:
         """Notice software limits and following error, at the instant at which they were passed."""
         objects, shaft = self.node.objects.values, self._shaft
         demand, actual = shaft.at(now_s)
-        low, high = objects[co.LOWER_LIMIT], objects[co.UPPER_LIMIT]
+        low, high = self.position_limits()
         if not (low <= demand <= high and low <= actual <= high):
             passed_s = shaft.first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
             self._raise_error(self.position_limit_error, passed_s)
@@ -409,7 +432,7 @@ class SimulatedCia402Drive:
     # State machine
 
     def _statusword(self) -> int:
-        word = _STATE_BITS[self._state]
+        word = self.state_bits[self._state]
         word |= REMOTE if self.node.state is NmtState.OPERATIONAL else 0
         word |= REFERENCED if self._referenced else 0
         word |= TARGET_REACHED if self._arrived() else 0
@@ -631,7 +654,7 @@ class SimulatedCia402Drive:
         """Brake by quick stop or switch the power stage off, whichever the error asks for."""
         self._homing_failed = self._homing_failed or self._homing
         self._stop_homing()
-        if self._state not in _POWERED or code in self.disabling_errors | self.lasting_errors:
+        if self._state not in _POWERED or self.loses_power(code):
             self._hold()
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:

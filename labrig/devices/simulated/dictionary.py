@@ -87,7 +87,9 @@ class ObjectDictionary:
         }
         self._while_unpowered = table.while_unpowered | frozenset(_SIGNATURES)
         with_node = frozenset((*_COB_IDS, *_ids_with_node()))
-        self._defaults = {e: e.default + node_id * (e in with_node) for e in table.entries}
+        # What this drive lacks has the standard's defaults behind the scenes: motion needs them, and nobody can ask.
+        every = (*(e for e in co.STANDARD if e not in set(table.entries)), *table.entries)
+        self._defaults = {e: e.default + node_id * (e in with_node) for e in every}
         self._fixed = dict(fixed)
         self._live = live
         self._written = written

@@ -41,14 +41,12 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import LineString, MultiPolygon, Polygon
 
 from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray
 from labrig.needle.limits import require_within
 from labrig.needle.tube import Tube
-
-FloatArray = NDArray[np.float64]
 
 _NECK_HALF_ANGLE_RAD = math.radians(30.0)
 # Chords of an arc. With 120, the sum of both rotations is within 0.01 degrees of that with 480.

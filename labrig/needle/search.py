@@ -17,8 +17,7 @@ from scipy.optimize import Bounds, NonlinearConstraint, differential_evolution
 
 from labrig.errors import AnswerIsNoError
 from labrig.needle.hinge import Hinge, HingeView, LinkPair
-
-FloatArray = NDArray[np.float64]
+from labrig.needle.kinematics import FloatArray
 
 DEFAULT_SEED: Final = 20_210_530
 _POPULATION_A_VARIABLE = 15

@@ -1,10 +1,9 @@
 """Cavities: two filters side by side, one of a tip that bends and one of a tip that goes straight.
 
-In a cavity the needle does not steer. One filter alone takes a centimetre to notice it, and by then its heading is
-wrong by nearly twenty degrees. So there are two, and a probability that the tip is in a cavity: an interacting multiple
-model (Blom and Bar-Shalom 1988). Before each step the
-two are mixed by how likely the tip entered or left a cavity, and after it they are weighed by how well each foresaw
-what was seen.
+In a cavity the needle does not steer. A single filter takes a centimetre to notice that, and by then its heading is
+off by nearly twenty degrees. So there are two filters and a probability that the tip is in a cavity: an interacting
+multiple model (Blom and Bar-Shalom 1988). Before each step the two are mixed by the probability that the tip entered
+or left a cavity. After it they are weighted by how well each predicted the observation.
 """
 
 import math
@@ -13,31 +12,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.estimator import start_tip, step_tip
-from labrig.steering.motion import turned
+from labrig.steering.motion import rotation_from_vector
 from labrig.steering.tip import (
     CURVATURE,
     ERRORS,
     ORIENTATION,
     POSITION,
     EstimatorSettings,
-    FloatArray,
     TipObservation,
     TipState,
-    frozen,
+    freeze,
 )
 
 
 @dataclass(frozen=True, eq=False)
 class TipBelief:
-    """What is known of the tip where there may be cavities.
+    """The estimate of the tip in a gel that may have cavities.
 
     Attributes
     ----------
     tip : TipState
-        Both together.
+        The mixture of both.
     outside, inside : TipState
-        The tip outside of a cavity, and inside of one.
+        The tip outside a cavity, and inside a cavity.
     cavity : float
         Probability that it is inside.
     """
@@ -49,7 +48,7 @@ class TipBelief:
 
 
 def start_belief(pose: FloatArray, settings: EstimatorSettings) -> TipBelief:
-    """Return the tip at its start, outside of any cavity. Raises as `start_tip`."""
+    """Return the tip at its start, outside any cavity. Raises as `start_tip`."""
     tip = start_tip(pose, settings)
     return TipBelief(tip, tip, tip, 0.0)
 
@@ -65,20 +64,20 @@ def step_belief(belief: TipBelief, observation: TipObservation, settings: Estima
     cavity = entered + stayed_in
     left = belief.cavity * leaves
     from_inside = left / (1.0 - cavity), stayed_in / cavity if cavity else 0.0
-    outside = step_tip(_mixed(belief.outside, belief.inside, from_inside[0]), observation, settings)
+    outside = step_tip(_mix(belief.outside, belief.inside, from_inside[0]), observation, settings)
     straight = replace(observation, bends=False)
-    inside = step_tip(_mixed(belief.outside, belief.inside, from_inside[1]), straight, settings)
+    inside = step_tip(_mix(belief.outside, belief.inside, from_inside[1]), straight, settings)
     better = max(outside.log_likelihood, inside.log_likelihood)
     weights = (
         (1.0 - cavity) * math.exp(outside.log_likelihood - better),
         cavity * math.exp(inside.log_likelihood - better),
     )
     share = weights[1] / sum(weights)
-    return TipBelief(_mixed(outside, inside, share), outside, inside, share)
+    return TipBelief(_mix(outside, inside, share), outside, inside, share)
 
 
 def advance_belief(belief: TipBelief, step: TipObservation, settings: EstimatorSettings) -> TipBelief:
-    """Return the tip after a step at whose end nobody looked: what was seen last stays. Raises as `step_tip`."""
+    """Return the tip after a step without a sighting; the last sighting's figures stay. Raises as `step_tip`."""
     moved = step_belief(belief, replace(step, position_mm=None), settings)
     pairs = ((moved.tip, belief.tip), (moved.outside, belief.outside), (moved.inside, belief.inside))
     tip, outside, inside = (
@@ -88,33 +87,33 @@ def advance_belief(belief: TipBelief, step: TipObservation, settings: EstimatorS
     return TipBelief(tip, outside, inside, moved.cavity)
 
 
-def _mixed(one: TipState, other: TipState, share: float) -> TipState:
-    """Return the state whose mean and covariance are those of both together, `share` of it the other's.
+def _mix(outside: TipState, inside: TipState, share: float) -> TipState:
+    """Return the state with mean and covariance of the mixture, `share` of it inside a cavity.
 
-    What was seen last is told as the likelier of the two tells it.
+    The figures of the last observation are those of the likelier state.
     """
-    likelier = other if share > 0.5 else one
-    if share in {0.0, 1.0} or one is other:
+    likelier = inside if share > 0.5 else outside
+    if share in {0.0, 1.0} or outside is inside:
         return likelier
-    apart = _error_between(one, other)
+    apart = _find_error(outside, inside)
     mean = share * apart
     pose = np.eye(4)
-    pose[:3, 3] = one.position_mm + one.rotation @ mean[POSITION]
-    pose[:3, :3] = one.rotation @ turned(mean[ORIENTATION])
+    pose[:3, 3] = outside.position_mm + outside.rotation @ mean[POSITION]
+    pose[:3, :3] = outside.rotation @ rotation_from_vector(mean[ORIENTATION])
     spread = share * (1.0 - share) * np.outer(apart, apart)
-    covariance = (1.0 - share) * one.covariance + share * other.covariance + spread
+    covariance = (1.0 - share) * outside.covariance + share * inside.covariance + spread
     return replace(
         likelier,
-        pose=frozen(pose),
-        curvature=one.curvature + float(mean[CURVATURE]),
-        covariance=frozen(covariance),
+        pose=freeze(pose),
+        curvature=outside.curvature + float(mean[CURVATURE]),
+        covariance=freeze(covariance),
     )
 
 
-def _error_between(one: TipState, other: TipState) -> FloatArray:
-    """Return by which error the other state differs from the one, (7,)."""
+def _find_error(estimate: TipState, truth: TipState) -> FloatArray:
+    """Return the error (7,) that turns an estimate into the truth."""
     error = np.zeros(ERRORS)
-    error[POSITION] = one.rotation.T @ (other.position_mm - one.position_mm)
-    error[ORIENTATION] = Rotation.from_matrix(one.rotation.T @ other.rotation).as_rotvec()
-    error[CURVATURE] = other.curvature - one.curvature
+    error[POSITION] = estimate.rotation.T @ (truth.position_mm - estimate.position_mm)
+    error[ORIENTATION] = Rotation.from_matrix(estimate.rotation.T @ truth.rotation).as_rotvec()
+    error[CURVATURE] = truth.curvature - estimate.curvature
     return error

@@ -1,15 +1,12 @@
-"""Exact distances from paths of arcs to the centres of spheres; nothing is sampled.
+"""Exact distances from paths of arcs to the centres of spheres, without sampling.
 
-Seen in the plane of an arc, the nearest point to a sphere's centre lies on the same ray from the arc's centre
-if that ray meets the arc, and is one of the arc's ends otherwise.
+In the plane of an arc, the nearest point to a sphere's centre lies on the ray from the arc's centre to it if that ray
+meets the arc. Otherwise it is an end of the arc.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labrig.needle.kinematics import Frames, path_frames, rotation_z
-
-FloatArray = NDArray[np.float64]
+from labrig.needle.kinematics import FloatArray, Frames, path_frames, rotation_z
 
 
 def arc_distances(
@@ -25,7 +22,7 @@ def arc_distances(
     centres_mm : (K, 3) array
         In {1b}.
     frames : Frames, optional
-        Those of the paths, where they are known already.
+        Of the paths, if they are known already.
 
     Returns
     -------

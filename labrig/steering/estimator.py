@@ -1,4 +1,4 @@
-"""Poses of the tip from positions of it: step by step for the live loop, or a whole insertion at once."""
+"""Poses of the tip from its positions: step by step for the live loop, or a whole insertion at once."""
 
 import math
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.error_state import step_error_state
 from labrig.steering.paper_filter import step_paper_filter
 from labrig.steering.tip import (
@@ -15,13 +16,12 @@ from labrig.steering.tip import (
     ERRORS,
     EstimatorMethod,
     EstimatorSettings,
-    FloatArray,
     TipObservation,
     TipState,
-    frozen,
-    numbers,
+    freeze,
     require_half_turns,
-    rigid_pose,
+    require_numbers,
+    require_pose,
 )
 
 _STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSettings], TipState]] = {
@@ -31,7 +31,7 @@ _STEPS: dict[EstimatorMethod, Callable[[TipState, TipObservation, EstimatorSetti
 
 
 def start_tip(pose: ArrayLike, settings: EstimatorSettings) -> TipState:
-    """Return the tip at its start: its position is as good as one observation, its orientation as the settings say.
+    """Return the tip at its start: its position is as good as an observation, its orientation as `start_sd_rad`.
 
     Parameters
     ----------
@@ -41,31 +41,31 @@ def start_tip(pose: ArrayLike, settings: EstimatorSettings) -> TipState:
     Raises
     ------
     InputError
-        For a pose that is none.
+        For a matrix that is not a pose.
     """
     curvature = 1.0 / settings.radius_mm
     sd = np.array([settings.observation_sd_mm] * 3 + [settings.start_sd_rad] * 3 + [0.0])
     sd[CURVATURE] = settings.radius_sd_mm * curvature**2
     variances = np.zeros(ERRORS)
     variances[list(settings.errors)] = sd[list(settings.errors)] ** 2
-    at = frozen(rigid_pose("pose", pose))
-    return TipState(at, curvature, frozen(np.diag(variances)), nis=None, accepted=False, misses=0)
+    at = freeze(require_pose("pose", pose))
+    return TipState(at, curvature, freeze(np.diag(variances)), nis=None, accepted=False, misses=0)
 
 
 def step_tip(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
-    """Return the tip after one observation: the needle is rolled, then advanced, then seen or missed.
+    """Return the tip after one observation: the needle rolls, advances, and is then seen or missed.
 
     Raises
     ------
     InputError
-        In the plane, for a roll that is no whole number of half turns.
+        In the plane, for a roll that is not a whole number of half turns.
     """
     if settings.planar:
         require_half_turns(observation.roll_rad)
     return _STEPS[settings.method](state, observation, settings)
 
 
-def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
+def estimate_tip_poses(  # noqa: PLR0917 - callers rely on the order
     positions_mm: ArrayLike,
     step_mm: float,
     roll_rad: ArrayLike,
@@ -107,12 +107,12 @@ def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite or out of its range, or a start that is no pose.
+        For a wrong shape, a number that is not finite or out of its range, or a start that is not a pose.
     """
-    positions = numbers("positions_mm", positions_mm, (None, 3))
+    positions = require_numbers("positions_mm", positions_mm, (None, 3))
     if len(positions) == 0:
-        raise InputError("positions_mm is empty", "the tip's position at the start is needed at least")
-    rolls = numbers("roll_rad", roll_rad, (len(positions) - 1,))
+        raise InputError("positions_mm is empty", "give at least the tip's position at the start")
+    rolls = require_numbers("roll_rad", roll_rad, (len(positions) - 1,))
     if not (math.isfinite(step_mm) and step_mm > 0.0):
         raise InputError(f"step_mm is {step_mm:g}, it must be above 0")
     settings = EstimatorSettings(
@@ -123,7 +123,7 @@ def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
         planar,
         radius_sd_mm,
     )
-    state = _start_of_path(positions[0], start, settings)
+    state = _start_path(positions[0], start, settings)
     poses = [state.pose]
     for position, roll in zip(positions[1:], rolls, strict=True):
         state = step_tip(state, TipObservation(position, step_mm, float(roll)), settings)
@@ -131,10 +131,10 @@ def estimate_tip_poses(  # noqa: PLR0917 - the order that others rely on
     return np.stack(poses)
 
 
-def _start_of_path(position_mm: FloatArray, start: ArrayLike | None, settings: EstimatorSettings) -> TipState:
-    """Return the state at the first position; a start that was given counts beside it."""
+def _start_path(position_mm: FloatArray, start: ArrayLike | None, settings: EstimatorSettings) -> TipState:
+    """Return the state at the first position, fused with the start pose if there is one."""
     if start is not None:
-        state = start_tip(rigid_pose("start", start), settings)
+        state = start_tip(require_pose("start", start), settings)
         return replace(step_tip(state, TipObservation(position_mm, 0.0), settings), misses=0)
     pose = np.eye(4)
     pose[:3, 3] = position_mm

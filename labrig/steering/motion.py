@@ -1,23 +1,23 @@
-"""One step of the tip, written with the curvature instead of the radius: an estimated curvature may pass zero."""
+"""One step of the tip, in terms of curvature instead of radius, because an estimated curvature may pass zero."""
 
 import math
 
 import numpy as np
 
-from labrig.steering.tip import FloatArray
+from labrig.needle.kinematics import FloatArray
 
-# Below this angle the derivatives are taken from their series, whose first term left out is below 1e-16.
+# Below this angle the derivatives come from their series; its first omitted term is below 1e-16.
 _SMALL_ANGLE_RAD = 0.01
 
 
 def step_position_mm(step_mm: float, curvature: float) -> FloatArray:
-    """Return p_dl, (3,): where an arc of this length ends, equation (16)."""
+    """Return p_dl, (3,), the end of an arc of this length, equation (16)."""
     half = 0.5 * step_mm * curvature
     return np.array((0.0, -step_mm * math.sin(half) * _sinc(half), step_mm * _sinc(2.0 * half)))
 
 
 def step_position_slope(step_mm: float, curvature: float) -> FloatArray:
-    """Return how p_dl changes with the curvature, (3,) [mm^2]."""
+    """Return the derivative of p_dl by the curvature, (3,) [mm^2]."""
     angle = step_mm * curvature
     if abs(angle) < _SMALL_ANGLE_RAD:
         square = angle * angle
@@ -29,7 +29,7 @@ def step_position_slope(step_mm: float, curvature: float) -> FloatArray:
     return step_mm**2 * np.array((0.0, across, along))
 
 
-def turned(rotation_vector: FloatArray) -> FloatArray:
+def rotation_from_vector(rotation_vector: FloatArray) -> FloatArray:
     """Return exp(v^), (3, 3), by Rodrigues' formula."""
     x, y, z = (float(v) for v in rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)

@@ -1,38 +1,38 @@
 """The paper's filter: Euler angles as the state, equations (16) to (25) with their corrections.
 
-- (20) drops the increment of (18). Here it is kept as printed, and the pose is propagated by (17) after the
-  update, which equals (18) because R_x is the innermost factor.
+- (20) drops the increment of (18). It is kept as printed, and the pose is propagated by (17) after the update,
+  which equals (18) because R_x is the innermost factor.
 - (22) observes the position of t + 1, not of t.
-- The p_t inside h is itself measured, so that its noise counts twice: Q_obs = 2 sigma^2.
+- The p_t inside h is itself measured, so its noise counts twice: Q_obs = 2 sigma^2.
 - (25) has e_3^T R_y R_x as its third row, not e_3^T R_y.
 - A flip is R <- R R_z(delta); the angles are read off the new R.
 
-It stays for comparison. Its angles lock at phi_y = +-90 degrees, it has no gate, and its position is the measured one.
+It serves for comparison. Its angles lock at phi_y = +-90 degrees, it has no gate, and its position is the measured
+position.
 """
 
 import math
 
 import numpy as np
 
-from labrig.needle.kinematics import cross_matrix, rotation_x, rotation_z
+from labrig.needle.kinematics import FloatArray, cross_matrix, rotation_x, rotation_z
 from labrig.steering.motion import step_position_mm
 from labrig.steering.tip import (
     ERRORS,
     ORIENTATION,
     POSITION,
     EstimatorSettings,
-    FloatArray,
     TipObservation,
     TipState,
-    frozen,
+    freeze,
 )
 
-# Singular values of the angles' map below this are taken as zero: phi_y is locked.
+# Singular values of the map of angles below this count as zero: phi_y is locked.
 _LOCK = 1e-6
 
 
 def step_paper_filter(state: TipState, observation: TipObservation, settings: EstimatorSettings) -> TipState:
-    """Return the tip after a roll, an advance and, where the tip was seen, an observation."""
+    """Return the tip after a roll, an advance and, if the tip was seen, an observation."""
     roll = rotation_z(observation.roll_rad)
     angles = euler_angles(state.rotation @ roll)
     to_angles = np.linalg.pinv(body_rates(angles), rcond=_LOCK) @ roll.T
@@ -41,20 +41,20 @@ def step_paper_filter(state: TipState, observation: TipObservation, settings: Es
     p_euler = p_euler + settings.process_sd_rad_per_root_mm**2 * observation.step_mm * turning  # (21)
     curvature = state.curvature if observation.bends else 0.0
     advance = step_position_mm(observation.step_mm, curvature)
-    position, nis = state.position_mm + rotation_of(angles) @ advance, None  # (16)
+    position, nis = state.position_mm + rotation_from_euler(angles) @ advance, None  # (16)
     if observation.position_mm is not None:
         angles, p_euler, nis = _update(angles, p_euler, advance, observation.position_mm - position, settings)
         position = observation.position_mm
-    rotation = rotation_of(angles) @ rotation_x(observation.step_mm * curvature)  # (17)
+    rotation = rotation_from_euler(angles) @ rotation_x(observation.step_mm * curvature)  # (17)
     rates = body_rates(euler_angles(rotation))
     covariance = _covariance(rates @ p_euler @ rates.T, settings)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     misses = state.misses + 1 if nis is None else 0
-    return TipState(frozen(pose), state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
+    return TipState(freeze(pose), state.curvature, covariance, nis, accepted=nis is not None, misses=misses)
 
 
-def rotation_of(angles: FloatArray) -> FloatArray:
+def rotation_from_euler(angles: FloatArray) -> FloatArray:
     """Return R_z R_y R_x of the angles (phi_x, phi_y, phi_z), equation (16)."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
     return np.array(
@@ -79,17 +79,17 @@ def euler_angles(rotation: FloatArray) -> FloatArray:
 
 
 def body_rates(angles: FloatArray) -> FloatArray:
-    """Return (3, 3), from rates of the angles to the turning in the tip's frame.
+    """Return (3, 3), which maps rates of the angles to angular velocity in the tip's frame.
 
-    Its columns are the rows e_1^T, e_2^T R_x and e_3^T R_y R_x of (25), the third one corrected.
+    Its columns are the rows e_1^T, e_2^T R_x and e_3^T R_y R_x of (25), the third as corrected.
     """
     (cx, cy, _), (sx, sy, _) = np.cos(angles), np.sin(angles)
     return np.array(((1.0, 0.0, -sy), (0.0, cx, sx * cy), (0.0, -sx, cx * cy)))
 
 
 def position_jacobian(angles: FloatArray, advance: FloatArray) -> FloatArray:
-    """Return H of (25), (3, 3): how the position after a step changes with the angles."""
-    return -rotation_of(angles) @ cross_matrix(advance) @ body_rates(angles)
+    """Return H of (25), (3, 3), the derivative of the position after a step by the angles."""
+    return -rotation_from_euler(angles) @ cross_matrix(advance) @ body_rates(angles)
 
 
 def _update(
@@ -99,8 +99,8 @@ def _update(
     innovation: FloatArray,
     settings: EstimatorSettings,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return angles, their covariance and the NIS by (22), (23) and (24), seen in the tip's frame."""
-    view = settings.observed[:, POSITION] @ rotation_of(angles).T
+    """Return angles, their covariance and the NIS by (22), (23) and (24), in the tip's frame."""
+    view = settings.observed[:, POSITION] @ rotation_from_euler(angles).T
     h = view @ position_jacobian(angles, advance)
     innovation_covariance = h @ p_euler @ h.T + 2.0 * settings.observation_sd_mm**2 * np.eye(len(h))
     gain = np.linalg.solve(innovation_covariance, h @ p_euler).T
@@ -110,9 +110,9 @@ def _update(
 
 
 def _covariance(orientation: FloatArray, settings: EstimatorSettings) -> FloatArray:
-    """Return (7, 7): the position is as good as it was measured, the orientation as the filter says."""
+    """Return (7, 7): the position with the noise of its measurement, the orientation with the filter's covariance."""
     covariance = np.zeros((ERRORS, ERRORS))
     seen = settings.observed[:, POSITION]
     covariance[POSITION, POSITION] = settings.observation_sd_mm**2 * seen.T @ seen
     covariance[ORIENTATION, ORIENTATION] = 0.5 * (orientation + orientation.T)
-    return frozen(covariance)
+    return freeze(covariance)

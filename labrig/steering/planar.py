@@ -4,54 +4,57 @@ In the steering plane the point (y, z) is the complex number z + i y, and a head
 exp(i phi). An arc of sign s (+1 bends towards +y) that starts at p with heading phi turns about
 p + i s r exp(i phi); the next arc, of sign -s, about a centre 2 r from that one. So the last arc's centre is
 where the circle of radius 2 r about the last-but-one arc's centre meets the circle of radius r about the target:
-two places at most. What is left to enumerate are the first n - 2 arcs, and of these only as far as they
-run free of obstacles.
+two places at most. Only the first n - 2 arcs remain to be enumerated, each up to the first obstacle.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.needle.kinematics import FloatArray
 from labrig.steering.problem import Surroundings
 
-FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Field:
-    """The plane with its discs: what a path has to reach and to keep off.
+    """The steering plane with the discs that a path has to avoid, and the limits of a path.
 
-    An obstacle whose sphere does not cut the steering plane, enlarged by the distance to keep, is no disc at all.
+    An obstacle is a disc if its sphere, enlarged by the distance to keep, cuts the plane; `obstacles` are the indexes.
     """
 
     radius_mm: float
     discs: ComplexArray
     disc_radii_mm: FloatArray
+    obstacles: NDArray[np.intp]
     max_length_mm: float
     max_heading_rad: float
 
     @classmethod
-    def of(cls, around: Surroundings) -> "Field":
-        """Return the steering plane's field of a problem."""
+    def from_surroundings(cls, around: Surroundings) -> "Field":
+        """Return the field of a problem."""
         problem, centres = around.problem, around.centres_mm
         left = around.keep_off_mm**2 - centres[:, 0] ** 2
-        cut = left > 0
-        discs = centres[cut, 2] + 1j * centres[cut, 1]
-        return cls(
-            problem.radius_mm, discs, np.sqrt(left[cut]), problem.max_length_mm, problem.max_heading_rad
-        )
+        cut = np.flatnonzero(left > 0)
+        discs, radii_mm = centres[cut, 2] + 1j * centres[cut, 1], np.sqrt(left[cut])
+        return cls(problem.radius_mm, discs, radii_mm, cut, problem.max_length_mm, problem.max_heading_rad)
 
     def without_limits(self) -> "Field":
-        """Return the same plane without obstacles, for paths of any length."""
-        return Field(self.radius_mm, self.discs[:0], self.disc_radii_mm[:0], np.inf, self.max_heading_rad)
+        """Return the same plane without obstacles and without a limit on length."""
+        return replace(self, discs=self.discs[:0], disc_radii_mm=self.disc_radii_mm[:0], max_length_mm=np.inf)
+
+
+def target_in_plane(around: Surroundings) -> complex:
+    """Return the target as a point of the plane."""
+    return complex(around.target_mm[2], around.target_mm[1])
 
 
 @dataclass(frozen=True)
 class Tips:
-    """Where N beginnings of paths end, how they got there, and the sign of the arc that would come next.
+    """Ends of N partial paths, the arcs that lead there, and the sign of the next arc.
 
     Parameters
     ----------
@@ -69,16 +72,16 @@ class Tips:
     angles_rad: FloatArray
 
     def take(self, which: NDArray[np.intp] | BoolArray) -> "Tips":
-        """Return these of the tips."""
+        """Return a selection of the tips."""
         return Tips(self.places[which], self.headings_rad[which], self.signs[which], self.angles_rad[which])
 
 
-def root() -> Tips:
-    """Return the start, once for each sign of the first arc."""
+def start_tree() -> Tips:
+    """Return the start twice, once for each sign of the first arc."""
     return Tips(np.zeros(2, complex), np.zeros(2), np.array([1.0, -1.0]), np.zeros((2, 0)))
 
 
-def psi_of(angles_rad: FloatArray, first_signs: FloatArray) -> FloatArray:
+def make_psi(angles_rad: FloatArray, first_signs: FloatArray) -> FloatArray:
     """Return paths (N, n, 2): delta_1 is pi for a first arc towards +y and 0 otherwise, every later roll is pi."""
     psi = np.full((*angles_rad.shape, 2), np.pi)
     psi[..., 0] = angles_rad
@@ -92,7 +95,7 @@ def first_signs(tips: Tips) -> FloatArray:
 
 
 def free_angles(tips: Tips, field: Field) -> FloatArray:
-    """Return how far the next arc of each tip runs, (N,): to the first obstacle, or to the cap on the heading.
+    """Return the angle (N,) at which the next arc of each tip meets an obstacle, or the cap on heading or length.
 
     Half the angle that a disc of radius R cuts off a circle of radius r at distance d is
     acos((r^2 + d^2 - R^2) / (2 r d)).
@@ -113,8 +116,8 @@ def free_angles(tips: Tips, field: Field) -> FloatArray:
     return np.asarray(free)
 
 
-def grow(tips: Tips, field: Field, samples: int) -> Tips:
-    """Return the tips after one more arc: so many angles each, spread to where the arc stops being free."""
+def grow_tips(tips: Tips, field: Field, samples: int) -> Tips:
+    """Return the tips after one more arc, with `samples` angles each up to the end of the free arc."""
     free = free_angles(tips, field)
     angles = free[:, None] * (np.arange(1, samples + 1) / samples)
     parent, _ = np.nonzero(angles > 0)
@@ -127,8 +130,8 @@ def grow(tips: Tips, field: Field, samples: int) -> Tips:
     return Tips(places, headings, -before.signs, grown)
 
 
-def thinned(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
-    """Return one tip of each cell of place, heading and sign, and of too many an even spread."""
+def thin_tips(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
+    """Return one tip of each cell of place, heading and sign, evenly thinned to about the limit."""
     keys = np.stack(
         (
             np.round(tips.places.real / cell_mm),
@@ -144,7 +147,7 @@ def thinned(tips: Tips, cell_mm: float, cell_rad: float, limit: int) -> Tips:
 
 @dataclass(frozen=True)
 class Closures:
-    """Candidate last pairs of arcs: for tip `parent[k]` the angles (k, 2), collisions not yet looked at."""
+    """Candidate last pairs of arcs, angles (k, 2) from tip `parent[k]`, not yet checked for collisions."""
 
     parent: NDArray[np.intp]
     angles_rad: FloatArray
@@ -152,8 +155,8 @@ class Closures:
     joints: ComplexArray
 
 
-def close(tips: Tips, field: Field, target: complex) -> Closures:
-    """Return every pair of arcs that leads from a tip to the target within the caps on heading and length.
+def close_paths(tips: Tips, field: Field, target: complex) -> Closures:
+    """Return every pair of arcs that leads from a tip to the target within the limits on heading and length.
 
     With e the unit number from the first centre to the second, the heading at the joint is i s e; the heading at
     the target is -i s (g - c_2) / r. Both have to point forwards, and neither arc may turn back.
@@ -187,21 +190,25 @@ def close(tips: Tips, field: Field, target: complex) -> Closures:
     return Closures(parent[chosen], angles[short], centres, first[parent[chosen]] + r * e[chosen])
 
 
-def hits(closures: Closures, tips: Tips, field: Field, target: complex) -> BoolArray:
-    """Return which last pairs of arcs cut which discs, (k, K): the ends are inside, or the arc's middle is.
+def find_hits(closures: Closures, tips: Tips, field: Field, target: complex) -> BoolArray:
+    """Return which last pairs of arcs cut which discs, (k, K), at an end or between the ends.
 
-    The middle of an arc is cut where the disc's centre is within R of the circle and within the arc's sector;
-    the sectors are narrower than half a turn, so two signs tell.
+    A disc cuts an arc between its ends if the disc's centre is within R of the circle and within the arc's sector.
+    The sectors are narrower than half a turn, so two signs decide.
     """
     sign = tips.signs[closures.parent]
     ends = np.full_like(closures.joints, target)
     touched = np.abs(closures.joints[:, None] - field.discs) < field.disc_radii_mm
     touched |= np.abs(target - field.discs) < field.disc_radii_mm
-    touched |= _middle_cut(closures.centres[:, 0], tips.places[closures.parent], closures.joints, sign, field)
-    return np.asarray(touched | _middle_cut(closures.centres[:, 1], closures.joints, ends, -sign, field))
+    touched |= _find_middle_hits(
+        closures.centres[:, 0], tips.places[closures.parent], closures.joints, sign, field
+    )
+    return np.asarray(
+        touched | _find_middle_hits(closures.centres[:, 1], closures.joints, ends, -sign, field)
+    )
 
 
-def _middle_cut(
+def _find_middle_hits(
     centres: ComplexArray, starts: ComplexArray, ends: ComplexArray, signs: FloatArray, field: Field
 ) -> BoolArray:
     seen = field.discs - centres[:, None]

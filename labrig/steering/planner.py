@@ -1,20 +1,17 @@
-"""One door to both planners: problem in, path or reason out."""
+"""The planner: a problem in, a path or the reason why there is none out."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labrig.needle.kinematics import path_frames, path_points
+from labrig.needle.kinematics import FloatArray, path_frames, path_points
 from labrig.steering.clearance import path_distances
 from labrig.steering.planar_search import search_plane
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem, Point, Surroundings
-from labrig.steering.refusal import refusal_after_search, refusal_at_once
-from labrig.steering.resolved_rate import resolved_motion_rate
-from labrig.steering.score import worst_miss_and_gap
+from labrig.steering.refusal import explain_failure, find_refusal
+from labrig.steering.resolved_rate import search_by_resolved_rate
+from labrig.steering.score import find_worst_miss_and_gap
 from labrig.steering.spatial_search import search_space
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -34,17 +31,17 @@ class Plan:
     ----------
     found : bool
     reason : str or None
-        Why there is no path; None where there is one.
+        Why there is no path; None if there is a path.
     arcs : tuple of PlannedArc
-        Empty where there is no path, or where the tip is at the target already.
+        Empty if there is no path, or if the tip is already at the target.
     tip_mm : (x, y, z) or None
         Where the path ends, in the world frame.
     target_error_mm, length_mm : float or None
     clearance_mm : float or None
         Smallest distance from the needle's surface to an obstacle's; None without obstacles.
     worst_target_error_mm, worst_clearance_mm : float or None
-        The same of a needle that has the worst radius of its tolerance and follows the path without looking; None
-        where no tolerance is stated. The clearance is below 0 where it would cut an obstacle.
+        The same for a needle with the worst radius of its tolerance that follows the path open loop; None without
+        a stated tolerance. A clearance below 0 means that the needle would cut an obstacle.
     """
 
     found: bool
@@ -63,17 +60,11 @@ class Plan:
         return np.array([(arc.angle_rad, arc.roll_rad) for arc in self.arcs]).reshape(-1, 2)
 
     def to_json(self) -> dict[str, object]:
-        """Return the plan with the keys of `labrig plan`, all but the time it took."""
+        """Return the plan with the keys of `labrig plan`, except for the time it took."""
         return {
-            "found": self.found,
-            "reason": self.reason,
+            **vars(self),
             "arcs": [vars(arc) for arc in self.arcs],
             "tip_mm": None if self.tip_mm is None else list(self.tip_mm),
-            "target_error_mm": self.target_error_mm,
-            "clearance_mm": self.clearance_mm,
-            "length_mm": self.length_mm,
-            "worst_target_error_mm": self.worst_target_error_mm,
-            "worst_clearance_mm": self.worst_clearance_mm,
         }
 
 
@@ -84,23 +75,23 @@ def plan_path(problem: PlanProblem, method: PlanMethod = "best", *, thorough: bo
     ----------
     problem : PlanProblem
     method : {"best", "paper"}
-        "best" enumerates (in the plane) or starts many times (free rolls), and takes the best feasible path;
+        "best" enumerates paths (in the plane) or starts many times (free rolls), and takes the best feasible path;
         "paper" is the paper's resolved motion rate with null-space avoidance, made robust, for comparison.
     thorough : bool
-        Look closer where "best" finds nothing at first. That takes a second where there is no path, too long for a
-        needle that moves.
+        Search more closely if "best" finds nothing at first. Without a path that takes a second, which is too long
+        while the needle moves.
     """
     around = Surroundings(problem)
-    reason = refusal_at_once(around)
+    reason = find_refusal(around)
     if reason is not None:
         return Plan(found=False, reason=reason)
-    psi = _searched(around, method, thorough=thorough)
-    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _goes_nearer(psi, around):
+    psi = _search(around, method, thorough=thorough)
+    if np.linalg.norm(around.target_mm) <= problem.tolerance_mm and not _is_worth_making(psi, around):
         psi = np.zeros((0, 2))
     if psi is None:
-        failed = "resolved motion rate found no path" if method == "paper" else refusal_after_search(around)
+        failed = "resolved motion rate found no path" if method == "paper" else explain_failure(around)
         return Plan(found=False, reason=failed)
-    return plan_of(psi, around)
+    return make_plan(psi, around)
 
 
 def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> FloatArray:
@@ -111,45 +102,47 @@ def sample_path(problem: PlanProblem, plan: Plan, points_per_arc: int = 40) -> F
     return np.asarray(np.vstack((np.zeros(3), points)) @ start[:3, :3].T + start[:3, 3])
 
 
-def _searched(around: Surroundings, method: PlanMethod, *, thorough: bool) -> FloatArray | None:
+def _search(around: Surroundings, method: PlanMethod, *, thorough: bool) -> FloatArray | None:
     if method == "paper":
-        return resolved_motion_rate(around)
+        return search_by_resolved_rate(around)
     search = search_plane if around.problem.planar else search_space
     return search(around, thorough=thorough)
 
 
-def _goes_nearer(psi: FloatArray | None, around: Surroundings) -> bool:
-    """Return whether a path is worth making where the tip is within the tolerance: it halves the distance."""
+def _is_worth_making(psi: FloatArray | None, around: Surroundings) -> bool:
+    """Return whether a path at least halves the distance of a tip that is already within the tolerance."""
     if psi is None:
         return False
     tip = path_frames(psi, around.problem.radius_mm).positions_mm[-1]
     return bool(np.linalg.norm(tip - around.target_mm) < np.linalg.norm(around.target_mm) / 2)
 
 
-def plan_of(psi: FloatArray, around: Surroundings) -> Plan:
-    """Return a path (n, 2) as a plan, with what there is to know about it."""
+def make_plan(psi: FloatArray, around: Surroundings) -> Plan:
+    """Return a path (n, 2) as a plan with its figures."""
     problem = around.problem
     start = np.asarray(problem.start, dtype=float)
     arcs = tuple(
-        PlannedArc(_wrapped(roll), float(angle), float(problem.radius_mm * angle)) for angle, roll in psi
+        PlannedArc(_wrap(roll), float(angle), float(problem.radius_mm * angle)) for angle, roll in psi
     )
     tip = path_frames(psi, problem.radius_mm).positions_mm[-1]
     x, y, z = (start[:3, :3] @ tip + start[:3, 3]).tolist()
-    worst = (None, None) if problem.radius_range_mm is None else worst_miss_and_gap(psi, around)
+    worst = (None, None) if problem.radius_range_mm is None else find_worst_miss_and_gap(psi, around)
     return Plan(
         found=True,
         reason=None,
         arcs=arcs,
         tip_mm=(x, y, z),
         target_error_mm=float(np.linalg.norm(tip - around.target_mm)),
-        clearance_mm=_clearance(psi, around, problem.obstacles),
+        clearance_mm=_measure_clearance(psi, around, problem.obstacles),
         length_mm=float(problem.radius_mm * psi[:, 0].sum()),
         worst_target_error_mm=worst[0],
         worst_clearance_mm=worst[1],
     )
 
 
-def _clearance(psi: FloatArray, around: Surroundings, obstacles: tuple[Obstacle, ...]) -> float | None:
+def _measure_clearance(
+    psi: FloatArray, around: Surroundings, obstacles: tuple[Obstacle, ...]
+) -> float | None:
     if not obstacles:
         return None
     path = psi if len(psi) else np.zeros((1, 2))
@@ -157,6 +150,6 @@ def _clearance(psi: FloatArray, around: Surroundings, obstacles: tuple[Obstacle,
     return float((apart - around.needle_and_obstacle_mm).min())
 
 
-def _wrapped(roll_rad: float) -> float:
+def _wrap(roll_rad: float) -> float:
     """Return the roll in (-pi, pi]."""
     return float(np.pi - np.mod(np.pi - roll_rad, 2 * np.pi))

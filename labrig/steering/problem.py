@@ -1,4 +1,4 @@
-"""What a path is planned for, checked before anything is planned, and the same seen from the needle's tip."""
+"""The planning problem, checked when it is made, and its view from the needle's tip."""
 
 import math
 from collections.abc import Iterator
@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray
 
-FloatArray = NDArray[np.float64]
 PlanMethod = Literal["best", "paper"]
 Point = tuple[float, float, float]
 
@@ -36,12 +35,12 @@ class PlanWeights:
     length_per_mm, turn, target_error_per_mm : float
         Cost of a millimetre of path, of a turn between arcs, and of a millimetre by which the tip misses the target.
     clearance_per_mm, comfortable_clearance_mm : float
-        Cost of each millimetre that is missing to a comfortable clearance.
+        Cost of each millimetre that a comfortable clearance lacks.
     curvature_per_mm : float
-        Cost of each millimetre by which the tip moves when the radius is the worst of its tolerance; where the
-        problem states none, when it is one per cent larger.
+        Cost of each millimetre by which the tip moves if the radius is the worst of its tolerance, or one per cent
+        larger if the problem states no tolerance.
     cavity_per_mm : float
-        Cost of each millimetre by which the tip would miss after a cavity at the worst place of the path.
+        Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
     """
 
     length_per_mm: float = 1.0
@@ -55,44 +54,44 @@ class PlanWeights:
 
 @dataclass(frozen=True)
 class PlanProblem:
-    """Where the needle is, where it has to go, and what stands between.
+    """Where the needle is, where it has to go, and the obstacles between.
 
     Parameters
     ----------
     target_mm : (x, y, z)
-        In the world frame, as everything here.
+        In the world frame, as all positions here.
     obstacles : tuple of Obstacle
     start : (4, 4) array
         Pose of {1b}: of the needle's tip, its z axis along the needle.
     radius_mm, diameter_mm : float
         Of the needle's arcs, and of the needle.
     radius_range_mm : (float, float) or None
-        Smallest and largest radius that the needle may have, as of a design file; None: not stated.
+        Smallest and largest radius that the needle may have, as a design file states; None: not stated.
     cavity_mm : float
-        Length of a cavity, in which the needle goes straight, that the path should bear; 0: none is counted with.
+        Length of a cavity, in which the needle goes straight, that the path should tolerate; 0: no cavities.
     tolerance_mm : float
         How far from the target the path may end.
     clearance_mm : float
-        Asked for, from the needle's surface to an obstacle's.
+        Required distance from the needle's surface to an obstacle's.
     max_arcs : int
     max_length_mm : float
     max_heading_rad : float
         Largest angle between the path and its start, at most 90 degrees: the path never turns back.
     axis, max_off_axis_rad : (x, y, z) or None, float
-        Largest angle between a direction and the path where its arcs end; None: no such cap. It holds a path that is
-        planned again and again to the direction in which it was planned first.
+        Largest angle between a direction and the path at the ends of its arcs; None: no limit. It keeps a path that
+        is replanned many times near the direction of its first plan.
     planar : bool
         The path stays in the y-z plane of the start: delta_1 is 0 or pi, every later roll is pi (errata, planar rule).
     covariance : (k, k) array, optional
         Of the start's position [mm] and rotation vector [rad] in the tip's frame, in the first six places.
     margin_sigmas, margin_reach_mm : float
-        The clearance asked for grows by so many standard deviations of where the tip is this far ahead.
+        The required clearance grows by margin_sigmas standard deviations of the tip's position this far ahead.
     weights : PlanWeights
 
     Raises
     ------
     InputError
-        Where a value is no number, a size is not positive, or the start is no pose.
+        If a value is not a number, a size is not positive, or the start is not a pose.
     """
 
     target_mm: Point
@@ -116,10 +115,10 @@ class PlanProblem:
     weights: PlanWeights = PlanWeights()
 
     def __post_init__(self) -> None:
-        """Refuse what no path could be planned for."""
-        for name, value in self._positive():
+        """Refuse a problem for which no path can be planned."""
+        for name, value in self._list_positive():
             _require(math.isfinite(value) and value > 0, name, value, "a positive number")
-        _require(_finite(self.target_mm), "target_mm", self.target_mm, "three numbers")
+        _require(_is_finite(self.target_mm), "target_mm", self.target_mm, "three numbers")
         not_negative = math.isfinite(self.clearance_mm) and self.clearance_mm >= 0
         _require(not_negative, "clearance_mm", self.clearance_mm, "a number, not negative")
         arcs_fit = 1 <= self.max_arcs <= HIGHEST_MAX_ARCS
@@ -139,14 +138,14 @@ class PlanProblem:
         self._check_start()
         for number, obstacle in enumerate(self.obstacles, start=1):
             _require(
-                _finite(obstacle.position_mm),
+                _is_finite(obstacle.position_mm),
                 f"obstacle {number} position_mm",
                 obstacle.position_mm,
                 "numbers",
             )
             self._check_obstacle(number, obstacle)
 
-    def _positive(self) -> Iterator[tuple[str, float]]:
+    def _list_positive(self) -> Iterator[tuple[str, float]]:
         for name in ("radius_mm", "diameter_mm", "tolerance_mm", "max_length_mm", "max_heading_rad"):
             yield name, getattr(self, name)
         for number, obstacle in enumerate(self.obstacles, start=1):
@@ -181,7 +180,7 @@ class PlanProblem:
 
     @property
     def margin_mm(self) -> float:
-        """How much the clearance grows because the start is not known exactly."""
+        """Growth of the clearance, because the start is not known exactly."""
         if self.covariance is None:
             return 0.0
         position = float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])
@@ -193,7 +192,7 @@ class PlanProblem:
 class Surroundings:
     """A problem in {1b}: the start is the origin and the needle points along z.
 
-    `keep_off_mm` (K,) is how far the needle's centre line stays from each obstacle's centre.
+    `keep_off_mm` (K,) is the distance that the needle's centre line keeps from each obstacle's centre.
     """
 
     problem: PlanProblem
@@ -201,13 +200,13 @@ class Surroundings:
     @cached_property
     def target_mm(self) -> FloatArray:
         """The target, (3,)."""
-        return self._seen_from_start(np.asarray(self.problem.target_mm, dtype=float))
+        return self._to_start_frame(np.asarray(self.problem.target_mm, dtype=float))
 
     @cached_property
     def centres_mm(self) -> FloatArray:
         """The obstacles' centres, (K, 3)."""
         positions = [obstacle.position_mm for obstacle in self.problem.obstacles]
-        return self._seen_from_start(np.asarray(positions, dtype=float).reshape(-1, 3))
+        return self._to_start_frame(np.asarray(positions, dtype=float).reshape(-1, 3))
 
     @cached_property
     def needle_and_obstacle_mm(self) -> FloatArray:
@@ -217,15 +216,15 @@ class Surroundings:
 
     @cached_property
     def keep_off_mm(self) -> FloatArray:
-        """The distance at which the clearance asked for, and the pose's margin, are kept, (K,)."""
+        """The distance from the centre line that keeps the required clearance and the margin, (K,)."""
         return self.needle_and_obstacle_mm + self.problem.clearance_mm + self.problem.margin_mm
 
-    def _seen_from_start(self, points: FloatArray) -> FloatArray:
+    def _to_start_frame(self, points: FloatArray) -> FloatArray:
         start = np.asarray(self.problem.start, dtype=float)
         return np.asarray((points - start[:3, 3]) @ start[:3, :3])
 
 
-def _finite(point: Point) -> bool:
+def _is_finite(point: Point) -> bool:
     return len(point) == 3 and all(math.isfinite(value) for value in point)
 
 

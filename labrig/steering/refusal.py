@@ -1,31 +1,29 @@
-"""Why there is no path: said before any search where geometry alone decides, and after it where the search does."""
+"""Why there is no path: before any search if geometry alone decides, otherwise after the search."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labrig.steering.planar import Field, close, grow, hits, root
+from labrig.needle.kinematics import FloatArray
+from labrig.steering.planar import Field, close_paths, find_hits, grow_tips, start_tree, target_in_plane
 from labrig.steering.problem import Surroundings
-
-FloatArray = NDArray[np.float64]
 
 _SAMPLES = (40, 16)
 
 
-def refusal_at_once(around: Surroundings) -> str | None:
-    """Return why the target cannot be reached, whatever the path, or None.
+def find_refusal(around: Surroundings) -> str | None:
+    """Return why no path can reach the target, or None.
 
-    The path points forwards everywhere, so its depth never falls, and no path bends faster than the needle's
-    circle: what is beside the circles in which the needle could turn at once stays out of reach.
+    A path points forwards everywhere, so its depth never decreases, and it never bends more tightly than the needle's
+    circle. So points inside the turning circles at the start, and beside them, are out of reach.
     """
     distance = float(np.linalg.norm(around.target_mm))
     if distance <= around.problem.tolerance_mm:
-        return _blocked_ends(around)
-    return _out_of_reach(around, distance) or _blocked_ends(around)
+        return _explain_blocked_ends(around)
+    return _explain_out_of_reach(around, distance) or _explain_blocked_ends(around)
 
 
-def _out_of_reach(around: Surroundings, distance: float) -> str | None:
+def _explain_out_of_reach(around: Surroundings, distance: float) -> str | None:
     problem = around.problem
     x, y, z = around.target_mm.tolist()
     tolerance_mm, radius_mm = problem.tolerance_mm, problem.radius_mm
@@ -39,7 +37,7 @@ def _out_of_reach(around: Surroundings, distance: float) -> str | None:
             f"the target lies inside the turning circles: {lateral:.1f} mm beside the needle and {z:.1f} mm "
             f"ahead, with a radius of {radius_mm:g} mm"
         )
-    if lateral - tolerance_mm > _widest(z + tolerance_mm, radius_mm):
+    if lateral - tolerance_mm > _widest_lateral_mm(z + tolerance_mm, radius_mm):
         return (
             f"the target lies {lateral:.1f} mm beside the needle: the path would turn by more than 90 degrees"
         )
@@ -48,73 +46,68 @@ def _out_of_reach(around: Surroundings, distance: float) -> str | None:
     return None
 
 
-def _widest(depth_mm: float, radius_mm: float) -> float:
-    """Return how far to the side the needle can be at a depth; beyond its radius, without limit."""
+def _widest_lateral_mm(depth_mm: float, radius_mm: float) -> float:
+    """Return how far aside the needle can be at a depth; unlimited at depths beyond its radius."""
     if depth_mm >= radius_mm:
         return math.inf
     return radius_mm - math.sqrt(radius_mm**2 - max(depth_mm, 0.0) ** 2)
 
 
-def _blocked_ends(around: Surroundings) -> str | None:
-    """Return which obstacle is too near to the start, or leaves no room within the target's tolerance."""
+def _explain_blocked_ends(around: Surroundings) -> str | None:
+    """Return which obstacle is too near the start, or leaves no room within the target's tolerance."""
     apart = np.linalg.norm(around.centres_mm, axis=1)
     for k in np.flatnonzero(apart < around.keep_off_mm):
-        gap = apart[k] - around.needle_and_obstacle_mm[k]
-        return f"the start is blocked by obstacle {k + 1}: {gap:.2f} mm of clearance, {_wanted(around)} asked for"
+        return f"the start is blocked {_describe_gap(around, int(k), apart)}"
     apart = np.linalg.norm(around.centres_mm - around.target_mm, axis=1)
     for k in np.flatnonzero(apart + around.problem.tolerance_mm < around.keep_off_mm):
-        gap = apart[k] - around.needle_and_obstacle_mm[k]
-        return f"the target is blocked by obstacle {k + 1}: {gap:.2f} mm of clearance, {_wanted(around)} asked for"
+        return f"the target is blocked {_describe_gap(around, int(k), apart)}"
     return None
 
 
-def _wanted(around: Surroundings) -> str:
-    return f"{around.problem.clearance_mm + around.problem.margin_mm:.2f} mm"
+def _describe_gap(around: Surroundings, k: int, apart: FloatArray) -> str:
+    gap_mm = apart[k] - around.needle_and_obstacle_mm[k]
+    wanted_mm = around.problem.clearance_mm + around.problem.margin_mm
+    return f"by obstacle {k + 1}: {gap_mm:.2f} mm of clearance, {wanted_mm:.2f} mm asked for"
 
 
-def refusal_after_search(around: Surroundings) -> str:
-    """Return what stands in the way of a target that geometry allows and that the search did not reach."""
+def explain_failure(around: Surroundings) -> str:
+    """Return why the search found no path to a target that geometry allows."""
     problem = around.problem
     if not problem.planar:
-        return f"no path found with up to {problem.max_arcs} arcs and {problem.max_length_mm:g} mm{_suspects(around)}"
-    field = Field.of(around)
-    target = complex(around.target_mm[2], around.target_mm[1])
-    counts, shortest_mm = _paths_if_nothing_stood_there(field, target, problem.max_arcs)
+        limits = f"up to {problem.max_arcs} arcs and {problem.max_length_mm:g} mm"
+        return f"no path found with {limits}{_name_suspect(around)}"
+    field = Field.from_surroundings(around)
+    shares, shortest_mm = _measure_free_paths(field, target_in_plane(around), problem.max_arcs)
     if math.isinf(shortest_mm):
         return f"no path of {problem.max_arcs} arcs leads to the target, obstacles or not"
     if shortest_mm > problem.max_length_mm:
         return f"too long: the shortest path is {shortest_mm:.1f} mm, and {problem.max_length_mm:g} mm are allowed"
-    if not len(counts):
+    if not len(shares):
         return f"no path of {problem.max_arcs} arcs leads to the target without pointing too far aside"
-    worst = int(np.argmax(counts))
-    named = np.flatnonzero(field_order(around))[worst] + 1
-    return f"blocked by obstacle {named}: it cuts {100 * counts[worst]:.0f} % of the paths that lead to the target"
+    worst = int(np.argmax(shares))
+    number = field.obstacles[worst] + 1
+    return f"blocked by obstacle {number}: it cuts {100 * shares[worst]:.0f} % of the paths that lead to the target"
 
 
-def field_order(around: Surroundings) -> NDArray[np.bool_]:
-    """Return which obstacles are discs of the steering plane; discs keep the obstacles' order."""
-    return np.asarray(around.keep_off_mm**2 - around.centres_mm[:, 0] ** 2 > 0)
-
-
-def _paths_if_nothing_stood_there(field: Field, target: complex, max_arcs: int) -> tuple[FloatArray, float]:
+def _measure_free_paths(field: Field, target: complex, max_arcs: int) -> tuple[FloatArray, float]:
     """Return the share of paths of up to four arcs that each disc cuts, and the length of the shortest path."""
     empty = field.without_limits()
-    tips, cut, total, shortest = root(), np.zeros(len(field.discs)), 0, math.inf
+    tips, cut, total, shortest = start_tree(), np.zeros(len(field.discs)), 0, math.inf
     for level in range(min(max_arcs - 1, 3)):
         if level:
-            tips = grow(tips, empty, _SAMPLES[level - 1])
-        closures = close(tips, empty, target)
+            tips = grow_tips(tips, empty, _SAMPLES[level - 1])
+        closures = close_paths(tips, empty, target)
         if not len(closures.parent):
             continue
         lengths = tips.angles_rad[closures.parent].sum(axis=1) + closures.angles_rad.sum(axis=1)
         shortest = min(shortest, field.radius_mm * float(lengths.min()))
-        cut += hits(closures, tips, field, target).sum(axis=0)
+        cut += find_hits(closures, tips, field, target).sum(axis=0)
         total += len(closures.parent)
     return cut / max(total, 1), shortest
 
 
-def _suspects(around: Surroundings) -> str:
-    """Return the obstacle that the straight line to the target meets first, as a guess in words."""
+def _name_suspect(around: Surroundings) -> str:
+    """Return a guess as text: the first obstacle on the straight line to the target."""
     along = np.clip(around.centres_mm @ around.target_mm / np.sum(around.target_mm**2), 0, 1)
     apart = np.linalg.norm(around.centres_mm - along[:, None] * around.target_mm, axis=1)
     near = np.flatnonzero(apart < around.keep_off_mm)

@@ -1,23 +1,20 @@
 """The paper's planner: resolved motion rate with avoidance in the null space, arcs added as in figure 5.
 
-Kept for comparison, with what it takes to make it work (errata and failure modes of the paper):
+For comparison, with the changes that make it work (errata and failure modes of the paper):
 
-- (11), (13): target and obstacles are seen from {1b}, its position taken off too.
+- (11), (13): target and obstacles are transformed into {1b}, with its position subtracted too.
 - (13): a smooth ramp over the obstacle's radius, the needle's, and the clearance, pointing away from the centre.
 - (14): damped least squares, as J J^T is singular at psi = 0 and always in the plane; the projector by SVD.
 - (15): the own-arc block as corrected in `labrig.needle.control_jacobians`.
 - Planar rule: delta_1 is 0 or pi and delta_i pi beyond; both signs and several starts run side by side, as psi = 0
-  is a saddle. theta is clamped; what interferes is decided exactly, not at the control points.
+  is a saddle. theta is clamped; interference is decided exactly, not at the control points.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labrig.needle.kinematics import control_jacobians, control_points, path_frames, path_jacobian
+from labrig.needle.kinematics import FloatArray, control_jacobians, control_points, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import best_feasible
-
-FloatArray = NDArray[np.float64]
+from labrig.steering.score import pick_best_feasible
 
 _ITERATIONS = 150
 _CHECK_EVERY = 10
@@ -25,26 +22,26 @@ _CONTROL_POINTS = 5
 _TARGET_GAIN = 0.3
 _AVOIDANCE_GAIN = 1.0
 _RAMP_MM = 4.0
-_DAMPING_MM = 1.0
+_DAMPING_MM2 = 1.0
 _LARGEST_STEP_RAD = 0.2
 _LARGEST_ANGLE_RAD = np.pi / 2
 
 
-def resolved_motion_rate(around: Surroundings) -> FloatArray | None:
-    """Return the first feasible path (n, 2), with as few arcs as the iteration manages, or None."""
+def search_by_resolved_rate(around: Surroundings) -> FloatArray | None:
+    """Return the first feasible path (n, 2), with as few arcs as possible, or None."""
     for arcs in range(1, around.problem.max_arcs + 1):
-        psi = _starts(arcs, around)
+        psi = _make_starts(arcs, around)
         for iteration in range(_ITERATIONS):
-            psi = _stepped(psi, around)
+            psi = _step(psi, around)
             if iteration % _CHECK_EVERY == _CHECK_EVERY - 1:
-                path = best_feasible(psi, around)
+                path = pick_best_feasible(psi, around)
                 if path is not None:
                     return path
     return None
 
 
-def _starts(arcs: int, around: Surroundings) -> FloatArray:
-    """Return starts (S, n, 2): both first rolls (four with free rolls), short, even and growing arcs."""
+def _make_starts(arcs: int, around: Surroundings) -> FloatArray:
+    """Return starts (S, n, 2): two first rolls (four with free rolls), each with short, equal and growing arcs."""
     first_rolls = np.arange(2) * np.pi if around.problem.planar else np.arange(4) * np.pi / 2
     shapes = np.stack((np.full(arcs, 1e-3), np.full(arcs, 0.4), np.linspace(0.1, 0.8, arcs)))
     psi = np.full((len(first_rolls), len(shapes), arcs, 2), np.pi)
@@ -53,15 +50,15 @@ def _starts(arcs: int, around: Surroundings) -> FloatArray:
     return psi.reshape(-1, arcs, 2)
 
 
-def _stepped(psi: FloatArray, around: Surroundings) -> FloatArray:
+def _step(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the configurations after one step of equation (14)."""
     radius_mm, planar = around.problem.radius_mm, around.problem.planar
     jacobian = path_jacobian(psi, radius_mm)
     pull = around.target_mm - path_frames(psi, radius_mm).positions_mm[:, -1]
-    push = _avoidance(psi, around)
+    push = _avoidance_step(psi, around)
     if planar:  # the rolls are fixed: only the columns of theta are variables
         jacobian, push = jacobian[..., ::2], push[..., ::2]
-    step = _TARGET_GAIN * _damped_solve(jacobian, pull)
+    step = _TARGET_GAIN * solve_damped(jacobian, pull)
     step += push - (np.linalg.pinv(jacobian, rcond=1e-6) @ (jacobian @ push[..., None]))[..., 0]
     step = np.clip(step, -_LARGEST_STEP_RAD, _LARGEST_STEP_RAD)
     moved = psi.copy()
@@ -73,7 +70,7 @@ def _stepped(psi: FloatArray, around: Surroundings) -> FloatArray:
     return moved
 
 
-def _avoidance(psi: FloatArray, around: Surroundings) -> FloatArray:
+def _avoidance_step(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the sum over control points of equation (14) before its projection, (S, 2n)."""
     if not len(around.centres_mm):
         return np.zeros((len(psi), 2 * psi.shape[1]))
@@ -83,11 +80,11 @@ def _avoidance(psi: FloatArray, around: Surroundings) -> FloatArray:
     ramp = np.clip((around.keep_off_mm + _RAMP_MM - apart) / _RAMP_MM, 0.0, 2.0)
     velocity = np.sum((ramp / np.maximum(apart, 1e-9))[..., None] * away, axis=-2)
     jacobians = control_jacobians(psi, around.problem.radius_mm, _CONTROL_POINTS)
-    return np.asarray(_AVOIDANCE_GAIN * _damped_solve(jacobians, velocity).sum(axis=(1, 2)))
+    return np.asarray(_AVOIDANCE_GAIN * solve_damped(jacobians, velocity).sum(axis=(1, 2)))
 
 
-def _damped_solve(jacobian: FloatArray, velocity: FloatArray) -> FloatArray:
+def solve_damped(jacobian: FloatArray, velocity: FloatArray, damping_mm2: float = _DAMPING_MM2) -> FloatArray:
     """Return J^T (J J^T + lambda^2 I)^-1 v for any number of Jacobians (..., 3, k)."""
     across = np.swapaxes(jacobian, -1, -2)
-    normal = jacobian @ across + _DAMPING_MM**2 * np.eye(3)
+    normal = jacobian @ across + damping_mm2 * np.eye(3)
     return np.asarray((across @ np.linalg.solve(normal, velocity[..., None]))[..., 0])

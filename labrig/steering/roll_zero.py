@@ -1,4 +1,4 @@
-"""The roll zero of a needle: which roll bends it towards -y, from how far it strays sideways at several rolls."""
+"""The roll zero of a needle: the roll that bends it towards -y, from its deflection at several rolls."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labrig.errors import InputError, MeasurementRefusedError
-from labrig.steering.tip import numbers
+from labrig.steering.tip import require_numbers
 
 _LEAST_INSERTIONS = 4
 _MOST_OFF = 0.25
@@ -15,14 +15,14 @@ _MOST_OFF = 0.25
 
 @dataclass(frozen=True)
 class RollZeroFit:
-    """Where the bend points towards -y, and how sure that is.
+    """The roll at which the needle bends towards -y, and its uncertainty.
 
     Attributes
     ----------
     zero_rad, sd_rad : float
         Position of the rotation axis, between -pi and pi, and its standard deviation.
     bend_mm, expected_mm : float
-        How far the tip strays sideways at the zero, and how far an arc of the design radius would.
+        Deflection of the tip at the zero, and that of an arc of the design radius.
     residual_rms_mm : float
         Of the deflections about the fitted cosine.
     """
@@ -39,8 +39,8 @@ def fit_roll_zero(
 ) -> RollZeroFit:
     """Return the roll zero from insertions of one length at several positions of the rotation axis.
 
-    By equation (5) the tip strays by y = -r (1 - cos(l / r)) cos(delta - delta_0). With a constant for where the
-    sheath stands that is linear in (1, cos delta, sin delta); least squares, first-order propagation.
+    By equation (5) the tip's deflection is y = -r (1 - cos(l / r)) cos(delta - delta_0). With a constant for the
+    sheath's position that is linear in (1, cos delta, sin delta); least squares, first-order propagation.
 
     Parameters
     ----------
@@ -49,16 +49,17 @@ def fit_roll_zero(
     deflection_mm : (N,) array
         y of the tip.
     length_mm, radius_mm : float
-        Inserted beyond the sheath, and the radius that is expected.
+        Inserted beyond the sheath, and the expected radius.
 
     Raises
     ------
     InputError
         For fewer insertions, or a number that is not finite.
     MeasurementRefusedError
-        Where the bend is not what it should be, or its side cannot be told.
+        If the bend is not as expected, or its side is undetermined.
     """
-    rolls, places = numbers("roll_rad", roll_rad, (None,)), numbers("deflection_mm", deflection_mm, (None,))
+    rolls = require_numbers("roll_rad", roll_rad, (None,))
+    places = require_numbers("deflection_mm", deflection_mm, (None,))
     if len(rolls) != len(places) or len(rolls) < _LEAST_INSERTIONS:
         raise InputError(
             f"{len(rolls)} rolls and {len(places)} deflections, four of each are the least",

@@ -1,13 +1,11 @@
-"""Which of many candidate paths are feasible, and which of these is best."""
+"""The best feasible path among many candidates."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle.kinematics import Frames, path_frames
+from labrig.needle.kinematics import FloatArray, Frames, path_frames
 from labrig.steering.clearance import arc_distances
 from labrig.steering.problem import Surroundings
-
-FloatArray = NDArray[np.float64]
 
 _RADIUS_ERROR = 0.01
 _ROUNDING = 1e-9
@@ -15,14 +13,14 @@ _NO_ARC_RAD = 1e-9
 _PIECES = 3
 
 
-def best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
+def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
     """Return the path (n, 2) of least cost among those of paths (M, n, 2) that are feasible, or None.
 
-    Feasible is what reaches the target, keeps off the obstacles, and stays within the caps; `PlanWeights` says
-    what costs what. Empty arcs at a path's end are left off.
+    A feasible path reaches the target, keeps off the obstacles, and stays within the limits; `PlanWeights` holds the
+    costs. Empty arcs at the end of the path are dropped.
     """
     frames = path_frames(psi, around.problem.radius_mm)
-    kept = _within_caps(psi, frames, around)
+    kept = _find_within_caps(psi, frames, around)
     psi, frames = psi[kept], Frames(frames.positions_mm[kept], frames.rotations[kept])
     gaps = np.full(len(psi), np.inf)
     if len(around.centres_mm):
@@ -33,14 +31,14 @@ def best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | None:
         frames = Frames(frames.positions_mm[clear], frames.rotations[clear])
     if not len(psi):
         return None
-    cheapest = psi[np.argmin(_costs(psi, frames, gaps, around))]
+    cheapest = psi[np.argmin(_path_costs(psi, frames, gaps, around))]
     return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > _NO_ARC_RAD).max(initial=-1) + 1])
 
 
-def _within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArray[np.intp]:
+def _find_within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArray[np.intp]:
     problem = around.problem
     errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
-    # With a cap of 90 degrees or less an arc whose ends point forwards points forwards everywhere.
+    # With a limit of 90 degrees or less, an arc whose ends point forwards points forwards everywhere.
     headings = frames.rotations[:, :, 2, 2].min(axis=-1)
     good = (errors <= problem.tolerance_mm) & (headings >= np.cos(problem.max_heading_rad) - _ROUNDING)
     if problem.axis is not None:
@@ -52,12 +50,12 @@ def _within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArr
     return np.flatnonzero(good)
 
 
-def _costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
+def _path_costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
     weights, radius_mm = around.problem.weights, around.problem.radius_mm
     tips = frames.positions_mm[:, -1]
     others_mm = around.problem.radius_range_mm or (radius_mm * (1 + _RADIUS_ERROR),)
     moved = [
-        path_frames(*_of_radius(psi, radius_mm, other_mm)).positions_mm[:, -1] - tips
+        path_frames(*_scale_to_radius(psi, radius_mm, other_mm)).positions_mm[:, -1] - tips
         for other_mm in others_mm
     ]
     cost = weights.length_per_mm * radius_mm * psi[..., 0].sum(axis=-1)
@@ -71,11 +69,11 @@ def _costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroun
 
 
 def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
-    """Return by how much each path would miss after a cavity at its worst place, (M,) [mm].
+    """Return the miss of each path after a cavity, averaged over the cavity's place, (M,) [mm].
 
-    Beyond the cavity the needle turns towards the target as tightly as it can. Where the target then lies in its
-    turning circle, it misses by the depth of it there; where the cavity reaches beyond the target, by its distance to
-    the straight line.
+    Beyond the cavity the needle turns towards the target as tightly as it can. If the target then lies inside the
+    turning circle, the miss is its depth in that circle. If the cavity reaches beyond the target, the miss is the
+    target's distance from the straight line.
     """
     radius_mm = around.problem.radius_mm
     pieces = np.repeat(psi * np.array([1 / _PIECES, 1.0]), _PIECES, axis=1)
@@ -92,19 +90,19 @@ def _miss_after_cavity(psi: FloatArray, around: Surroundings) -> FloatArray:
     return np.asarray((np.maximum(misses[:, 1:], 0.0) * lengths).sum(axis=-1))
 
 
-def _of_radius(psi: FloatArray, radius_mm: float, other_mm: float) -> tuple[FloatArray, float]:
-    """Return paths as a needle of another radius makes them: lengths inserted and rolls stay as planned."""
+def _scale_to_radius(psi: FloatArray, radius_mm: float, other_mm: float) -> tuple[FloatArray, float]:
+    """Return the paths of a needle of another radius with the same inserted lengths and rolls."""
     return psi * np.array([radius_mm / other_mm, 1.0]), other_mm
 
 
-def worst_miss_and_gap(psi: FloatArray, around: Surroundings) -> tuple[float, float | None]:
-    """Return the largest miss and the smallest gap [mm] of a path (n, 2) that is followed without looking.
+def find_worst_miss_and_gap(psi: FloatArray, around: Surroundings) -> tuple[float, float | None]:
+    """Return the largest miss and the smallest gap [mm] of a path (n, 2) that is followed open loop.
 
-    The radius is one of the two ends of its tolerance. The gap is None without obstacles.
+    They are the worst at both ends of the radius's tolerance. The gap is None without obstacles.
     """
     problem = around.problem
     ends_mm = problem.radius_range_mm or (problem.radius_mm,)
-    ways = [_of_radius(psi, problem.radius_mm, end_mm) for end_mm in ends_mm]
+    ways = [_scale_to_radius(psi, problem.radius_mm, end_mm) for end_mm in ends_mm]
     misses = [np.linalg.norm(path_frames(*way).positions_mm[-1] - around.target_mm) for way in ways]
     if not len(around.centres_mm) or not len(psi):
         return float(max(misses)), None

@@ -1,17 +1,15 @@
-"""Free rolls: many starts at once, each brought to the target by damped least squares, the best feasible one taken.
+"""Free rolls: many starts at once, each brought to the target by damped least squares; the best feasible path wins.
 
-Starts are drawn from a fixed seed, so the same problem gives the same plan. The arcs of a start turn alternately,
-more or less, and are long enough together to reach the target. Rounds are added until a path is found.
+Starts come from a fixed seed, so the same problem gives the same plan. The arcs of a start turn roughly alternately,
+and together they are long enough to reach the target. Rounds are added until a path is found.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labrig.needle.kinematics import path_frames, path_jacobian
+from labrig.needle.kinematics import FloatArray, path_frames, path_jacobian
 from labrig.steering.problem import Surroundings
-from labrig.steering.score import best_feasible
-
-FloatArray = NDArray[np.float64]
+from labrig.steering.resolved_rate import solve_damped
+from labrig.steering.score import pick_best_feasible
 
 _STARTS = 192
 _STEPS = 7
@@ -22,21 +20,21 @@ _DAMPING = 1e-3
 
 
 def search_space(around: Surroundings, *, thorough: bool) -> FloatArray | None:
-    """Return the best path (n, 2) found with free rolls, or None; a thorough search makes more rounds before that."""
+    """Return the best path (n, 2) with free rolls, or None; a thorough search makes more rounds before that."""
     rng = np.random.default_rng(0)
     problem = around.problem
     distance = float(np.linalg.norm(around.target_mm))
     fewest = max(1, int(np.ceil(distance / (problem.radius_mm * _LONGEST_ARC_RAD))))
     for round_number in range(_ROUNDS if thorough else _QUICK_ROUNDS):
         arcs = min(fewest + 1 + round_number % 3, problem.max_arcs)
-        psi = _settled(_starts(rng, arcs, distance / problem.radius_mm), around)
-        path = best_feasible(psi, around)
+        psi = _settle(_draw_starts(rng, arcs, distance / problem.radius_mm), around)
+        path = pick_best_feasible(psi, around)
         if path is not None:
             return path
     return None
 
 
-def _starts(rng: np.random.Generator, arcs: int, turning_rad: float) -> FloatArray:
+def _draw_starts(rng: np.random.Generator, arcs: int, turning_rad: float) -> FloatArray:
     psi = np.empty((_STARTS, arcs, 2))
     share = rng.dirichlet(np.full(arcs, 2.0), _STARTS)
     psi[..., 0] = np.minimum(share * turning_rad * rng.uniform(1.0, 1.3, (_STARTS, 1)), _LONGEST_ARC_RAD)
@@ -45,15 +43,13 @@ def _starts(rng: np.random.Generator, arcs: int, turning_rad: float) -> FloatArr
     return psi
 
 
-def _settled(psi: FloatArray, around: Surroundings) -> FloatArray:
+def _settle(psi: FloatArray, around: Surroundings) -> FloatArray:
     """Return the paths after a few damped Newton steps of their tips towards the target."""
     radius_mm = around.problem.radius_mm
     for _ in range(_STEPS):
         error = around.target_mm - path_frames(psi, radius_mm).positions_mm[:, -1]
         jacobian = path_jacobian(psi, radius_mm)
-        across = np.swapaxes(jacobian, -1, -2)
-        normal = jacobian @ across + _DAMPING * radius_mm**2 * np.eye(3)
-        step = (across @ np.linalg.solve(normal, error[..., None]))[..., 0]
+        step = solve_damped(jacobian, error, _DAMPING * radius_mm**2)
         psi = psi + np.clip(step.reshape(psi.shape), -0.5, 0.5)
         psi[..., 0] = np.clip(psi[..., 0], 0.0, np.pi)
     return psi

@@ -1,4 +1,4 @@
-"""What is known of the tip, what is observed of it, and with which noise: the values that the filters pass on."""
+"""Values of the tip filters: settings, observation and estimated state."""
 
 import math
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
 from labrig.errors import InputError
+from labrig.needle.kinematics import FloatArray
 
-FloatArray = NDArray[np.float64]
 EstimatorMethod = Literal["error-state", "paper"]
 
 # The seven errors of a tip: position and rotation vector, both in the tip's own frame, and curvature.
@@ -25,7 +25,7 @@ _HALF_TURN_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """How the tip is estimated, and the noise that is assumed.
+    """How the tip is estimated, and the assumed noise.
 
     Parameters
     ----------
@@ -38,20 +38,20 @@ class EstimatorSettings:
         the length inserted.
     method : {"error-state", "paper"}
     planar : bool
-        The needle stays in the y-z plane of its start: disturbances out of it are ignored, as in section V-C of
-        the paper, and so is what is observed out of it. Rolls are then whole half turns.
+        The needle stays in the y-z plane of its start: disturbances and observations out of it are ignored, as in
+        section V-C of the paper. Rolls are then whole half turns.
     radius_sd_mm : float
-        Of the radius. 0: the radius is known; above it, the error-state filter estimates the curvature too.
+        Of the radius. 0: the radius is known; above 0: the error-state filter estimates the curvature too.
     start_sd_rad : float
         Of the orientation at the start, about each axis.
     gate_probability : float
-        Share of good observations that the error-state filter's gate lets pass.
+        Share of good observations that pass the gate of the error-state filter.
     patience : int
-        So many observations in a row may fail the gate; at the next that does, the filter doubts itself and
-        widens its covariance until the observation is an ordinary one.
+        So many observations in a row may fail the gate; at the next failure the filter widens its covariance until
+        the observation is an ordinary one.
     cavity_every_mm, cavity_mm : float
         Mean length of path from one cavity to the next, and mean length of a cavity, in which the needle goes straight;
-        `labrig.steering.cavities` counts with them. Infinite: there are none.
+        `labrig.steering.cavities` models them. Infinite: no cavities.
 
     Raises
     ------
@@ -73,9 +73,8 @@ class EstimatorSettings:
 
     def __post_init__(self) -> None:
         if self.method not in get_args(EstimatorMethod):
-            raise InputError(
-                f"method {self.method!r} is unknown", f"use {' or '.join(get_args(EstimatorMethod))}"
-            )
+            methods = " or ".join(get_args(EstimatorMethod))
+            raise InputError(f"method {self.method!r} is unknown", f"use {methods}")
         for name in ("radius_mm", "observation_sd_mm"):
             _require(name, getattr(self, name), getattr(self, name) > 0.0, "above 0")
         for name in ("process_sd_rad_per_root_mm", "radius_sd_mm", "start_sd_rad", "patience"):
@@ -87,9 +86,8 @@ class EstimatorSettings:
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} is {getattr(self, name):g}, it must be above 0")
         if self.method == "paper" and math.isfinite(self.cavity_every_mm):
-            raise InputError(
-                "cavity_every_mm is set, but the paper's filter knows no cavities", "leave it out"
-            )
+            message = "cavity_every_mm is set, but the paper's filter does not model cavities"
+            raise InputError(message, "leave it out")
         if self.method == "paper" and self.radius_sd_mm > 0.0:
             message = (
                 f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
@@ -104,8 +102,8 @@ class EstimatorSettings:
 
     @cached_property
     def observed(self) -> FloatArray:
-        """H, (2 or 3, 7): which errors an observation sees, in the tip's frame; x is not seen in the plane."""
-        return frozen(np.eye(ERRORS)[1:3] if self.planar else np.eye(ERRORS)[:3])
+        """H, (2 or 3, 7): the errors that an observation sees, in the tip's frame; in the plane x is not seen."""
+        return freeze(np.eye(ERRORS)[1:3] if self.planar else np.eye(ERRORS)[:3])
 
     @cached_property
     def gate_nis(self) -> float:
@@ -120,13 +118,13 @@ class TipObservation:
     Parameters
     ----------
     position_mm : (3,) array or None
-        None where the tip was not found.
+        None if the tip was not found.
     step_mm : float
-        Inserted since the observation before.
+        Inserted since the previous observation.
     roll_rad : float
-        Turned before that, about the needle's axis.
+        Roll before that, about the needle's axis.
     bends : bool
-        Whether the tip bent over the step; False where its hinges had not closed yet, and it went straight.
+        Whether the tip bends over the step; False while its hinges have not closed yet and it goes straight.
 
     Raises
     ------
@@ -143,7 +141,9 @@ class TipObservation:
         _require("step_mm", self.step_mm, self.step_mm >= 0.0, "0 or more")
         _require("roll_rad", self.roll_rad, math.isfinite(self.roll_rad), "a number")
         if self.position_mm is not None:
-            object.__setattr__(self, "position_mm", frozen(numbers("position_mm", self.position_mm, (3,))))
+            object.__setattr__(
+                self, "position_mm", freeze(require_numbers("position_mm", self.position_mm, (3,)))
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +158,15 @@ class TipState:
         Of the path [1/mm].
     covariance : (7, 7) array
         Of the errors of position [mm] and orientation (rotation vector, [rad]), both in the tip's own frame, and
-        of curvature [1/mm]; zero in what is taken as known. Read-only.
+        of curvature [1/mm]; zero for what counts as known. Read-only.
     nis : float or None
-        Normalised innovation squared of the last observation; None where nothing was observed.
+        Normalised innovation squared of the last observation; None without an observation.
     accepted : bool
         Whether the last observation was used.
     misses : int
         Observations in a row that were missing or rejected.
     log_likelihood : float
-        Of the last observation, of which the filter was not told; 0 where nothing was observed.
+        Of the last observation given the prediction; 0 without an observation.
     """
 
     pose: FloatArray
@@ -203,13 +203,13 @@ class TipState:
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1]))
 
 
-def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return finite numbers of a shape, in which None stands for any length.
+def require_numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return an array of finite numbers of this shape, in which None stands for any length.
 
     Raises
     ------
     InputError
-        With the name, and the shape or the first place that is wrong.
+        With the name, and the shape or the first wrong place.
     """
     try:
         array = np.array(value, dtype=np.float64)
@@ -224,20 +224,20 @@ def numbers(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Float
     return array
 
 
-def rigid_pose(name: str, value: ArrayLike) -> FloatArray:
+def require_pose(name: str, value: ArrayLike) -> FloatArray:
     """Return a pose (4, 4).
 
     Raises
     ------
     InputError
-        For another shape, a number that is not finite, or a matrix that does not hold a rotation.
+        For another shape, a number that is not finite, or a matrix without a rotation.
     """
-    pose = numbers(name, value, (4, 4))
+    pose = require_numbers(name, value, (4, 4))
     rotation = pose[:3, :3]
     off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
     if off > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise InputError(
-            f"the upper left 3x3 of {name} is no rotation: R^T R is off by {off:.2g}, det R is "
+            f"the upper left 3x3 of {name} is not a rotation: R^T R is off by {off:.2g}, det R is "
             f"{np.linalg.det(rotation):.4g}",
             "its columns are the tip's axes: orthogonal, of length 1, right-handed",
         )
@@ -259,7 +259,7 @@ def require_half_turns(roll_rad: float) -> None:
         raise InputError(message, "use 0 or pi, or estimate without planar")
 
 
-def frozen(array: FloatArray) -> FloatArray:
+def freeze(array: FloatArray) -> FloatArray:
     """Return the array itself, read-only from now on."""
     array.flags.writeable = False
     return array

@@ -86,7 +86,7 @@ def _cycles(seed: int) -> list[tuple[float, float, float]]:
         at_mm = _inserted(world, at_mm, command.observe_at_mm, bevel_rad)
         image = world.picture()
         started, worked = time.perf_counter(), time.process_time()
-        seen = look_for_tip(eye, image, state.predicted(at_mm, settings), state.tip, bevel_rad)
+        seen = look_for_tip(eye, image, state.predict(at_mm, settings), state.tip, bevel_rad)
         found = time.perf_counter()
         state, command = step_steering(state, TipSighting(at_mm, seen.position_mm), settings)
         decided, processor = time.perf_counter() - found, time.process_time() - worked

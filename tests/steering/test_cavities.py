@@ -95,6 +95,6 @@ def test_a_needle_is_steered_through_a_cavity() -> None:
 
 @pytest.mark.parametrize("change", [{"cavity_every_mm": 0.0}, {"cavity_mm": -1.0}, {"method": "paper"}])
 def test_cavities_of_no_length_are_refused(change: dict[str, object]) -> None:
-    """A length is above 0, and the paper's filter knows no cavities."""
+    """A length is above 0, and the paper's filter does not model cavities."""
     with pytest.raises(InputError):
         replace(WATCHFUL, **change)  # type: ignore[arg-type]

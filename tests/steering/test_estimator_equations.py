@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from labrig.needle.kinematics import arc_pose, cross_matrix
-from labrig.steering.motion import step_position_mm, step_position_slope, turned
-from labrig.steering.paper_filter import body_rates, euler_angles, position_jacobian, rotation_of
+from labrig.steering.motion import rotation_from_vector, step_position_mm, step_position_slope
+from labrig.steering.paper_filter import body_rates, euler_angles, position_jacobian, rotation_from_euler
 
 ANGLES = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)).map(np.array)
 STEP = 1e-6
@@ -36,20 +36,20 @@ def test_the_slope_is_the_derivative(curvature: float) -> None:
 @given(vector=st.tuples(*[st.floats(-4.0, 4.0)] * 3).map(np.array))
 def test_turned_is_the_matrix_exponential(vector: np.ndarray) -> None:
     """Rodrigues' formula at every size of angle, zero included."""
-    np.testing.assert_allclose(turned(vector), expm(cross_matrix(vector)), atol=1e-12)
+    np.testing.assert_allclose(rotation_from_vector(vector), expm(cross_matrix(vector)), atol=1e-12)
 
 
 @given(angles=ANGLES)
 def test_euler_angles_come_back(angles: np.ndarray) -> None:
     """The angles of a rotation made of angles are these angles, away from the lock."""
-    np.testing.assert_allclose(euler_angles(rotation_of(angles)), angles, atol=1e-9)
+    np.testing.assert_allclose(euler_angles(rotation_from_euler(angles)), angles, atol=1e-9)
 
 
 def test_a_rotation_is_the_product_of_three() -> None:
     """R is e^(z) e^(y) e^(x), equation (16)."""
     angles = np.array((0.4, -0.9, 2.1))
     x, y, z = (expm(a * cross_matrix(axis)) for a, axis in zip(angles, np.eye(3), strict=True))
-    np.testing.assert_allclose(rotation_of(angles), z @ y @ x, atol=1e-14)
+    np.testing.assert_allclose(rotation_from_euler(angles), z @ y @ x, atol=1e-14)
 
 
 @given(angles=ANGLES)
@@ -57,7 +57,9 @@ def test_the_corrected_jacobian_is_the_derivative(angles: np.ndarray) -> None:
     """Equation (25) with e_3^T R_y R_x agrees with central differences; with e_3^T R_y it is off by up to 0.25."""
     advance = step_position_mm(1.0, 1.0 / 27.6)
     differences = [
-        (rotation_of(angles + STEP * axis) - rotation_of(angles - STEP * axis)) @ advance / (2.0 * STEP)
+        (rotation_from_euler(angles + STEP * axis) - rotation_from_euler(angles - STEP * axis))
+        @ advance
+        / (2.0 * STEP)
         for axis in np.eye(3)
     ]
     np.testing.assert_allclose(position_jacobian(angles, advance), np.transpose(differences), atol=1e-7)
@@ -67,7 +69,7 @@ def test_the_corrected_jacobian_is_the_derivative(angles: np.ndarray) -> None:
 def test_body_rates_turn_the_tip(angles: np.ndarray) -> None:
     """A small change of the angles turns the tip's frame by the body rates."""
     for axis, rate in zip(np.eye(3), body_rates(angles).T, strict=True):
-        change = rotation_of(angles).T @ (
-            rotation_of(angles + STEP * axis) - rotation_of(angles - STEP * axis)
+        change = rotation_from_euler(angles).T @ (
+            rotation_from_euler(angles + STEP * axis) - rotation_from_euler(angles - STEP * axis)
         )
         np.testing.assert_allclose(change / (2.0 * STEP), cross_matrix(rate), atol=1e-7)

@@ -37,7 +37,7 @@ from labrig.record.reader import Run
 from labrig.steering.planner import Plan, PlannedArc, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.problem import Obstacle
-from labrig.steering.step import SteeringState, sighted, start_steering, step_steering, turned
+from labrig.steering.step import SteeringState, start_steering, step_steering, take_in_sighting, turn_bevel
 from labrig.vision.mask import Mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
@@ -218,19 +218,19 @@ def _gone_again(
     for event in events:
         if event["kind"] == "flip":
             if command.roll_rad == 0.0:
-                state = turned(state, event["to_rad"] - event["from_rad"], settings)
+                state = turn_bevel(state, event["to_rad"] - event["from_rad"], settings)
             command = replace(command, roll_rad=0.0)
         elif event["kind"] == "observation":
             if command.roll_rad != 0.0:
                 state = replace(state, turns=state.turns[:-1])
-            predicted = state.predicted(float(event["depth_mm"]), settings)
+            predicted = state.predict(float(event["depth_mm"]), settings)
             fix = _look_again(event, predicted, eye)
             sighting = _sighting(event, fix, eye)
             if command.stop is None:
                 state, command = step_steering(state, sighting, settings)
                 commands.append(_command(int(event["frame"]), state, command))
             else:
-                state = sighted(state, sighting, settings)
+                state = take_in_sighting(state, sighting, settings)
             places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
             steps.append(_step(event, fix, state, places))
     return steps, commands

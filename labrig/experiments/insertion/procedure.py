@@ -222,7 +222,7 @@ class _Insertion:
         require_light(look.image)
         inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
         return look_for_tip(
-            self.eye, look.image, state.predicted(inserted_mm, self.settings), state.tip, self.bevel_rad
+            self.eye, look.image, state.predict(inserted_mm, self.settings), state.tip, self.bevel_rad
         )
 
     def find_sheath(self, look: Look) -> TrialOrigin | None:
@@ -373,5 +373,5 @@ def _innovation(
     """Return by how much the tip was seen elsewhere than predicted, (x, y, z); None where it was not seen."""
     if seen.position_mm is None:
         return None
-    off = np.asarray(seen.position_mm) - before.predicted(inserted_mm, settings)[:3, 3]
+    off = np.asarray(seen.position_mm) - before.predict(inserted_mm, settings)[:3, 3]
     return [float(one) for one in off]

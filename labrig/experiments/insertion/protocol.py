@@ -128,7 +128,9 @@ class Estimator(Model):
             )
             yield Conflict("radius_sd_mm", message, "set it to 0, or use the error-state filter")
         if self.method == "paper" and self.cavity_every_mm is not None:
-            message = f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter knows no cavities"
+            message = (
+                f"cavity_every_mm is {self.cavity_every_mm:g}, but the paper's filter does not model cavities"
+            )
             yield Conflict("cavity_every_mm", message, "set it to null, or use the error-state filter")
 
 

@@ -13,12 +13,9 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
-        ...
 
     def sleep(self, duration_s: float) -> None:
         """Let `duration_s` seconds of rig time pass."""
-        ...
 
     def utc(self) -> datetime:
         """Return the calendar time, aware, in UTC."""
-        ...

@@ -10,7 +10,7 @@ from labrig.cli.output import failure_document, failure_lines, print_json, print
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
 from labrig.cli.rigs import remark_on_yes, rig_for_person
-from labrig.devices.needle_state import rig_state
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
@@ -77,14 +77,14 @@ def withdraw_and_tell(
 
 def _again(description: RigDescription, runs_dir: Path, recorded: Path) -> str:
     """Return the command that goes on with a withdrawal, from the run in which the rig remembers the needle."""
-    since = rig_state(description.state_path).since_run
+    since = NeedleState(description.state_path).state.since_run
     folder = recorded.parent if recorded.parent != Path() else runs_dir
     return f"labrig devices withdraw --rig FILE --run {folder / str(since)}"
 
 
 def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
     """Return the run that left the needle in tissue."""
-    state = rig_state(description.state_path)
+    state = NeedleState(description.state_path).state
     if state.needle_in_tissue is False:
         raise InputError(
             f"no needle is in tissue, as rig {description.name} remembers",

@@ -4,11 +4,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from labrig.clock import Clock
-from labrig.devices.axis_description import AxisDescription, HomingDescription
-from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.axis_description import AxisDescription
 from labrig.devices.cia402_states import DriveState
-from labrig.devices.drive import Drive, Homing, Identity
-from labrig.errors import DriveError, DriveFaultError, SafetyStopError
+from labrig.devices.drive import Drive, Homing
+from labrig.errors import DriveError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
@@ -69,22 +68,9 @@ class Axis:
         Its drive.
     clock : Clock
         Whose time bounds moves.
-    heartbeat : HeartbeatDescription
-        When the drive stops by itself.
-    max_current_ma : int or None
-        Output current beyond which the drive does not go while this axis is open; None leaves its own limit.
     """
 
-    def __init__(
-        self,
-        name: str,
-        description: AxisDescription,
-        drive: Drive,
-        clock: Clock,
-        heartbeat: HeartbeatDescription,
-        *,
-        max_current_ma: int | None = None,
-    ) -> None:
+    def __init__(self, name: str, description: AxisDescription, drive: Drive, clock: Clock) -> None:
         self.name = name
         self.unit = description.unit
         self.limits = description.limits
@@ -92,31 +78,27 @@ class Axis:
         self.lag_s = description.lag_s
         self.referenced = False
         self.assumed = False
-        self._description = description
-        self._drive = drive
+        self.description = description
+        self.drive = drive
         self._clock = clock
         self._moves = False
         self._then: tuple[float, float] | None = None
         self._due_s: float | None = None
         self._inside_since_s: float | None = None
         self._last: tuple[float, float] | None = None
-        self._heartbeat = heartbeat
-        self._max_current_ma = max_current_ma
 
     # Moving
 
     def check_move(self, position: float, speed: float) -> None:
         """Refuse a move beyond the limits of this axis, or one whose speed integer rpm would change too much.
 
-        Raises
-        ------
-        LimitError
+        Raises `LimitError`.
         """
-        self._description.check_move(self.name, position, speed)
+        self.description.check_move(self.name, position, speed)
 
     def nearest_speed(self, speed: float) -> float:
         """Return the fastest speed that the drive of this axis can be told and that is no faster than `speed`."""
-        scale = self._description.scale()
+        scale = self.description.scale()
         return scale.to_speed(scale.speed_units_below(speed))
 
     def start_move(self, position: float, speed: float) -> Setpoint:
@@ -143,7 +125,7 @@ class Axis:
                 f"axis {self.name} is not referenced: nobody knows where it stands",
                 f"first: labrig devices home --axis {self.name} --rig FILE",
             )
-        move = self._drive.round_move(position, speed)
+        move = self.drive.round_move(position, speed)
         self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed)
         self._go(position, speed, self._beyond(position))
         return Setpoint(position, speed, move.sent, move.position, move.speed)
@@ -171,7 +153,7 @@ class Axis:
             Before anything is sent.
         DriveError, BusError
         """
-        position = self._drive.position()
+        position = self.drive.position()
         achieved = self.nearest_speed(min(speed, self.max_speed))
         target = position + distance
         if self.referenced:
@@ -182,27 +164,23 @@ class Axis:
 
     def _beyond(self, position: float) -> float | None:
         """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
-        here = self._drive.position()
-        if not self._description.backlash or position >= here:
+        here = self.drive.position()
+        if not self.description.backlash or position >= here:
             return None
-        return max(position - self._description.backlash, self.limits[0])
+        return max(position - self.description.backlash, self.limits[0])
 
     def _go(self, target: float, speed: float, beyond: float | None) -> None:
         self._inside_since_s = None
         self._moves = True
         self._then = None if beyond is None else (target, speed)
-        self._drive.start_move(target if beyond is None else beyond, speed)
+        self.drive.start_move(target if beyond is None else beyond, speed)
 
     def _longest_s(self, target: float, speed: float) -> float:
         """Return after how long a move must be done: its own time, window time and a margin."""
-        distance = abs(target - self._drive.position()) + 2 * self._description.backlash
-        ramps_s = 4 * speed / self._description.acceleration
-        window_s = self._description.position_window_time_ms / 1000
+        distance = abs(target - self.drive.position()) + 2 * self.description.backlash
+        ramps_s = 4 * speed / self.description.acceleration
+        window_s = self.description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
-
-    def expect_report(self) -> None:
-        """Let the next `read` return what the drive reports at the SYNC that is about to be sent."""
-        self._drive.expect_report()
 
     def read(self) -> AxisReadback:
         """Read statusword and position.
@@ -216,7 +194,7 @@ class Axis:
             On a fault, a restart, silence, lost power, or a move that is not done long after it should be.
         BusError
         """
-        read = self._drive.read()
+        read = self.drive.read()
         reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
             target, speed = self._then
@@ -242,7 +220,7 @@ class Axis:
             return False
         if self._inside_since_s is None:
             self._inside_since_s = now_s
-        return now_s - self._inside_since_s >= self._description.position_window_time_ms / 1000
+        return now_s - self._inside_since_s >= self.description.position_window_time_ms / 1000
 
     def _speed(self, position: float) -> float:
         """Return the speed since the position before this one; zero for the first."""
@@ -251,20 +229,12 @@ class Axis:
         self._last = (now_s, position)
         return (position - before) / (now_s - then_s) if now_s > then_s else 0.0
 
-    def check(self) -> None:
-        """Raise the `DriveError` of a fault or restart that the drive has reported by itself; ask nothing."""
-        self._drive.check()
-
     # Stopping
-
-    def send_halt(self) -> None:
-        """Tell the drive to halt and wait for no answer: a silent one holds up no other. Raises `BusError`."""
-        self._drive.send_stop()
 
     def halt(self) -> None:
         """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
-        self._drive.stop()
+        self.drive.stop()
 
     def wait_until_still(self) -> Iterator[None]:
         """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
@@ -276,106 +246,36 @@ class Axis:
         BusError
         """
         try:
-            yield from self._drive.wait_until_still(self._stop_time_s(self._description.acceleration))
+            yield from self.drive.wait_until_still(self._stop_time_s(self.description.acceleration))
         except DriveError:
-            self._drive.quick_stop()
-            again_s = self._stop_time_s(self._description.quick_stop_deceleration)
-            yield from self._drive.wait_until_still(again_s)
+            self.drive.quick_stop()
+            again_s = self._stop_time_s(self.description.quick_stop_deceleration)
+            yield from self.drive.wait_until_still(again_s)
 
     def _stop_time_s(self, deceleration: float) -> float:
         return self.max_speed / deceleration + _STOP_MARGIN_S
 
-    # Connecting
-
-    def connect(self) -> Identity:
-        """Verify that the drive is the one of the rig file; nothing is written.
-
-        Raises
-        ------
-        DriveError, BusError
-        """
-        return self._drive.identify()
-
-    def configure(self) -> None:
-        """Give the drive its settings, held off; heartbeats are watched from here. Raises `DriveError`, `BusError`."""
-        self._drive.configure(self._heartbeat, self._max_current_ma)
-
-    def fault(self) -> DriveFaultError | None:
-        """Return the newest fault in which its drive is; None when it is in none. Raises `DriveError`, `BusError`."""
-        return next(iter(self._drive.faults()), None)
-
-    def reset_fault(self) -> None:
-        """Reset the fault of its drive, as a person has confirmed. Raises `DriveError`, `BusError`."""
-        self._drive.reset_fault()
-
-    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the COB-IDs of process data that the drive sends, and that it obeys."""
-        return self._drive.cob_ids()
-
-    def enable(self) -> None:
-        """Switch the power stage on; the axis holds where it is. Raises `DriveError`, `BusError`."""
-        self._drive.enable()
-
-    def release(self) -> None:
-        """Switch the power stage off, and take back what was limited. Raises `DriveError`, `BusError`."""
-        self._drive.close()
-
-    def is_referenced_in_drive(self) -> bool:
-        """Tell whether the drive has kept its reference since it was set. Raises `DriveError`, `BusError`."""
-        return self._drive.is_referenced()
-
-    def homing_direction(self, method: int) -> int:
-        """Return which way this axis goes in the search of a method: -1 back, +1 forwards, 0 not at all."""
-        return self._description.homing_direction(method)
-
-    def homing_current_ma(self, method: int) -> int | None:
-        """Return the current by which a method feels its stop [mA]; None for one that does not."""
-        return self._description.homing_current_ma(method)
-
-    @property
-    def homing(self) -> HomingDescription:
-        """How the rig file has this axis homed."""
-        return self._description.homing
-
-    def homing_by(self, method: int) -> Homing:
-        """Return a homing by this method as the rig file has it."""
-        said = self._description.homing
-        return Homing(method, said.position, said.offset, said.speed, said.timeout_s)
+    # Reference
 
     def start_homing(self, homing: Homing) -> None:
         """Begin to look for home, without a reference and its limits until `finish_homing`.
 
-        Raises
-        ------
-        DriveError, BusError
+        Raises `DriveError`, `BusError`.
         """
         self.referenced = self.assumed = False
         self._due_s = self._then = None
-        self._drive.set_limits(None)
-        self._drive.start_homing(homing)
-
-    def has_homed(self) -> bool:
-        """Tell whether home has been found.
-
-        Raises
-        ------
-        DriveError
-            When it cannot be found, or not in time.
-        BusError
-        """
-        return self._drive.has_homed()
+        self.drive.set_limits(None)
+        self.drive.start_homing(homing)
 
     def finish_homing(self, homing: Homing) -> None:
         """Hold at home, and give the drive the limits, which mean something from now on.
 
-        Raises
-        ------
-        DriveError, BusError
+        Raises `DriveError`, `BusError`.
         """
-        self._drive.finish_homing(homing)
+        self.drive.finish_homing(homing)
         self.referenced = True
         self._moves = False
-        self.set_limits()
+        self.drive.set_limits(self.limits)
 
     def assume_position(self, position: float) -> None:
         """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
@@ -383,29 +283,14 @@ class Axis:
         Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits that the
         drive may have from another zero are taken off; those of the rig file hold here.
 
-        Raises
-        ------
-        DriveError, BusError
+        Raises `DriveError`, `BusError`.
         """
-        self._drive.set_limits(None)
-        self._drive.assume_position(position)
+        self.drive.set_limits(None)
+        self.drive.assume_position(position)
         self._moves = False
         self._then = self._due_s = None
         self.assumed = True
 
-    def set_limits(self) -> None:
-        """Give the drive the limits of the rig file; they mean something only while the axis is referenced.
-
-        Raises
-        ------
-        DriveError, BusError
-        """
-        self._drive.set_limits(self.limits)
-
-    def counts(self) -> dict[str, int]:
-        """Return how often the drive had to be asked again, and answers of it that nobody had asked for."""
-        return self._drive.counts()
-
     def describe(self) -> dict[str, object]:
         """Return how the axis converts, for the record."""
-        return {"unit": self.unit, **self._drive.describe()}
+        return {"unit": self.unit, **self.drive.describe()}

@@ -170,9 +170,7 @@ class AxisDescription(Model):
     def check_move(self, name: str, position: float, speed: float) -> None:
         """Refuse a move that this axis, of this name, may not make, or whose speed rounding changes too much.
 
-        Raises
-        ------
-        LimitError
+        Raises `LimitError`.
         """
         low, high = self.limits
         if not low <= position <= high:

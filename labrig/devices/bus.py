@@ -30,7 +30,7 @@ _MOST_FRAMES_KEPT = 200_000
 # Classes of SocketCAN's error frames, and bits of their second byte (linux/can/error.h).
 _ERROR_CONTROLLER, _ERROR_BUS_OFF, _ERROR_PASSIVE = 0x004, 0x040, 0x30
 
-_OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
+OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
 """Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
@@ -137,12 +137,7 @@ class CanLink:
         return self.trouble is None or isinstance(self.trouble, BusPassiveError)
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send one frame.
-
-        Raises
-        ------
-        BusError
-        """
+        """Send one frame. Raises `BusError`."""
         if self.network.trouble is not None and not self.carries:
             raise self.network.trouble
         try:
@@ -193,7 +188,7 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
             bitrate=description.bitrate,
             **(_OPTIONS.get(description.interface, {}) | description.options),
         )
-    except _OPENING_FAILURES as error:
+    except OPENING_FAILURES as error:
         raise BusError(f"CAN interface {where} cannot be opened: {error}", _hint(description)) from error
     return CanLink(network, clock, description.answer_timeout_ms / 1000)
 

@@ -51,23 +51,18 @@ class PictureSource(Protocol):
     @property
     def exposures(self) -> int:
         """Exposures that the camera has made so far, those thrown away included."""
-        ...
 
     def set(self, name: str, value: Setting) -> None:
         """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
-        ...
 
     def get(self, name: str) -> Setting | None:
         """Return the value that the source uses now; None where it cannot tell."""
-        ...
 
     def read(self) -> Exposure | None:
         """Return a picture exposed after this call, or None when there is none."""
-        ...
 
     def close(self) -> None:
         """Let go of the camera; a second time changes nothing."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -137,9 +132,7 @@ class Camera:
     def read_settings(self) -> dict[str, Setting | None]:
         """Return what the camera uses now for each setting that was made; None where it cannot tell.
 
-        Raises
-        ------
-        CameraError
+        Raises `CameraError`.
         """
         return {name: self._source.get(name) for name in self.settings.asked}
 
@@ -184,9 +177,7 @@ class Camera:
     def measure_rate_hz(self, pictures: int) -> float | None:
         """Return the rate of exposures [Hz] over so many pictures; None where pictures take no rig time.
 
-        Raises
-        ------
-        CameraError
+        Raises `CameraError`.
         """
         self.capture()
         before_s, before = self._clock.now_s(), self._source.exposures

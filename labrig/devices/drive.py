@@ -112,7 +112,6 @@ class Drive(Protocol):
     @property
     def name(self) -> str:
         """What messages call it, with axis and node."""
-        ...
 
     # Connecting
 
@@ -125,11 +124,9 @@ class Drive(Protocol):
             When it is not the drive of its section: another product, another encoder, changed parameters, or two nodes
             that answer at once. All reasons are named together.
         """
-        ...
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys: no two drives share one."""
-        ...
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Stop what moves, switch power off, and give the drive the settings of its section and the dead-man.
@@ -148,11 +145,9 @@ class Drive(Protocol):
         DriveError
             On a fault, a setting that the drive does not keep, and a current limit that it does not have.
         """
-        ...
 
     def settings(self) -> Mapping[str, int]:
         """Return what each setting was asked to be, by its place in the manual; `configure` has read back the same."""
-        ...
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
         """Let the drive stop by itself when the computer falls silent: read, write where it differs, read back.
@@ -162,50 +157,40 @@ class Drive(Protocol):
         DriveError
             When the drive does not keep it.
         """
-        ...
 
     def describe(self) -> dict[str, object]:
         """Return how the drive converts and is set, for the record, ready for JSON."""
-        ...
 
     def counts(self) -> dict[str, int]:
         """Return how often it had to be asked again, `retries`, and its answers that nobody asked for, `strays`."""
-        ...
 
     # Power
 
     def enable(self) -> None:
         """Switch power on; the axis holds where it stands. Raises `DriveError`, also on a fault."""
-        ...
 
     def disable(self) -> None:
         """Switch power off."""
-        ...
 
     def close(self) -> None:
         """Switch power off, take back what `configure` limited, and let both heartbeats end, which is no fault."""
-        ...
 
     # Moving
 
     def position(self) -> float:
         """Return where the axis stands [mm or rad]."""
-        ...
 
     def round_move(self, position: float, speed: float) -> RoundedMove:
         """Return the move that the drive can make nearest to this one; nothing is sent."""
-        ...
 
     def start_move(self, position: float, speed: float) -> None:
         """Start a move to an absolute position [mm or rad, per s] and return once the drive has taken it.
 
         It replaces a move that is under way.
         """
-        ...
 
     def expect_report(self) -> None:
         """Let the next `read` return what the drive reports at the SYNC about to be sent, where it can do so."""
-        ...
 
     def read(self) -> DriveReading:
         """Read statusword and position.
@@ -215,25 +200,20 @@ class Drive(Protocol):
         DriveError
             When the drive cannot move: a fault, a restart, silence, power that is off.
         """
-        ...
 
     def check(self) -> None:
         """Raise the restart, emergency or silence that has been noticed; ask the drive nothing."""
-        ...
 
     # Stopping
 
     def send_stop(self) -> None:
         """Tell a drive that was enabled when it was last heard to stop, and wait for no answer. Raises `BusError`."""
-        ...
 
     def stop(self) -> None:
         """Decelerate and hold, if there is power; power is never switched on by this."""
-        ...
 
     def quick_stop(self) -> None:
         """Stop with the quick stop deceleration; afterwards the drive must be enabled again."""
-        ...
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
         """Look until the axis stands still, as its position reads; the caller lets `STILL_LOOK_S` pass after each look.
@@ -243,13 +223,11 @@ class Drive(Protocol):
         DriveError
             When it still moves after `within_s`; the slowest speed that the drive can be told counts as moving.
         """
-        ...
 
     # Reference
 
     def start_homing(self, homing: Homing) -> None:
         """Begin to look for home, from standstill and enabled; what `assume_position` said is forgotten."""
-        ...
 
     def has_homed(self) -> bool:
         """Tell whether home has been found since `start_homing`.
@@ -259,29 +237,23 @@ class Drive(Protocol):
         DriveError
             When it cannot be found, or not in time; one that an earlier homing found does not count.
         """
-        ...
 
     def finish_homing(self, homing: Homing) -> None:
         """Hold at home, ready for moves."""
-        ...
 
     def is_referenced(self) -> bool:
         """Tell whether the drive has kept its reference since it was set; lost with its power."""
-        ...
 
     def assume_position(self, position: float) -> None:
         """Take the axis to stand at this position [mm or rad]; the drive keeps its counter and gets no reference."""
-        ...
 
     def set_limits(self, limits: tuple[float, float] | None) -> None:
         """Let the drive itself stop at these positions, wider by the window [mm or rad]; None takes limits off."""
-        ...
 
     # Condition
 
     def faults(self) -> tuple[DriveFaultError, ...]:
         """Return the faults in which the drive is, the newest first, as far as it tells them; none when in none."""
-        ...
 
     def reset_fault(self) -> None:
         """Reset a fault, as a person has confirmed; power stays off and nothing moves.
@@ -291,19 +263,15 @@ class Drive(Protocol):
         DriveFaultError
             When the cause is still there.
         """
-        ...
 
     def current_ma(self) -> float | None:
         """Return the motor current, with its sign [mA]; None where the drive does not measure it."""
-        ...
 
     def current_limit_ma(self) -> int | None:
         """Return the output current that the drive does not exceed [mA]; None where it has no such limit."""
-        ...
 
     def inputs(self) -> Mapping[str, bool]:
         """Return its digital inputs by name, true where active: `negative-limit`, `positive-limit`, `home`, others."""
-        ...
 
 
 Section = TypeVar("Section", bound=AxisDescription)

@@ -20,32 +20,25 @@ class Hardware(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock in which everything of this rig happens."""
-        ...
 
     @property
     def operator(self) -> Operator | None:
         """Whoever answers by itself; None where a person has to."""
-        ...
 
     def open_link(self) -> CanLink:
         """Connect to the bus. Raises `BusError`."""
-        ...
 
     def open_source(self) -> PictureSource:
         """Open the camera. Raises `CameraError`."""
-        ...
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion, as far as anybody knows."""
-        ...
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
         """Take note of what was done before in the specimens that stand by; a world that is new knows nothing of it."""
-        ...
 
     def close(self) -> None:
         """Let go of what neither link nor source holds."""
-        ...
 
 
 class BenchHardware:

@@ -107,12 +107,7 @@ class NeedleState:
         self.state = state if path is None else _load(path)
 
     def update(self, **changes: object) -> None:
-        """Change the state and put it on disk before returning.
-
-        Raises
-        ------
-        DiskError
-        """
+        """Change the state and put it on disk before returning. Raises `DiskError`."""
         self.state = _without_void_roll_zero(replace(self.state, **changes))  # type: ignore[arg-type]
         if self._path is not None:
             _save(self._path, self.state)
@@ -160,11 +155,6 @@ class NeedleState:
                 "axis rotation is not referenced: it has no roll", "reference the axes first"
             )
         self.update(roll_zero=roll_zero)
-
-
-def rig_state(path: Path | None) -> RigState:
-    """Return what a rig knows of itself by its state file; that of a new rig without one."""
-    return NeedleState(path).state
 
 
 def _without_void_roll_zero(state: RigState) -> RigState:

@@ -311,4 +311,3 @@ class Operator(Protocol):
 
         Whoever has to wait calls `meanwhile` ten times a second or more: the drives hear the computer by it.
         """
-        ...

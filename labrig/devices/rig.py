@@ -120,14 +120,7 @@ class Rig:
         self._link = link
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
         self._axes = {
-            name: Axis(
-                name,
-                axis,
-                open_drive(link, axis, name, self._heartbeat),
-                self._heartbeat,
-                description.can.heartbeat,
-                max_current_ma=opening.max_current_ma,
-            )
+            name: Axis(name, axis, open_drive(link, axis, name, self._heartbeat), self._heartbeat)
             for name, axis in description.axes.items()
             if name in opening.axes
         }
@@ -229,7 +222,7 @@ class Rig:
         """
         try:
             for axis in self.axes:
-                axis.expect_report()
+                axis.drive.expect_report()
             self._link.send(_SYNC, b"")
             self._read_s = self.clock.now_s()
             return {name: axis.read() for name, axis in self._axes.items()}
@@ -278,9 +271,7 @@ class Rig:
         To be called more often than the heartbeat's period while nothing else lets rig time pass; waits of
         the rig do it by themselves.
 
-        Raises
-        ------
-        InterruptedRunError, BusError, DriveError
+        Raises `InterruptedRunError`, `BusError`, `DriveError`.
         """
         self._check()
         self._heartbeat.beat()
@@ -324,7 +315,7 @@ class Rig:
                 "stopped by labrig devices stop", "find out who stopped it and why, then start again"
             )
         for axis in self.axes:
-            axis.check()
+            axis.drive.check()
 
     def stop(self) -> None:
         """Stop every axis and see that each stands still; every axis is tried, whatever the others do.
@@ -337,8 +328,8 @@ class Rig:
             When an axis is not known to stand still; names each and why.
         """
         failures = [
-            *_tried(self.axes, Axis.send_halt),
-            *_tried(self.axes, Axis.halt),
+            *_try_each(self.axes, lambda axis: axis.drive.send_stop()),
+            *_try_each(self.axes, Axis.halt),
             *self._wait_until_still().values(),
         ]
         if self._stop_requests is not None:
@@ -390,7 +381,7 @@ class Rig:
         self.needle.note_reference(axis_name, known=False)
         try:
             axis.start_homing(homing)
-            while not axis.has_homed():
+            while not axis.drive.has_homed():
                 self.clock.sleep(_HOMING_LOOK_S)
                 self.supervise()
             axis.finish_homing(homing)
@@ -402,19 +393,18 @@ class Rig:
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
         """Refuse a homing that is not allowed, or cannot end, as the rig is open.
 
-        Raises
-        ------
-        SafetyStopError, LimitError
+        Raises `SafetyStopError`, `LimitError`.
         """
         self.needle.refuse_in_tissue(f"axis {name} is not homed")
         require_homing_allowed(
             name,
             method,
-            self.axis(name).homing_direction(method),
+            self.axis(name).description.homing_direction(method),
             needle_mounted=needle_mounted,
             referenced=self.state.referenced,
         )
-        threshold_ma, limit_ma = self.axis(name).homing_current_ma(method), self._opening.max_current_ma
+        limit_ma = self._opening.max_current_ma
+        threshold_ma = self.axis(name).description.homing_current_ma(method)
         if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
             raise LimitError(
                 f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
@@ -433,16 +423,15 @@ class Rig:
             The axis has been stopped and has no reference.
         """
         self.check_homing(name, method, needle_mounted=needle_mounted)
-        self.home(name, self.axis(name).homing_by(method))
+        homing = self.axis(name).description.homing
+        self.home(name, Homing(method, homing.position, homing.offset, homing.speed, homing.timeout_s))
 
     def assume_positions(self, positions: Mapping[str, float]) -> None:
         """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
 
         Only for taking a needle out: the axes stay without a reference, and the next run asks for zero.
 
-        Raises
-        ------
-        DriveError, BusError
+        Raises `DriveError`, `BusError`.
         """
         for name, position in positions.items():
             self._axes[name].assume_position(position)
@@ -459,7 +448,7 @@ class Rig:
         BusError
         """
         failures: list[MachineError] = []
-        for step in (self._identify, self._offer_fault_reset, Axis.configure):
+        for step in (self._identify, self._offer_fault_reset, self._configure):
             for axis in self.axes:
                 try:
                     step(axis)
@@ -469,14 +458,17 @@ class Rig:
             raise_together(failures)
         self._recall_references()
         for axis in self.axes:
-            axis.enable()
+            axis.drive.enable()
 
     def _identify(self, axis: Axis) -> None:
-        self._identities[axis.name] = axis.connect()
+        self._identities[axis.name] = axis.drive.identify()
+
+    def _configure(self, axis: Axis) -> None:
+        axis.drive.configure(self.description.can.heartbeat, self._opening.max_current_ma)
 
     def _offer_fault_reset(self, axis: Axis) -> None:
         """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
-        fault = axis.fault()
+        fault = next(iter(axis.drive.faults()), None)
         if fault is None:
             return
         if not self._opening.reset_faults:
@@ -485,7 +477,7 @@ class Rig:
             raise fault.reworded(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
             raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
-        axis.reset_fault()
+        axis.drive.reset_fault()
 
     def _shared_cob_ids(self) -> list[MachineError]:
         """Return an error for each COB-ID of process data that two drives would both send or both obey.
@@ -496,7 +488,7 @@ class Rig:
         failures: list[MachineError] = []
         for axis in self.axes:
             try:
-                both_ways = axis.cob_ids()
+                both_ways = axis.drive.cob_ids()
             except MachineError:
                 continue
             for way, cob_ids in enumerate(both_ways):
@@ -509,9 +501,9 @@ class Rig:
     def _recall_references(self) -> None:
         """Believe an axis to be referenced when both the state file and its drive say so."""
         for axis in self.axes:
-            axis.referenced = axis.name in self.state.referenced and axis.is_referenced_in_drive()
+            axis.referenced = axis.name in self.state.referenced and axis.drive.is_referenced()
             if axis.referenced:
-                axis.set_limits()
+                axis.drive.set_limits(axis.limits)
         self.needle.forget_references(axis.name for axis in self.axes if not axis.referenced)
 
     def close(self) -> None:
@@ -525,7 +517,7 @@ class Rig:
         try:
             self.stop()
         finally:
-            failures = _tried(self.axes, Axis.release)
+            failures = _try_each(self.axes, lambda axis: axis.drive.close())
         if failures:
             raise SafetyStopError(
                 "power not known to be off: " + "; ".join(failures), "switch the drives off by hand"
@@ -539,7 +531,7 @@ def _shared(cob_id: int, first: str, second: str) -> MachineError:
     )
 
 
-def _tried(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
+def _try_each(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
     """Do something to every axis; return what went wrong."""
     failures = []
     for axis in axes:

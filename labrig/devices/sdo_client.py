@@ -68,9 +68,7 @@ class SdoClient:
     def upload(self, index: int, subindex: int) -> bytes:
         """Read an object of at most four bytes; its bytes may be padded.
 
-        Raises
-        ------
-        SdoAbortedError, SdoSilenceError, BusError
+        Raises `SdoAbortedError`, `SdoSilenceError`, `BusError`.
         """
         return self._exchange(_HEAD.pack(0x40, index, subindex) + bytes(4))[4:]
 

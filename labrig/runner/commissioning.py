@@ -149,7 +149,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
     findings = []
     for name in (one for one in HOME_ORDER if one in open_axes):
         axis = open_axes[name]
-        way = axis.homing.method if method is None else method
+        way = axis.description.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)
         _confirm(rig, _homing_request(rig, name, way, needle_mounted=needle_mounted))
         with rig.note_motion(name, f"home by method {way}"):
@@ -164,12 +164,13 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
 def _homing_request(rig: Rig, name: str, method: int, *, needle_mounted: bool) -> OperatorRequest:
     axis = rig.axis(name)
     if method == HOMING_HERE:
-        return ConfirmHere(name, axis.homing.position, axis.unit, ZEROS[name])
-    way = "forwards" if axis.homing_direction(method) > 0 else "backwards"
+        return ConfirmHere(name, axis.description.homing.position, axis.unit, ZEROS[name])
+    way = "forwards" if axis.description.homing_direction(method) > 0 else "backwards"
     end = "its stop" if method < 0 else "its limit switch"
     needle = "a needle is mounted, not in tissue" if needle_mounted else "no needle is mounted"
     return ConfirmMotion(
-        name, f"search {way} for {end} at {axis.homing.speed:g} {axis.unit}/s (method {method}; {needle})"
+        name,
+        f"search {way} for {end} at {axis.description.homing.speed:g} {axis.unit}/s (method {method}; {needle})",
     )
 
 

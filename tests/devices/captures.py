@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from labrig.devices.camera import Picture
-from labrig.devices.uvc.settings import UvcCameraDescription
+from labrig.devices.uvc.camera import UvcCameraDescription
 
 SIZE_PX = (64, 48)
 

@@ -9,7 +9,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.homing import HOMING_DIRECTIONS
+from labrig.devices.epos2.settings import HOMING_DIRECTIONS
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError

@@ -94,7 +94,7 @@ def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
         getattr(opened.hardware.wire, fault)(2)
         for _ in range(3):
             _read(opened)
-        assert sum(sum(axis.counts().values()) for axis in opened.rig.axes) >= 1
+        assert sum(sum(axis.drive.counts().values()) for axis in opened.rig.axes) >= 1
         assert _read(opened).state is DriveState.OPERATION_ENABLED
 
 
@@ -102,7 +102,7 @@ def test_two_drives_that_share_a_cob_id_are_refused() -> None:
     """Both would obey one frame; connecting names both axes."""
     with opened_rig() as opened:
         first = co.RECEIVE_PDO_COB_IDS[0]
-        opened.rig.rotation._drive.download(first, opened.rig.insertion._drive.upload(first))
+        opened.rig.rotation.drive.download(first, opened.rig.insertion.drive.upload(first))
         with pytest.raises(DriveError, match=r"insertion and rotation share the COB-ID 0x201"):
             opened.rig.connect()
 

@@ -39,7 +39,7 @@ def test_a_report_that_does_not_come_is_asked_for_and_counted() -> None:
         opened.hardware.drives["rotation"].mute(1)
         states = opened.rig.read_states()
         assert states["rotation"].position == 0.0
-        assert opened.rig.rotation.counts() == {"retries": 1, "strays": 0}
+        assert opened.rig.rotation.drive.counts() == {"retries": 1, "strays": 0}
         assert 0x602 in _frames(opened)
 
 

@@ -112,7 +112,7 @@ def test_a_move_that_takes_far_too_long_is_told() -> None:
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(1.0, 1.0)
-        opened.rig.insertion._drive.stop()
+        opened.rig.insertion.drive.stop()
         opened.rig.wait(2.0)
         assert not opened.rig.read_states()["insertion"].target_reached
         opened.rig.wait(3.0)
@@ -174,7 +174,7 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.wait(1.0)
         assert wait_for_all({"one": opened.rig.insertion.wait_until_still()}, opened.rig._heartbeat) == {}
-        statusword = opened.rig.insertion._drive.statusword()
+        statusword = opened.rig.insertion.drive.statusword()
         assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
 
@@ -218,7 +218,7 @@ def test_closing_switches_the_power_off() -> None:
         _ready(opened)
         opened.rig.close()
         for axis in opened.rig.axes:
-            assert decode_state(axis._drive.statusword()) is DriveState.SWITCH_ON_DISABLED
+            assert decode_state(axis.drive.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
 # Opening

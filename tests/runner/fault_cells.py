@@ -289,7 +289,7 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
         rig.needle.mark_out()
         rig.connect()
         outcome, run = _conduct(cell, folder, protocol, description)
-        counted = sum(sum(axis.counts().values()) for axis in rig.axes)
+        counted = sum(sum(axis.drive.counts().values()) for axis in rig.axes)
     hardware.clock.sleep(_LONG_AFTER_S)
     still_after_s = _still_after_s(cell)
     differences = [

@@ -103,7 +103,7 @@ def test_a_bare_axis_searches_its_reference(method: int) -> None:
 
 def _home_linear(rig: Rig) -> None:
     """Home the linear module by its own method."""
-    rig.home_axis("linear", rig.linear.homing.method, needle_mounted=False)
+    rig.home_axis("linear", rig.linear.description.homing.method, needle_mounted=False)
 
 
 @pytest.mark.parametrize(

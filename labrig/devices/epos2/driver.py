@@ -22,8 +22,13 @@ from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import Homing, Identity, raise_together
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
-from labrig.devices.epos2.homing import BY_CURRENT, HOMING_DIRECTIONS
-from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
+from labrig.devices.epos2.settings import (
+    BY_CURRENT,
+    HOMING_DIRECTIONS,
+    Epos2Axis,
+    drive_settings,
+    fingerprint,
+)
 from labrig.devices.error_codes import Emergency
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
@@ -36,19 +41,7 @@ _INPUTS = {name: bit for bit, name in enumerate(_INPUT_NAMES)} | _GENERAL_INPUTS
 
 
 class Epos2(Cia402Drive[Epos2Axis]):
-    """One EPOS2.
-
-    Parameters
-    ----------
-    link : CanLink
-        The bus.
-    section : Epos2Axis
-        Its section of the rig file; may be incomplete.
-    axis : str
-        The axis that it drives, for messages.
-    clock : Clock
-        Whose time bounds waiting.
-    """
+    """One EPOS2; its parameters are those of `Cia402Drive`."""
 
     tool = "EPOS Studio"
     reset_communication_first = frozenset({0x8120, 0x81FD})

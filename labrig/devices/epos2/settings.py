@@ -11,12 +11,29 @@ from labrig.devices.axis_description import AxisDescription, HomingDescription
 from labrig.devices.can_description import HeartbeatDescription, NodeId
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.epos2 import objects as od
-from labrig.devices.epos2.homing import BY_CURRENT, HOMING_DIRECTIONS
+from labrig.devices.homing import HOMING_HERE
 from labrig.devices.units import AxisScale
 from labrig.protocol.model import Conflict
 
 MAX_RPM = 25_000
 _SWITCH_BITS = {"negative": 1, "positive": 2}
+
+HOMING_DIRECTIONS = {
+    1: -1,  # negative limit switch and index
+    2: +1,  # positive limit switch and index
+    17: -1,  # negative limit switch
+    18: +1,  # positive limit switch
+    -1: +1,  # current threshold, positive speed, and index
+    -2: -1,  # current threshold, negative speed, and index
+    -3: +1,  # current threshold, positive speed
+    -4: -1,  # current threshold, negative speed
+    HOMING_HERE: 0,
+}
+"""Homing method -> sign of the motor's speed in its search, as maxon has it: -1 and -3 go in the POSITIVE direction
+until the current threshold. `canopen` has it the other way round, which would drive an axis the wrong way."""
+
+BY_CURRENT = frozenset({-1, -2, -3, -4})
+"""Methods that run into a stop."""
 
 
 class Epos2Homing(HomingDescription):

@@ -28,15 +28,12 @@ class Reel(Protocol):
 
     def size_px(self) -> tuple[int, int]:
         """Return width and height of a picture."""
-        ...
 
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
         """Return the next picture that is not older than this [s after the first], and its time; None at the end."""
-        ...
 
     def close(self) -> None:
         """Let go of the file."""
-        ...
 
 
 class PlayedSource:

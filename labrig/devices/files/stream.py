@@ -25,15 +25,12 @@ class StreamCapture(Protocol):
 
     def read(self) -> tuple[bool, Any]:
         """Return the next picture; False where the stream has ended or timed out."""
-        ...
 
     def get(self, propId: int) -> float:
         """Return a property."""
-        ...
 
     def release(self) -> None:
         """Close the stream."""
-        ...
 
 
 def open_stream(url: str, address: str) -> cv2.VideoCapture:

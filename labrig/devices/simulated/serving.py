@@ -8,6 +8,7 @@ from typing import Any
 
 import can
 
+from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
@@ -15,9 +16,6 @@ from labrig.devices.simulated.drive_journal import DriveEvent
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
 from labrig.errors import BusError, InputError
-
-_OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
-"""Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
 
 _TICK_S = 0.002
 _BOOT_TIME_S = 0.26
@@ -75,7 +73,7 @@ class ServedBus:
             return can.Bus(
                 interface=self.interface, channel=self.channel or None, bitrate=self.bitrate, **options
             )
-        except _OPENING_FAILURES as error:
+        except OPENING_FAILURES as error:
             raise BusError(
                 f"CAN interface {self.interface} {self.channel} cannot be opened: {error}",
                 "check --interface and --channel, adapter and driver",
@@ -107,7 +105,7 @@ class ServedDrives:
         self.clock = SystemClock()
         self.wire = InProcessWire()
         self._bus = bus
-        self._gate = InProcessBus(self.wire, self._pass_on)
+        self._gate = InProcessBus(self.wire, bus.send)
         kind = find_drive_kind(driver)
         self.drives = {
             node_id: kind.simulate(
@@ -143,9 +141,6 @@ class ServedDrives:
         """Return what all drives did, with their node ids, in the order of time."""
         noted = [(node_id, event) for node_id, drive in self.drives.items() for event in drive.journal]
         return sorted(noted, key=lambda pair: pair[1].t_s)
-
-    def _pass_on(self, message: can.Message) -> None:
-        self._bus.send(message)
 
 
 def serve_drives(

@@ -1,12 +1,21 @@
 """A USB camera as a kind of camera."""
 
+from typing import Literal
+
 import cv2
+from pydantic import Field
 
 from labrig.devices.camera_kind import CameraContext, CameraKind
-from labrig.devices.uvc.settings import UvcCameraDescription
+from labrig.devices.camera_settings import ControlledCameraDescription
 from labrig.devices.uvc.source import UvcSource
 from labrig.devices.uvc.v4l2 import V4l2Controls
 from labrig.errors import CameraError
+
+
+class UvcCameraDescription(ControlledCameraDescription):
+    """A USB camera. A control that it does not have is null."""
+
+    driver: Literal["uvc"] = Field(description="uvc: a USB camera.")
 
 
 class UvcCamera(CameraKind[UvcCameraDescription]):

@@ -36,23 +36,18 @@ class Capture(Protocol):
 
     def grab(self) -> bool:
         """Take the next picture; False where none comes."""
-        ...
 
     def retrieve(self) -> tuple[bool, Any]:
         """Decode the picture that was taken."""
-        ...
 
     def get(self, propId: int) -> float:
         """Return a property."""
-        ...
 
     def set(self, propId: int, value: float) -> bool:
         """Ask for a property."""
-        ...
 
     def release(self) -> None:
         """Close the device."""
-        ...
 
 
 class Controls(Protocol):
@@ -60,15 +55,12 @@ class Controls(Protocol):
 
     def set(self, name: str, value: float) -> None:
         """Make a setting. Raises `CameraError`."""
-        ...
 
     def get(self, name: str) -> float | None:
         """Return a setting; None where the camera tells none."""
-        ...
 
     def close(self) -> None:
         """Close the device."""
-        ...
 
 
 class UvcSource:

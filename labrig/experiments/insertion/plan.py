@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from labrig.devices.needle_state import rig_state
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LabrigError, Problem
 from labrig.experiments.insertion.aim import aim_of, aim_problems, pixel_problems
@@ -59,7 +59,7 @@ def roll_zero_s(protocol: InsertionProtocol) -> float:
 
 def _roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield a roll zero that is neither certified, as the rig remembers, nor to be found first."""
-    certified = rig_state(rig.state_path).roll_zero
+    certified = NeedleState(rig.state_path).state.roll_zero
     needle_id = protocol.needle.needle_id
     if protocol.roll_zero is None and (certified is None or certified.needle_id != needle_id):
         yield Problem(

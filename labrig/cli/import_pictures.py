@@ -98,7 +98,7 @@ def _kept_files(order: ImportOrder) -> dict[str, Path]:
     """Return the calibration and the mask by the names that they have in a record."""
     calibration = (("intrinsics.json", order.intrinsics), ("plane.json", order.plane))
     kept = {name: path for name, path in calibration if path is not None}
-    return kept if order.mask is None else {**kept, load_mask(order.mask).kept_as: order.mask}
+    return kept if order.mask is None else {**kept, load_mask(order.mask).kept_name: order.mask}
 
 
 def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:

@@ -21,7 +21,7 @@ from labrig.devices.motion_log import last_motion, motion_log_path
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError
-from labrig.vision.calibration_file import calibration_created, load_intrinsics, load_plane
+from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.mask import load_mask
 from labrig.vision.plane import PlaneMap
@@ -135,7 +135,7 @@ def _described_mask(rig: RigDescription, path: Path) -> str:
 def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
     """Tell how old a calibration is; a bench's camera is touched sooner or later."""
     check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
-    made = calibration_created(path)
+    made = read_creation_time(path)
     if made is None:
         return CheckResult(check, CheckStatus.WARN, "when it was made is not known", again)
     days = (now - made).days

@@ -143,27 +143,27 @@ def find_board(image: Picture, columns: int, rows: int, search: BoardSearch) -> 
     grey = as_grey(image)
     require_contrast(grey)
     if search.charuco is not None:
-        found = _charuco(grey, columns, rows, search.charuco)
+        found = _find_charuco(grey, columns, rows, search.charuco)
     else:
-        found = _whole(grey, columns, rows)
+        found = _find_whole(grey, columns, rows)
         if found is None and search.partial:
-            found = _part(grey, columns, rows)
+            found = _find_part(grey, columns, rows)
     if found is None:
         raise MeasurementRefusedError(
             f"no board of {columns} x {rows} inner corners",
             "show the whole board, evenly lit, with its white margin, or let the frame cut it (--partial)",
         )
-    return _refined(grey, found, search.window_px)
+    return _refine(grey, found, search.window_px)
 
 
-def _whole(grey: Picture, columns: int, rows: int) -> BoardView | None:
+def _find_whole(grey: Picture, columns: int, rows: int) -> BoardView | None:
     found, corners = cv2.findChessboardCorners(grey, (columns, rows), flags=_CORNER_FLAGS)
     if not found:
         return None
     return BoardView(_cells(columns, rows), np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
-def _part(grey: Picture, columns: int, rows: int) -> BoardView | None:
+def _find_part(grey: Picture, columns: int, rows: int) -> BoardView | None:
     """Return the largest part of a chessboard that is seen."""
     largest: BoardView | None = None
     most = sorted((columns, rows))
@@ -174,13 +174,13 @@ def _part(grey: Picture, columns: int, rows: int) -> BoardView | None:
         seen = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
         if len(seen) >= max(_LEAST_PART, 0 if largest is None else len(largest.pixels) + 1):
             largest = BoardView(_cells(meta.shape[1], meta.shape[0]), seen)
-    return None if largest is None else _true_corners(grey, largest)
+    return None if largest is None else _select_true_corners(grey, largest)
 
 
-def _true_corners(grey: Picture, found: BoardView) -> BoardView | None:
+def _select_true_corners(grey: Picture, found: BoardView) -> BoardView | None:
     """Return the corners that are some and lie in the grid of the others; None where they are too few."""
     spacing = _smallest_spacing(found)
-    true = _alternating(grey, found.pixels, _CIRCLE * spacing)
+    true = _has_alternation(grey, found.pixels, _CIRCLE * spacing)
     if true.sum() >= _LEAST_PART:
         cells, pixels = found.cells[true].astype(np.float64), found.pixels[true]
         # OpenCV's sampling has a fixed seed of its own.
@@ -188,7 +188,7 @@ def _true_corners(grey: Picture, found: BoardView) -> BoardView | None:
     return BoardView(found.cells[true], found.pixels[true]) if true.sum() >= _LEAST_PART else None
 
 
-def _alternating(grey: Picture, pixels: _FloatArray, radius: float) -> NDArray[np.bool_]:
+def _has_alternation(grey: Picture, pixels: _FloatArray, radius: float) -> NDArray[np.bool_]:
     """Return around which pixels (N,) light and dark alternate twice."""
     angles = np.arange(_CIRCLE_SAMPLES) * 2.0 * np.pi / _CIRCLE_SAMPLES
     u, v = (
@@ -201,7 +201,7 @@ def _alternating(grey: Picture, pixels: _FloatArray, radius: float) -> NDArray[n
     return np.asarray(power[:, 2] >= _LEAST_ALTERNATION * everything)
 
 
-def _charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardView | None:
+def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardView | None:
     """Return the corners of a ChArUco board beside which markers are seen."""
     dictionary = getattr(cv2.aruco, board.dictionary, None)
     if not board.dictionary.startswith("DICT_") or dictionary is None:
@@ -220,7 +220,7 @@ def _charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardVie
     return BoardView(_cells(columns, rows)[index], np.asarray(corners, dtype=np.float64).reshape(-1, 2))
 
 
-def _refined(grey: Picture, found: BoardView, window_px: int | None) -> BoardView:
+def _refine(grey: Picture, found: BoardView, window_px: int | None) -> BoardView:
     """Return the corners refined in windows that do not reach their neighbours, unless another window is forced."""
     spacing = _smallest_spacing(found)
     bound = int(np.clip(spacing * _WINDOW_PER_SPACING, _SMALLEST_WINDOW_PX, _LARGEST_WINDOW_PX))

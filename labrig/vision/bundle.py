@@ -81,9 +81,9 @@ class Fit:
             return float("inf")
         return float(np.sqrt(self.covariance[0, 0]) / self.parameters[0])
 
-    def among(self, views: Sequence[View]) -> "Fit":
+    def with_views(self, views: Sequence[View]) -> "Fit":
         """Return the same camera before other boards, each with the pose that suits it."""
-        poses = [posed(self, view) for view in views]
+        poses = [find_pose(self, view) for view in views]
         return replace(
             self, poses=np.array([np.full(_POSE, np.nan) if pose is None else pose for pose in poses])
         )
@@ -106,7 +106,7 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     boards = [view.board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:
-        with _one_thread():
+        with _single_thread():
             _, matrix, lens, turns, shifts = cv2.calibrateCamera(
                 boards, pixels, size, None, None, flags=_FLAGS[model]
             )
@@ -119,11 +119,11 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     start = np.concatenate((focal, np.ravel(lens)[:5], [0.0]))
     poses = np.array([np.ravel(np.vstack(pose)) for pose in zip(turns, shifts, strict=True)], dtype=float)
     fit = Fit(model, start, poses, 0.0, None)
-    return _with_evidence(_polished(fit, views) if model == "zhang" else fit, views)
+    return _add_covariance(_minimise(fit, views) if model == "zhang" else fit, views)
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def _single_thread() -> Iterator[None]:
     """Let OpenCV add up in one order: with several threads the last digits of a camera change from call to call."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -135,10 +135,10 @@ def _one_thread() -> Iterator[None]:
 
 def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:
     """Return where a board's points (N, 3) [mm] appear (N, 2) [px] when it is held so."""
-    return _projected(fit, pose, board)[0]
+    return _project(fit, pose, board)[0]
 
 
-def posed(fit: Fit, view: View) -> _FloatArray | None:
+def find_pose(fit: Fit, view: View) -> _FloatArray | None:
     """Return the pose (6,) of another board before the same camera, None where there is none."""
     straight = view.pixels.copy()
     fy, cy = fit.parameters[1], fit.parameters[3]
@@ -148,12 +148,12 @@ def posed(fit: Fit, view: View) -> _FloatArray | None:
     return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
 
-def focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]:
+def estimate_focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]:
     """Return by which part the focal length would change to suit one view alone, the rest held, and its deviation.
 
     The deviation is infinite where the view does not tell a focal length from a distance.
     """
-    pixels, by_lens, by_pose = _projected(fit, pose, view.board)
+    pixels, by_lens, by_pose = _project(fit, pose, view.board)
     by_focal = by_lens[:, :, :2] @ fit.parameters[:2]
     jacobian = np.concatenate((by_focal[:, :, None], by_pose), axis=2).reshape(-1, 1 + _POSE)
     scale = np.maximum(np.linalg.norm(jacobian, axis=0), np.finfo(float).tiny)
@@ -168,9 +168,7 @@ def focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]
     return float(step[0] / scale[0]), float(np.sqrt(inverse[0, 0] * variance) / scale[0])
 
 
-def _projected(
-    fit: Fit, pose: _FloatArray, board: _FloatArray
-) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+def _project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
     """Return pixels (N, 2) and their derivatives by the ten parameters (N, 2, 10) and the pose (N, 2, 6)."""
     flat, slopes = cv2.projectPoints(board, pose[:3], pose[3:], fit.matrix, fit.distortion)
     pixels = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
@@ -187,13 +185,13 @@ def _projected(
     return pixels, by_lens, by_pose
 
 
-def _normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArray, _FloatArray, float]:
+def _build_normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArray, _FloatArray, float]:
     """Return the normal matrix, its right side, and the sum of squared residuals [px^2]."""
     free = FREE[fit.model]
     count = len(free) + _POSE * len(views)
     normal, side, squares = np.zeros((count, count)), np.zeros(count), 0.0
     for index, (view, pose) in enumerate(zip(views, fit.poses, strict=True)):
-        pixels, by_lens, by_pose = _projected(fit, pose, view.board)
+        pixels, by_lens, by_pose = _project(fit, pose, view.board)
         start = len(free) + _POSE * index
         columns = np.concatenate((np.arange(len(free)), np.arange(start, start + _POSE)))
         jacobian = np.concatenate((by_lens[:, :, free], by_pose), axis=2).reshape(-1, len(columns))
@@ -204,11 +202,11 @@ def _normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArray, _Fl
     return normal, side, squares
 
 
-def _polished(fit: Fit, views: Sequence[View]) -> Fit:
+def _minimise(fit: Fit, views: Sequence[View]) -> Fit:
     """Bring a fit to its minimum by Gauss-Newton."""
     free = FREE[fit.model]
     for _ in range(_MAX_STEPS):
-        normal, side, _ = _normal_equations(fit, views)
+        normal, side, _ = _build_normal_equations(fit, views)
         scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), side / scale, rcond=None)[0] / scale
         parameters = fit.parameters.copy()
@@ -226,9 +224,9 @@ def _polished(fit: Fit, views: Sequence[View]) -> Fit:
     return fit
 
 
-def _with_evidence(fit: Fit, views: Sequence[View]) -> Fit:
+def _add_covariance(fit: Fit, views: Sequence[View]) -> Fit:
     """Return the fit with its residual and the covariance of its parameters."""
-    normal, _, squares = _normal_equations(fit, views)
+    normal, _, squares = _build_normal_equations(fit, views)
     corners = sum(len(view.pixels) for view in views)
     free, freedom = FREE[fit.model], 2 * corners - len(normal)
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))

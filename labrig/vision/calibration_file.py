@@ -35,7 +35,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class _View(_Part):
+class _ViewPart(_Part):
     image: str
     rms_px: float | None
     used: bool
@@ -54,7 +54,7 @@ class _IntrinsicsDocument(_Part):
     distortion: tuple[float, float, float, float, float]
     rms_px: float
     holdout_rms_px: float | None
-    views: tuple[_View, ...]
+    views: tuple[_ViewPart, ...]
     skew: float = 0.0
     covariance: tuple[_TenNumbers, ...] | None = Field(None, min_length=10, max_length=10)
     projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
@@ -160,12 +160,12 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     given = None if intrinsics is None else intrinsics.fingerprint()
     if found.intrinsics_sha256 != given:
         raise InputError(
-            f"{path} was made with {_lens(found.intrinsics_sha256)}, not with {_lens(given)}",
+            f"{path} was made with {_name_lens(found.intrinsics_sha256)}, not with {_name_lens(given)}",
             "give the intrinsics that it was made with, or make it again with these",
         )
     homography = np.array(found.homography)
     if not np.linalg.det(homography):
-        raise FileFormatError((Problem(f"{path} homography", "has no inverse", _again(_PLANE)),))
+        raise FileFormatError((Problem(f"{path} homography", "has no inverse", _remake_hint(_PLANE)),))
     parts = {"intrinsics_sha256", "radial", "gel", "bend", "variations"}
     return PlaneMap(
         **{**found.model_dump(exclude=parts), "homography": homography},
@@ -177,7 +177,7 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     )
 
 
-def calibration_created(path: Path) -> datetime | None:
+def read_creation_time(path: Path) -> datetime | None:
     """Return when the calibration in a file was made, as its provenance says; None where that is not known."""
     with suppress(ValueError, KeyError, TypeError):
         created = datetime.fromisoformat(json.loads(_read_text(path))["provenance"]["created"])
@@ -185,11 +185,11 @@ def calibration_created(path: Path) -> datetime | None:
     return None
 
 
-def _lens(fingerprint: str | None) -> str:
+def _name_lens(fingerprint: str | None) -> str:
     return "no intrinsics" if fingerprint is None else f"the intrinsics {fingerprint[:12]}"
 
 
-def _again(kind: str) -> str:
+def _remake_hint(kind: str) -> str:
     return f"write it again with {_MADE_BY[kind]}"
 
 
@@ -211,14 +211,16 @@ def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
-        problem = Problem(f"{path}:{error.lineno}:{error.colno}", f"is not JSON: {error.msg}", _again(kind))
+        problem = Problem(
+            f"{path}:{error.lineno}:{error.colno}", f"is not JSON: {error.msg}", _remake_hint(kind)
+        )
         raise FileFormatError((problem,)) from error
     _check_kind(path, kind, document)
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
         problems = tuple(
-            Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _again(kind))
+            Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _remake_hint(kind))
             for fault in error.errors()
         )
         raise FileFormatError(problems) from error

@@ -21,11 +21,11 @@ from scipy.special import stdtrit
 from labrig.errors import InputError, MeasurementRefusedError
 from labrig.geometry.arcs import Arc, fit_arcs
 from labrig.geometry.circle import Circle, fit_circle
-from labrig.vision.limits import below
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
+from labrig.vision.rounding import round_down
 from labrig.vision.shaft import Shaft, locate_shaft
-from labrig.vision.sheath import heading_of
+from labrig.vision.sheath import measure_heading
 
 FloatArray = NDArray[np.float64]
 Bend = Literal["+y", "-y"]
@@ -225,33 +225,33 @@ def measure_curvature(
             centre_line_mm=np.empty((0, 2)),
             centre_line_px=np.empty((0, 2)),
         )
-    return _with_circle(shaft, plane, settings)
+    return _measure_shaft(shaft, plane, settings)
 
 
-def _with_circle(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> CurvatureMeasurement:
+def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> CurvatureMeasurement:
     """Return the measurement of a located shaft: a circle over the declared window, judged."""
     entry, tip = (_pair(point) for point in plane.to_mm(np.vstack((shaft.entry_px, shaft.tip_px))))
-    window = _window(shaft, settings)
+    window = _find_window(shaft, settings)
     located = CurvatureMeasurement(
         found=True,
         accepted=False,
-        reason=_too_short(shaft, window, settings),
+        reason=_refuse_short_window(shaft, window, settings),
         centre_line_mm=shaft.centre_mm,
         centre_line_px=shaft.centre_px,
         window=window,
         tip_mm=tip,
         tip_px=_pair(shaft.tip_px),
         sheath_tip_mm=entry if shaft.sheathed else None,
-        sheath_heading_rad=heading_of(shaft.sheath_mm),
+        sheath_heading_rad=measure_heading(shaft.sheath_mm),
         entry_mm=entry,
         arc_length_mm=shaft.length_mm,
     )
     if located.reason is not None:
         return located
-    return _fitted(located, shaft, plane, settings)
+    return _fit_circle(located, shaft, plane, settings)
 
 
-def _fitted(
+def _fit_circle(
     located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
 ) -> CurvatureMeasurement:
     """Return the measurement with the circle through its window."""
@@ -259,15 +259,15 @@ def _fitted(
     points = shaft.centre_mm[rows]
     try:
         circle = fit_circle(points, method="robust")
-        systematic = _calibration_sigma(circle, points, shaft.centre_px[rows], plane)
-        sigma, ci95 = _uncertainty(circle, points, shaft.arc_mm[rows], systematic)
+        systematic = _propagate_calibration(circle, points, shaft.centre_px[rows], plane)
+        sigma, ci95 = _estimate_uncertainty(circle, points, shaft.arc_mm[rows], systematic)
     except MeasurementRefusedError as refusal:
         length_mm = np.ptp(shaft.arc_mm[rows])
         return replace(
             located,
             reason=_sentence(f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"),
         )
-    reason = _refusal(circle, points, sigma, settings)
+    reason = _judge_circle(circle, points, sigma, settings)
     return replace(
         located,
         accepted=reason is None,
@@ -278,12 +278,12 @@ def _fitted(
         sigma_calibration_mm=systematic,
         centre_mm=circle.centre,
         residual_rms_mm=circle.residual_rms,
-        bend=_bend(points, circle),
-        arcs=_arcs(circle, points, settings),
+        bend=_find_bend(points, circle),
+        arcs=_find_arcs(circle, points, settings),
     )
 
 
-def _arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
+def _find_arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
     """Return the arcs of a needle that lies on no single circle, none where it does."""
     if _share_on_circle(circle, points, settings) >= _LEAST_ON_CIRCLE:
         return ()
@@ -300,14 +300,14 @@ def _share_on_circle(circle: Circle, points: FloatArray, settings: CurvatureSett
     return float(np.mean(np.abs(circle.residuals(points)) <= largest_mm))
 
 
-def _window(shaft: Shaft, settings: CurvatureSettings) -> tuple[int, int]:
+def _find_window(shaft: Shaft, settings: CurvatureSettings) -> tuple[int, int]:
     """Return the first row and the end of the rows between the window's ends."""
     ends = (settings.window_start_mm, shaft.length_mm - settings.window_end_mm)
     first, end = np.searchsorted(shaft.arc_mm, ends)
     return int(first), int(max(first, end))
 
 
-def _too_short(shaft: Shaft, window: tuple[int, int], settings: CurvatureSettings) -> str | None:
+def _refuse_short_window(shaft: Shaft, window: tuple[int, int], settings: CurvatureSettings) -> str | None:
     arc = shaft.arc_mm[slice(*window)]
     length_mm = float(arc[-1] - arc[0]) if len(arc) else 0.0
     least_mm = max(settings.min_window_mm, _LEAST_BLOCKS * _BLOCK_MM)
@@ -320,7 +320,7 @@ def _too_short(shaft: Shaft, window: tuple[int, int], settings: CurvatureSetting
     )
 
 
-def _calibration_sigma(circle: Circle, points: FloatArray, px: FloatArray, plane: PlaneMap) -> float:
+def _propagate_calibration(circle: Circle, points: FloatArray, px: FloatArray, plane: PlaneMap) -> float:
     """Return the standard deviation of the radius that is uncertain in lens and plane map."""
     sample = np.linspace(0, len(points) - 1, min(len(points), _CALIBRATION_POINTS)).astype(int)
     offsets = points[sample] - np.asarray(circle.centre)
@@ -328,11 +328,13 @@ def _calibration_sigma(circle: Circle, points: FloatArray, px: FloatArray, plane
     # A row of the pseudo-inverse is what moves the radius, and bears arcs that are nearly straight.
     weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
     here = plane.to_mm(px[sample])
-    moves = [weights @ np.sum(directions * (one.to_mm(px[sample]) - here), axis=1) for one in plane.varied()]
+    moves = [
+        weights @ np.sum(directions * (one.to_mm(px[sample]) - here), axis=1) for one in plane.variants()
+    ]
     return float(np.linalg.norm(moves)) if moves else 0.0
 
 
-def _uncertainty(
+def _estimate_uncertainty(
     circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic_mm: float
 ) -> tuple[float, tuple[float, float] | None]:
     """Return the radius' standard deviation, and its 95 % interval unless unbounded, from the means of blocks.
@@ -341,7 +343,7 @@ def _uncertainty(
 
     The interval is symmetric in the curvature, which is nearly normal also where the radius is not.
     """
-    jacobian, residuals = _block_means(circle, points, arc_mm)
+    jacobian, residuals = _average_blocks(circle, points, arc_mm)
     freedom = len(residuals) - 3
     variance = float(residuals @ residuals) / freedom
     random = float(np.linalg.norm(np.linalg.pinv(jacobian)[2]) * np.sqrt(variance))
@@ -352,7 +354,7 @@ def _uncertainty(
     return sigma, ci95
 
 
-def _block_means(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _average_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return, a block of arc length a row, the circle's mean Jacobian (B, 3) and residual (B,).
 
     Rows that the fit took for outliers count too: whether they are is part of what is uncertain.
@@ -372,7 +374,9 @@ def _block_means(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tupl
     return means[:, :3], means[:, 3]
 
 
-def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: CurvatureSettings) -> str | None:
+def _judge_circle(
+    circle: Circle, points: FloatArray, sigma_mm: float, settings: CurvatureSettings
+) -> str | None:
     """Return why the radius is not worth stating, or None."""
     if sigma_mm > settings.max_radius_sigma_mm:
         return (
@@ -383,8 +387,8 @@ def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: Curv
     on_circle = _share_on_circle(circle, points, settings)
     if on_circle < _LEAST_ON_CIRCLE:
         return (
-            f"{below(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, and "
-            f"{100.0 * _LEAST_ON_CIRCLE:.0f} % is the least."
+            f"{round_down(100.0 * on_circle, 1)} % of the centre line lie within {largest_mm:.2f} mm of one circle, "
+            f"and {100.0 * _LEAST_ON_CIRCLE:.0f} % is the least."
         )
     if circle.residual_rms > _LARGEST_RMS * largest_mm:
         return (
@@ -394,7 +398,7 @@ def _refusal(circle: Circle, points: FloatArray, sigma_mm: float, settings: Curv
     return None
 
 
-def _bend(points: FloatArray, circle: Circle) -> Bend:
+def _find_bend(points: FloatArray, circle: Circle) -> Bend:
     """Return the side of the needle on which the circle's centre lies."""
     ahead = points[len(points) // 4] - points[0]
     aside = np.asarray(circle.centre) - points[0]

@@ -134,10 +134,10 @@ def find_crossings(image: Picture) -> Crossings:
     MeasurementRefusedError
         If no two families of evenly spaced lines are seen, or the lines are too close together.
     """
-    darkness = _flattened(_darkest(image))
-    found = _largest(darkness)
+    darkness = _measure_darkness(_darkest_channel(image))
+    found = _find_largest_grid(darkness)
     if found is None or _count(found) < _ENOUGH:
-        others = (_followed_on(darkness, found), _inked(image))
+        others = (_refine_along_lines(darkness, found), _find_ink_grid(image))
         found = max((one for one in (found, *others) if one is not None), key=_count_even, default=None)
     if found is None or _count(found) < _LEAST_LINES**2:
         raise MeasurementRefusedError(
@@ -145,7 +145,7 @@ def find_crossings(image: Picture) -> Crossings:
             "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are "
             f"{_LEAST_PITCH_PX:.0f} px apart or more",
         )
-    return _numbered_in_finest(darkness, _without_strays(found))
+    return _number_in_finest(darkness, _remove_strays(found))
 
 
 def _count(found: Crossings) -> int:
@@ -153,22 +153,24 @@ def _count(found: Crossings) -> int:
 
 
 def _count_even(found: Crossings) -> int:
-    return int(np.sum(_off_middle(found) <= _EVEN * found.pitch_px))
+    return int(np.sum(_measure_offsets(found) <= _EVEN * found.pitch_px))
 
 
-def _darkest(image: Picture) -> Picture:
+def _darkest_channel(image: Picture) -> Picture:
     """Return the darkest channel, which shows lines of any colour on white paper."""
     return image if image.ndim == 2 else np.asarray(image.min(axis=2), dtype=np.uint8)
 
 
-def _largest(flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARES) -> Crossings | None:
+def _find_largest_grid(
+    flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARES
+) -> Crossings | None:
     """Return the grid with the most crossings among those that start in one patch or another."""
     largest: Crossings | None = None
     for share, place in product(shares, _PATCH_PLACES):
-        seed = _seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
+        seed = _find_seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
         if seed is None:
             continue
-        grown = _grown(flat, seed)
+        grown = _grow(flat, seed)
         if largest is None or _count(grown) > _count(largest):
             largest = grown
         if _count(largest) >= _ENOUGH:
@@ -176,26 +178,26 @@ def _largest(flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARE
     return largest
 
 
-def _inked(image: Picture) -> Crossings | None:
+def _find_ink_grid(image: Picture) -> Crossings | None:
     """Return the grid as its ink shows it, with pen traces taken out."""
-    ink = _blurred(_ink(image), _INK_BLUR_PX)
-    return _followed_on(ink, _largest(ink, _INK_PATCH_SHARES))
+    ink = _blur(_measure_ink(image), _INK_BLUR_PX)
+    return _refine_along_lines(ink, _find_largest_grid(ink, _INK_PATCH_SHARES))
 
 
-def _followed_on(flat: NDArray[np.float32], found: Crossings | None) -> Crossings | None:
+def _refine_along_lines(flat: NDArray[np.float32], found: Crossings | None) -> Crossings | None:
     """Return the crossings by their lines over several steps to both sides; None where there are too few."""
     if found is None or _count(found) < _LEAST_LINES**2:
         return None
-    _, steps, cells = _laid_out(found)
+    _, steps, cells = _tabulate(found)
     known = np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))
     ring = _Ring(cells[known], found.pixels[known], steps[tuple(cells[known].T)])
-    fine, _ = _refined(flat, ring, _FAR_ALONG)
+    fine, _ = _refine(flat, ring, _FAR_ALONG)
     return Crossings(fine, found.indices[known], found.pitch_px)
 
 
-def _ink(image: Picture) -> NDArray[np.float32]:
+def _measure_ink(image: Picture) -> NDArray[np.float32]:
     """Return the optical density of the lines, of their darkness and colour together, zero where a trace is."""
-    darkness = _without_slow(_density(_darkest(image)))
+    darkness = _remove_slow_light(_density(_darkest_channel(image)))
     level = float(np.quantile(darkness, _INK_QUANTILE))
     side = np.ones((_TRACE_MARGIN_PX, _TRACE_MARGIN_PX), np.uint8)
     trace = cv2.dilate((darkness > _TRACE * level).astype(np.uint8), side) > 0
@@ -204,7 +206,7 @@ def _ink(image: Picture) -> NDArray[np.float32]:
     around = (cv2.medianBlur(bytes_, _INK_SLOW_PX).astype(np.float32) - 128.0) / 100.0
     ink = np.where(trace, around, np.minimum(darkness, level))
     if image.ndim == 3:
-        colour = _without_slow(_density(image[..., 1]) - _density(image[..., 2]))
+        colour = _remove_slow_light(_density(image[..., 1]) - _density(image[..., 2]))
         most = float(np.quantile(colour, _INK_QUANTILE))
         ink += np.where(trace, 0.0, np.clip(colour, -most, most))
     return np.asarray(ink, dtype=np.float32)
@@ -214,30 +216,30 @@ def _density(channel: Picture) -> NDArray[np.float32]:
     return np.asarray(-np.log(np.maximum(channel.astype(np.float32), 1.0)), dtype=np.float32)
 
 
-def _without_slow(density: NDArray[np.float32]) -> NDArray[np.float32]:
+def _remove_slow_light(density: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the density without uneven light, which is a slow term of it."""
     slow = cv2.GaussianBlur(density, (0, 0), max(min(density.shape) / 40.0, 8.0))
     return np.asarray(density - slow, dtype=np.float32)
 
 
-def _blurred(density: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+def _blur(density: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
     return np.asarray(cv2.GaussianBlur(density, (0, 0), sigma_px), dtype=np.float32)
 
 
-def _laid_out(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.int64]]:
+def _tabulate(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.int64]]:
     """Return crossings as a table of places (R, C, 2), the steps between them (R, C, 2, 2), and their cells (N, 2)."""
     # A margin of unknown cells keeps the first from being taken for neighbours of the last.
     cells = found.indices - found.indices.min(axis=0) + 2
     places = np.full((*(cells.max(axis=0) + 3), 2), np.nan)
     places[tuple(cells.T)] = found.pixels
-    return places, _local_steps(places), cells
+    return places, _average_steps(places), cells
 
 
-def _off_middle(found: Crossings) -> _FloatArray:
+def _measure_offsets(found: Crossings) -> _FloatArray:
     """Return how far crossings (N,) [px] are from the middle between their neighbours; NaN where there are none."""
     if not _count(found):
         return np.empty(0)
-    places, _, cells = _laid_out(found)
+    places, _, cells = _tabulate(found)
     pairs = [
         0.5 * (np.roll(places, pair, axis=(0, 1)) + np.roll(places, np.negative(pair), axis=(0, 1)))
         for pair in _PAIRS
@@ -249,25 +251,25 @@ def _off_middle(found: Crossings) -> _FloatArray:
     return np.asarray(np.linalg.norm(found.pixels - middle, axis=1))
 
 
-def _without_strays(found: Crossings) -> Crossings:
+def _remove_strays(found: Crossings) -> Crossings:
     """Return the crossings without those that are far from the middle between their neighbours."""
-    off = _off_middle(found)
+    off = _measure_offsets(found)
     seen = np.isfinite(off)
     kept = seen & (off <= _STRAY * np.median(off[seen])) if seen.any() else seen
     return replace(found, pixels=found.pixels[kept], indices=found.indices[kept])
 
 
-def _flattened(grey: Picture) -> NDArray[np.float32]:
+def _measure_darkness(grey: Picture) -> NDArray[np.float32]:
     """Return the optical density of the lines, uneven light taken off."""
-    return _blurred(_without_slow(_density(grey)), 1.0)
+    return _blur(_remove_slow_light(_density(grey)), 1.0)
 
 
-def _seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed | None:
+def _find_seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed | None:
     """Return the grid around `centre`, or None where it is not seen."""
     reach = int(np.clip(min(flat.shape) * share, *_PATCH_PX))
     normals, offsets, pitches = [], [], []
-    for angle in _two_normals(_square(flat, centre, 0.0, reach)):
-        found = _family(flat, centre, angle, reach)
+    for angle in _find_normals(_cut_square(flat, centre, 0.0, reach)):
+        found = _find_line_family(flat, centre, angle, reach)
         if found is None:
             return None
         fine, offset, pitch = found
@@ -278,7 +280,9 @@ def _seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed
     return _Seed(crossing=centre + inverse @ offsets, steps=(inverse * pitches).T)
 
 
-def _square(flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int) -> NDArray[np.float32]:
+def _cut_square(
+    flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int
+) -> NDArray[np.float32]:
     """Return the square around `centre` that is turned so that `angle` runs along its rows."""
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, -sin], [sin, cos]])
@@ -290,7 +294,7 @@ def _square(flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach:
     )
 
 
-def _two_normals(patch: NDArray[np.float32]) -> tuple[float, float]:
+def _find_normals(patch: NDArray[np.float32]) -> tuple[float, float]:
     """Return the two directions [rad] along which a patch changes most, at least 50 degrees apart."""
     across, down = cv2.Sobel(patch, cv2.CV_32F, 1, 0), cv2.Sobel(patch, cv2.CV_32F, 0, 1)
     degrees = np.rad2deg(np.arctan2(down, across)) % 180.0
@@ -304,14 +308,14 @@ def _two_normals(patch: NDArray[np.float32]) -> tuple[float, float]:
     return float(np.deg2rad(first + 0.5)), float(np.deg2rad(second + 0.5))
 
 
-def _family(
+def _find_line_family(
     flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int
 ) -> tuple[float, float, float] | None:
     """Return the lines' normal [rad], the offset of one from `centre` [px], and their pitch [px]."""
     angles = angle + np.deg2rad(np.arange(-5.0, 5.01, 0.25))
-    profiles = [_square(flat, centre, turned, reach).mean(axis=0) for turned in angles]
+    profiles = [_cut_square(flat, centre, turned, reach).mean(axis=0) for turned in angles]
     best = int(np.argmax([profile.var() for profile in profiles]))
-    lines = _dark_lines(profiles[best].astype(np.float64))
+    lines = _find_dark_lines(profiles[best].astype(np.float64))
     if len(lines) < _LEAST_LINES:
         return None
     pitch = float(np.median(np.diff(lines)))
@@ -324,7 +328,7 @@ def _family(
     return float(angles[best]), float(middle - reach), float(slope)
 
 
-def _dark_lines(profile: _FloatArray) -> _FloatArray:
+def _find_dark_lines(profile: _FloatArray) -> _FloatArray:
     """Return where a profile of optical density has its lines [px], to a fraction of a pixel."""
     inner = profile[1:-1]
     tops = np.flatnonzero((inner > profile[:-2]) & (inner >= profile[2:])) + 1
@@ -338,7 +342,7 @@ def _dark_lines(profile: _FloatArray) -> _FloatArray:
     return np.asarray(tops + 0.5 * (before - after) / (before - 2.0 * at + after))
 
 
-def _grown(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
+def _grow(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
     """Follow the grid from its seed to the edge of what is seen."""
     # Room for a grid that perspective makes half as wide again.
     half = int(1.5 * np.hypot(*flat.shape) / seed.pitch_px) + 4
@@ -348,19 +352,19 @@ def _grown(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
     ring = _Ring(
         start + half, seed.crossing + start @ seed.steps, np.broadcast_to(seed.steps, (len(start), 2, 2))
     )
-    least = _LEAST_CONTRAST * float(np.median(_refined(flat, ring)[1]))
+    least = _LEAST_CONTRAST * float(np.median(_refine(flat, ring)[1]))
     while len(ring.cells):
-        found, contrast = _refined(flat, ring)
+        found, contrast = _refine(flat, ring)
         pitch = np.linalg.norm(ring.steps, axis=2).min(axis=1)
         good = (np.linalg.norm(found - ring.predicted, axis=1) < _LARGEST_SHIFT * pitch) & (contrast > least)
         tries[tuple(ring.cells.T)] += 1
         places[tuple(ring.cells[good].T)] = found[good]
-        ring = _next_ring(places, tries, flat.shape)
+        ring = _predict_ring(places, tries, flat.shape)
     cells = np.argwhere(np.isfinite(places[..., 0]))
     return Crossings(places[tuple(cells.T)], cells - half, seed.pitch_px)
 
 
-def _next_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, ...]) -> _Ring:
+def _predict_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, ...]) -> _Ring:
     """Return the crossings next to known ones, predicted by one local step from each neighbour.
 
     A cell is tried again, up to four times, once more of its neighbours are known.
@@ -371,8 +375,8 @@ def _next_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, .
     # Only the part that is known and a margin, which also keeps `np.roll` from bringing in the other side.
     low, high = np.maximum(known.min(axis=0) - 2, 0), np.minimum(known.max(axis=0) + 3, len(places))
     window = (slice(low[0], high[0]), slice(low[1], high[1]))
-    steps = _local_steps(places[window])
-    predicted, count = _continued(places[window], steps)
+    steps = _average_steps(places[window])
+    predicted, count = _extrapolate(places[window], steps)
     wanted = np.isnan(places[window][..., 0]) & (count > tries[window])
     wanted[[0, -1]] = wanted[:, [0, -1]] = False
     margin = 0.6 * np.abs(steps).sum(axis=2)
@@ -381,7 +385,7 @@ def _next_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, .
     return _Ring(np.argwhere(wanted) + low, predicted[wanted], steps[wanted])
 
 
-def _continued(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, NDArray[np.int_]]:
+def _extrapolate(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, NDArray[np.int_]]:
     """Return where each cell's known neighbours expect it (R, C, 2), and how many of them are known (R, C)."""
     total = np.zeros_like(places)
     count = np.zeros(places.shape[:2], dtype=int)
@@ -393,7 +397,7 @@ def _continued(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, ND
     return np.asarray(total / np.maximum(count, 1)[..., None]), count
 
 
-def _local_steps(places: _FloatArray) -> _FloatArray:
+def _average_steps(places: _FloatArray) -> _FloatArray:
     """Return the mean steps (R, C, 2, 2) to the next crossing along either axis among the cells around, or NaN."""
     means = []
     for axis in (0, 1):
@@ -406,7 +410,7 @@ def _local_steps(places: _FloatArray) -> _FloatArray:
     return np.stack(means, axis=2)
 
 
-def _refined(
+def _refine(
     flat: NDArray[np.float32], ring: _Ring, along_at: _FloatArray = _ALONG
 ) -> tuple[_FloatArray, _FloatArray]:
     """Return where the two lines through each prediction cross (N, 2), and how dark the fainter one is (N,).
@@ -419,14 +423,14 @@ def _refined(
     for _ in range(_REFINEMENTS):
         for axis in (0, 1):
             across, along = ring.steps[:, axis], ring.steps[:, 1 - axis]
-            profile = _profiles(flat, found, across, along, _ACROSS, along_at=along_at)
-            offset, depth = _line_centres(profile)
+            profile = _sample_profiles(flat, found, across, along, _ACROSS, along_at=along_at)
+            offset, depth = _locate_lines(profile)
             found = found + offset[:, None] * across
             contrast = np.minimum(contrast, depth)
     return found, contrast
 
 
-def _profiles(
+def _sample_profiles(
     flat: NDArray[np.float32],
     centres: _FloatArray,
     across: _FloatArray,
@@ -446,7 +450,7 @@ def _profiles(
     return np.asarray(values.mean(axis=1).T)
 
 
-def _line_centres(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+def _locate_lines(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     """Return the lines' offsets (N,) from the middle of their profiles [steps], and their depths (N,)."""
     flank = np.abs(_ACROSS) > _FLANK
     slope, level = np.polyfit(_ACROSS[flank], profiles[:, flank].T, 1)
@@ -457,7 +461,7 @@ def _line_centres(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     return np.clip(offset, -_LARGEST_SHIFT, _LARGEST_SHIFT), bare.max(axis=1) * (mass > 0.0)
 
 
-def _numbered_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossings:
+def _number_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossings:
     """Return the crossings numbered in the finest lines, also where those are too faint or close to be followed.
 
     Raises
@@ -466,10 +470,10 @@ def _numbered_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossing
         If there is something between the lines found, but not lines that divide their distance evenly: every length
         could be wrong.
     """
-    places, steps, cells = _laid_out(found)
+    places, steps, cells = _tabulate(found)
     cells = cells[np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))]
     sample = tuple(cells[:: len(cells) // _MOST_CELLS + 1].T)
-    divisions = {_divisions(flat, places[sample], steps[sample], axis) for axis in (0, 1)}
+    divisions = {_count_divisions(flat, places[sample], steps[sample], axis) for axis in (0, 1)}
     if len(divisions) != 1 or None in divisions:
         raise MeasurementRefusedError(
             f"between the lines {found.pitch_px:.0f} px apart there are fainter ones",
@@ -479,11 +483,13 @@ def _numbered_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossing
     return replace(found, indices=found.indices * step, pitch_px=found.pitch_px / step, step=step)
 
 
-def _divisions(flat: NDArray[np.float32], places: _FloatArray, steps: _FloatArray, axis: int) -> int | None:
+def _count_divisions(
+    flat: NDArray[np.float32], places: _FloatArray, steps: _FloatArray, axis: int
+) -> int | None:
     """Return how many steps of the finest lines there are from one line to the next; None where it is not clear."""
     across, along = steps[:, axis], steps[:, 1 - axis]
-    depth = float(_line_centres(_profiles(flat, places, across, along, _ACROSS))[1].mean())
-    between = _profiles(flat, places + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
+    depth = float(_locate_lines(_sample_profiles(flat, places, across, along, _ACROSS))[1].mean())
+    between = _sample_profiles(flat, places + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
     if _highest_top(between) <= _FINER_LINE * depth:
         return 1
     curve = np.polynomial.Polynomial.fit(_BETWEEN, between, 2)

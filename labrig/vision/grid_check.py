@@ -11,9 +11,9 @@ import numpy as np
 
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
 from labrig.vision.graph_paper import find_crossings
-from labrig.vision.limits import above
 from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
+from labrig.vision.rounding import round_up
 
 _LEAST_CROSSINGS = 60
 # A crossing further off than this part of the pitch was mistaken for something else.
@@ -100,12 +100,12 @@ def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:
     reason = None
     if drift > _LARGEST_DRIFT:
         reason = (
-            f"Lengths changed by {above(100.0 * drift, 2)} % between the grid pictures before and after the run, and "
-            f"{100.0 * _LARGEST_DRIFT:g} % is the most: the camera was bumped; calibrate the plane again."
+            f"Lengths changed by {round_up(100.0 * drift, 2)} % between the grid pictures before and after the run, "
+            f"and {100.0 * _LARGEST_DRIFT:g} % is the most: the camera was bumped; calibrate the plane again."
         )
     elif bending > _LARGEST_BENDING_MM:
         reason = (
-            f"The grid after the run is {above(bending, 2)} mm out of shape, and {_LARGEST_BENDING_MM:g} mm is the "
+            f"The grid after the run is {round_up(bending, 2)} mm out of shape, and {_LARGEST_BENDING_MM:g} mm is the "
             "most: the camera was tilted, or the paper is bent; calibrate the plane again."
         )
     return GridDrift(drift, bending, reason is None, reason)

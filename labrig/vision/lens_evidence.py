@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.bundle import FREE, PARAMETERS, Fit, View
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.limits import above, below
 from labrig.vision.projection import picture_grid, projection_map_px, projection_sigma_px
+from labrig.vision.rounding import round_down, round_up
 
 _FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ _SAME_TILT_RAD = np.deg2rad(4.0)
 _SAME_PLACE = 0.04
 
 
-def judged(
+def judge_lens(
     views: Sequence[View],
     fit: Fit,
     holdout_px: float | None,
@@ -46,22 +46,22 @@ def judged(
     residuals: tuple[ViewResidual, ...],
 ) -> Intrinsics:
     """Return the fitted lens with the evidence for it, accepted or with the reasons why not."""
-    normals, centres = _poses(views, fit)
+    normals, centres = _find_poses(views, fit)
     spread = float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
     bare = replace(
-        _lens(fit, size, residuals),
-        holdout_rms_px=_known(holdout_px),
-        coverage=_coverage(views, size),
+        _make_intrinsics(fit, size, residuals),
+        holdout_rms_px=_finite_or_none(holdout_px),
+        coverage=_measure_coverage(views, size),
         different_views=_count_different(normals, centres),
         tilt_spread_deg=float(np.rad2deg(spread)),
     )
     seen = np.vstack([view.pixels for view in views])
     found = replace(bare, projection_sigma_px=projection_map_px(bare, seen))
-    reasons = (*_pose_reasons(found, normals, seen), *_number_reasons(found, seen))
+    reasons = (*_judge_poses(found, normals, seen), *_judge_numbers(found, seen))
     return replace(found, accepted=not reasons, reasons=reasons)
 
 
-def _lens(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResidual, ...]) -> Intrinsics:
+def _make_intrinsics(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResidual, ...]) -> Intrinsics:
     fx, fy, cx, cy, k1, k2, p1, p2, k3, skew = map(float, fit.parameters)
     return Intrinsics(
         image_size=size,
@@ -70,7 +70,7 @@ def _lens(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResidual, ...]) 
         cx=cx,
         cy=cy,
         distortion=(k1, k2, p1, p2, k3),
-        sigma=_sigma(fit),
+        sigma=_list_sigmas(fit),
         rms_px=fit.rms_px,
         holdout_rms_px=None,
         views=residuals,
@@ -83,7 +83,7 @@ def _lens(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResidual, ...]) 
     )
 
 
-def _sigma(fit: Fit) -> dict[str, float | None]:
+def _list_sigmas(fit: Fit) -> dict[str, float | None]:
     """Return the standard deviation of each parameter that the model has."""
     names = [PARAMETERS[index] for index in FREE[fit.model]]
     if fit.covariance is None:
@@ -94,39 +94,39 @@ def _sigma(fit: Fit) -> dict[str, float | None]:
     }
 
 
-def _known(value: float | None) -> float | None:
+def _finite_or_none(value: float | None) -> float | None:
     return float(value) if value is not None and np.isfinite(value) else None
 
 
-def _pose_reasons(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) -> list[str]:
+def _judge_poses(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) -> list[str]:
     """Say what the board's poses lack."""
     reasons = []
     if (found.different_views or 0) < LEAST_DIFFERENT_VIEWS:
         reasons.append(
-            f"the board was held in {_counted(found.different_views or 0, 'pose')} that can be told apart, at least "
+            f"the board was held in {_count(found.different_views or 0, 'pose')} that can be told apart, at least "
             f"{LEAST_DIFFERENT_VIEWS} are needed: turn it, tilt it and move it between the photographs"
         )
     spread_deg, least_deg = found.tilt_spread_deg or 0.0, float(np.rad2deg(_LEAST_TILT_SPREAD_RAD))
     if spread_deg < least_deg:
         reasons.append(
-            f"the board's tilts differ by {below(spread_deg, 1)} degrees at most, {least_deg:.0f} are needed: "
-            f"tilt it by 30 to 45 degrees, {_missing_tilt(normals)}"
+            f"the board's tilts differ by {round_down(spread_deg, 1)} degrees at most, {least_deg:.0f} are needed: "
+            f"tilt it by 30 to 45 degrees, {_describe_missing_tilt(normals)}"
         )
     coverage = found.coverage or 0.0
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the boards cover {below(100.0 * coverage, 1)} % of the picture, "
+            f"the boards cover {round_down(100.0 * coverage, 1)} % of the picture, "
             f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: photograph the board near the picture's corners, first "
-            f"the {_emptiest_corner(seen, found.image_size)} one, or closer"
+            f"the {_find_emptiest_corner(seen, found.image_size)} one, or closer"
         )
     return reasons
 
 
-def _counted(count: int, thing: str) -> str:
+def _count(count: int, thing: str) -> str:
     return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
-def _missing_tilt(normals: _FloatArray) -> str:
+def _describe_missing_tilt(normals: _FloatArray) -> str:
     """Return which way the boards were tilted least."""
     across, down = np.ptp(normals[:, :2], axis=0)
     return (
@@ -136,7 +136,7 @@ def _missing_tilt(normals: _FloatArray) -> str:
     )
 
 
-def _emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
+def _find_emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
     """Return the corner of the picture that is furthest from any corner of a board."""
     width, height = size
     corners = {
@@ -148,7 +148,7 @@ def _emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
     return max(corners, key=lambda name: float(np.linalg.norm(seen - corners[name], axis=1).min()))
 
 
-def _poses(views: Sequence[View], fit: Fit) -> tuple[_FloatArray, _FloatArray]:
+def _find_poses(views: Sequence[View], fit: Fit) -> tuple[_FloatArray, _FloatArray]:
     """Return each board's normal towards the camera and its centre [mm], each (N, 3)."""
     turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
     posed = zip(turns, views, fit.poses[:, 3:], strict=True)
@@ -169,52 +169,52 @@ def _count_different(normals: _FloatArray, centres: _FloatArray) -> int:
     return len(kept)
 
 
-def _coverage(views: Sequence[View], size: tuple[int, int]) -> float:
+def _measure_coverage(views: Sequence[View], size: tuple[int, int]) -> float:
     """Return the share of the picture inside the convex hull of all corners."""
     corners = np.vstack([view.pixels for view in views]).astype(np.float32)
     return float(cv2.contourArea(cv2.convexHull(corners))) / (size[0] * size[1])
 
 
-def _focal_reasons(found: Intrinsics) -> list[str]:
+def _judge_focal_lengths(found: Intrinsics) -> list[str]:
     """Say which focal length is too uncertain."""
     focal = {"fx": found.fx, "fy": found.fy}
     limits = {name: _LARGEST_SIGMA_SHARE * value for name, value in focal.items()}
     sigmas = {name: found.sigma[name] for name in focal}
     named = [
-        f"{name} is unknown" if sigma is None else f"{name} is {above(sigma, 2)} px"
+        f"{name} is unknown" if sigma is None else f"{name} is {round_up(sigma, 2)} px"
         for name, sigma in sigmas.items()
         if sigma is None or sigma > limits[name]
     ]
     if not named:
         return []
     reason = (
-        f"the standard deviation of {', that of '.join(named)}, the limit is {below(min(limits.values()), 2)} px "
+        f"the standard deviation of {', that of '.join(named)}, the limit is {round_down(min(limits.values()), 2)} px "
         f"({100.0 * _LARGEST_SIGMA_SHARE:g} %): photograph the board closer, so that it fills the picture, "
         "and tilted by 45 degrees"
     )
     return [reason]
 
 
-def _number_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
+def _judge_numbers(found: Intrinsics, seen: _FloatArray) -> list[str]:
     """Say which of the calibration's own numbers are not good enough."""
-    reasons = _focal_reasons(found)
+    reasons = _judge_focal_lengths(found)
     holdout = found.holdout_rms_px
     if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
-        known = "cannot be checked" if holdout is None else f"are predicted to {above(holdout, 2)} px"
+        known = "cannot be checked" if holdout is None else f"are predicted to {round_up(holdout, 2)} px"
         reasons.append(
             f"views left out of the fit {known}, the limit is {_LARGEST_HOLDOUT_PX:.2f} px: "
             "add sharp views, and check that the board is flat"
         )
-    if not _invertible(found):
+    if not _is_invertible(found):
         reasons.append(
             "the lens model folds inside the picture: photograph the board near the picture's edges"
         )
     else:
-        reasons += _projection_reasons(found, seen)
+        reasons += _judge_projection(found, seen)
     return reasons
 
 
-def _projection_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
+def _judge_projection(found: Intrinsics, seen: _FloatArray) -> list[str]:
     """Say where in the working area the lens is too uncertain."""
     places = picture_grid(found.image_size, _WORKING_SHAPE, WORKING_MARGIN)
     try:
@@ -226,13 +226,13 @@ def _projection_reasons(found: Intrinsics, seen: _FloatArray) -> list[str]:
         return []
     u, v = places[worst]
     reason = (
-        f"the lens is uncertain by {above(sigma[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
+        f"the lens is uncertain by {round_up(sigma[worst], 2)} px at ({u:.0f}, {v:.0f}), the limit is "
         f"{LARGEST_PROJECTION_SIGMA_PX:.2f} px: photograph the board there, so close that it fills that part"
     )
     return [reason]
 
 
-def _invertible(found: Intrinsics) -> bool:
+def _is_invertible(found: Intrinsics) -> bool:
     width, height = found.image_size
     along, down = np.linspace(-0.5, width - 0.5, 33), np.linspace(-0.5, height - 0.5, 25)
     try:

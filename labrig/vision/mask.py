@@ -61,7 +61,7 @@ class Mask:
         return hashlib.sha256(self.content).hexdigest()
 
     @property
-    def kept_as(self) -> str:
+    def kept_name(self) -> str:
         """Return the name under which a result keeps the file."""
         return "mask.json" if self.picture is None else f"mask{Path(self.source).suffix.lower()}"
 
@@ -126,7 +126,7 @@ def _malformed(path: Path, what: str) -> FileFormatError:
     return FileFormatError((Problem(str(path), f"holds no polygons: {what}", hint),))
 
 
-def filled(picture: Picture, masked: BoolArray | None) -> Picture:
+def fill_masked(picture: Picture, masked: BoolArray | None) -> Picture:
     """Return a grey picture whose masked pixels have the grey value of what is around them."""
     if masked is None or not masked.any():
         return picture

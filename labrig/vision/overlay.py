@@ -56,13 +56,13 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
     turn = np.linspace(0.0, 2.0 * np.pi, 120)
     ring = np.column_stack((np.cos(turn), np.sin(turn)))
     for centre_mm, radius_mm in plan.obstacles:
-        _polyline(drawn, plane.to_px(np.asarray(centre_mm) + radius_mm * ring), _OBSTACLE)
-    _polyline(drawn, plane.to_px(np.asarray(plan.target_mm) + plan.tolerance_mm * ring), _TARGET)
+        _draw_polyline(drawn, plane.to_px(np.asarray(centre_mm) + radius_mm * ring), _OBSTACLE)
+    _draw_polyline(drawn, plane.to_px(np.asarray(plan.target_mm) + plan.tolerance_mm * ring), _TARGET)
     if len(plan.path_mm):
-        _polyline(drawn, plane.to_px(plan.path_mm), _PATH)
+        _draw_polyline(drawn, plane.to_px(plan.path_mm), _PATH)
     for name, end_mm in (("z 10 mm", (0.0, _AXIS_MM)), ("y", (_AXIS_MM, 0.0))):
-        _, end = _arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _AXES)
-        _name(drawn, name, end + 6.0, _AXES)
+        _, end = _draw_arrow(drawn, plane.to_px(np.array([(0.0, 0.0), end_mm])), _AXES)
+        _draw_name(drawn, name, end + 6.0, _AXES)
     if plan.sheath is not None:
         _draw_sheath(drawn, plane, *plan.sheath)
     return drawn
@@ -71,29 +71,29 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
 def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], heading_rad: float) -> None:
     """Draw where the sheath was found: an arrow along its heading through a ring at its tip, named with both."""
     along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
-    start, _ = _arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
+    start, _ = _draw_arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
     turn = np.linspace(0.0, 2.0 * np.pi, 40)
-    _polyline(drawn, start + _RING_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
+    _draw_polyline(drawn, start + _RING_PX * np.column_stack((np.cos(turn), np.sin(turn))), _SHEATH)
     found = f"sheath found: y {tip_mm[0]:+.2f}, z {tip_mm[1]:+.2f} mm, {np.degrees(heading_rad):+.1f} deg"
     for width, colour in ((3, _OUTLINE), (1, _SHEATH)):
-        _name(drawn, found, start + _BELOW_PX, colour, width)
+        _draw_name(drawn, found, start + _BELOW_PX, colour, width)
 
 
-def _arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArray, FloatArray]:
+def _draw_arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[FloatArray, FloatArray]:
     """Draw an arrow between two pixels (2, 2), and return them."""
     start, end = ends
     tip = 0.85 * (end - start)
     aside = 0.07 * np.array([-(end - start)[1], (end - start)[0]])
-    _polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), colour)
+    _draw_polyline(drawn, np.array([start, end, start + tip + aside, start + tip - aside, end]), colour)
     return start, end
 
 
-def _name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
+def _draw_name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
     u, v = (int(one) for one in place)
     cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width_px, cv2.LINE_AA)
 
 
-def _polyline(drawn: Picture, points: FloatArray, colour: _Colour) -> None:
+def _draw_polyline(drawn: Picture, points: FloatArray, colour: _Colour) -> None:
     if len(points):
         fixed = np.rint(points * 2**_SUBPIXEL_BITS).astype(np.int32)
         cv2.polylines(

@@ -56,11 +56,11 @@ def read_picture(path: Path) -> Picture:
         shown turned or mirrored.
     """
     data = _read_bytes(path)
-    if _is_torn(data):
+    if _is_truncated(data):
         raise PictureError(
             f"{path} is truncated or damaged: {len(data)} bytes without an end", "copy it again"
         )
-    shown = _SHOWN.get(_orientation(data))
+    shown = _SHOWN.get(_read_orientation(data))
     if shown is not None:
         raise PictureError(
             f"{path} is to be shown {shown} (EXIF orientation), so its pixels are not where a viewer shows them",
@@ -133,11 +133,11 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
-def _is_torn(data: bytes) -> bool:
+def _is_truncated(data: bytes) -> bool:
     """Return whether a JPEG or PNG has no end; decoders would fill the rest with grey and say nothing."""
     if data.startswith(_JPEG):
         return data.find(b"\xff\xd9", _jpeg_scan_start(data)) < 0
-    return data.startswith(_PNG) and not _png_is_whole(data)
+    return data.startswith(_PNG) and not _is_whole_png(data)
 
 
 def _jpeg_scan_start(data: bytes) -> int:
@@ -157,17 +157,17 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
         position = end
 
 
-def _orientation(data: bytes) -> int:
-    """Return the EXIF orientation that a JPEG, PNG or TIFF states; upright where it states none."""
+def _read_orientation(data: bytes) -> int:
+    """Return the EXIF orientation of a JPEG, PNG or TIFF; upright if the file states none."""
     if data.startswith(_JPEG):
         bodies = [body for marker, body in _jpeg_segments(data) if marker == _JPEG_APP1]
-        return next((_stated(body[len(_EXIF) :]) for body in bodies if body.startswith(_EXIF)), _UPRIGHT)
-    if data.startswith(_PNG):
-        return next((_stated(body) for kind, body, _ in _png_chunks(data) if kind == _PNG_EXIF), _UPRIGHT)
-    return _stated(data)
+        data = next((body[len(_EXIF) :] for body in bodies if body.startswith(_EXIF)), b"")
+    elif data.startswith(_PNG):
+        data = next((body for kind, body, _ in _png_chunks(data) if kind == _PNG_EXIF), b"")
+    return _read_tiff_orientation(data)
 
 
-def _stated(tiff: bytes) -> int:
+def _read_tiff_orientation(tiff: bytes) -> int:
     """Return the orientation in the first directory of TIFF data; upright where there is none, or it is malformed."""
     order = {b"II*\x00": "<", b"MM\x00*": ">"}.get(tiff[:4])
     if order is None:
@@ -195,7 +195,7 @@ def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
         position = end + 4
 
 
-def _png_is_whole(data: bytes) -> bool:
+def _is_whole_png(data: bytes) -> bool:
     """Return whether every chunk is there with its checksum, up to the end chunk."""
     for kind, body, checksum in _png_chunks(data):
         if zlib.crc32(body, zlib.crc32(kind)) != checksum:

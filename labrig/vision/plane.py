@@ -207,7 +207,7 @@ class PlaneMap:
         """
         if not (np.isfinite(px_per_mm) and px_per_mm > 0.0):
             raise InputError(f"scale is {px_per_mm} px/mm, not a positive number", "count between two marks")
-        origin, direction = checked_frame(origin_px, insertion)
+        origin, direction = check_frame(origin_px, insertion)
         turn = np.array(PICTURE_AXES[direction]) / px_per_mm
         homography = np.eye(3)
         homography[:2, :2] = turn
@@ -222,15 +222,15 @@ class PlaneMap:
         MeasurementRefusedError
             If the lens model cannot be inverted at a pixel.
         """
-        ideal = undistorted(self.intrinsics or self.radial, _as_points(px, "pixels"))
-        straight = projected(self.homography, ideal)
+        ideal = undistort(self.intrinsics or self.radial, _as_points(px, "pixels"))
+        straight = apply_homography(self.homography, ideal)
         return straight if self.gel is None else self.gel.bent(straight, self.camera_mm())
 
     def to_px(self, mm: ArrayLike) -> _FloatArray:
         """Return pixels (N, 2) in a picture of points (N, 2) in the plane, columns (y, z) [mm]."""
         points = _as_points(mm, "points in the plane")
         straight = points if self.gel is None else self.gel.straight(points, self.camera_mm())
-        ideal = projected(np.linalg.inv(self.homography), straight)
+        ideal = apply_homography(np.linalg.inv(self.homography), straight)
         lens = self.intrinsics or self.radial
         return ideal if lens is None else lens.distort_px(ideal)
 
@@ -246,9 +246,9 @@ class PlaneMap:
             raise InputError(
                 "a gel's refraction needs the camera's intrinsics", "calibrate them first: --intrinsics FILE"
             )
-        return camera_over_mm(self.homography, self.intrinsics)
+        return find_camera_mm(self.homography, self.intrinsics)
 
-    def varied(self) -> "list[PlaneMap]":
+    def variants(self) -> "list[PlaneMap]":
         """Return the map moved along each independent axis of its uncertainty, one standard deviation each."""
         moved = []
         for one in self.variations:
@@ -293,12 +293,12 @@ def _as_points(points: ArrayLike, what: str) -> _FloatArray:
     return array
 
 
-def undistorted(lens: Intrinsics | Radial | None, px: _FloatArray) -> _FloatArray:
+def undistort(lens: Intrinsics | Radial | None, px: _FloatArray) -> _FloatArray:
     """Return ideal pixels (N, 2) of pixels (N, 2) in a picture; the same ones where no lens is known."""
     return px if lens is None else lens.undistort_px(px)
 
 
-def camera_over_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
+def find_camera_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
     """Return where the camera stands (3,): its foot on the plane that a homography leads to, and its height [mm].
 
     Parameters
@@ -314,13 +314,13 @@ def camera_over_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
     return np.array([foot[0], foot[1], abs(foot[2])])
 
 
-def projected(homography: NDArray[np.floating], points: _FloatArray) -> _FloatArray:
+def apply_homography(homography: NDArray[np.floating], points: _FloatArray) -> _FloatArray:
     """Return points (N, 2) through a 3 x 3 homography."""
     homogeneous = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
 
-def checked_frame(origin_px: tuple[float, float], insertion: str) -> tuple[tuple[float, float], Insertion]:
+def check_frame(origin_px: tuple[float, float], insertion: str) -> tuple[tuple[float, float], Insertion]:
     """Return origin and direction of a steering plane frame, or raise InputError naming what is wrong."""
     for known in get_args(Insertion):
         if insertion == known:

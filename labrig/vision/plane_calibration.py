@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.bent_paper import bent_homographies
+from labrig.vision.bend_variations import find_bent_homographies
 from labrig.vision.graph_paper import Crossings, find_crossings
 from labrig.vision.intrinsics import Intrinsics
-from labrig.vision.limits import above, below
 from labrig.vision.picture import Picture, require_size, size_of
 from labrig.vision.plane import (
     PICTURE_AXES,
@@ -24,14 +23,15 @@ from labrig.vision.plane import (
     Insertion,
     PlaneMap,
     Variation,
-    camera_over_mm,
-    checked_frame,
-    projected,
-    undistorted,
+    apply_homography,
+    check_frame,
+    find_camera_mm,
+    undistort,
 )
 from labrig.vision.plane_fit import PlaneFit, fit_plane
-from labrig.vision.projection import lens_variations
+from labrig.vision.projection import vary_lens
 from labrig.vision.refraction import Gel
+from labrig.vision.rounding import round_down, round_up
 from labrig.vision.sheet_bend import find_bend
 
 _FloatArray = NDArray[np.float64]
@@ -74,7 +74,7 @@ def calibrate_plane(
     Parameters
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
-        As the camera took it, not undistorted.
+        As the camera took it, not undistort.
     intrinsics : Intrinsics or None
         Without them one radial term is fitted with the plane; what else the lens does shows in `rms_mm`.
     pitch_mm : float
@@ -99,41 +99,42 @@ def calibrate_plane(
         If no grid is found, no plane explains it, or the gel would reach the camera.
     """
     size = size_of(image)
-    origin, direction = checked_frame(origin_px, insertion)
+    origin, direction = check_frame(origin_px, insertion)
     _check_inputs(pitch_mm, origin, size)
     if intrinsics is not None:
         require_size(image, intrinsics.image_size, "the lens's calibration")
-    found, ideal, ideal_origin = _seen(image, intrinsics, origin)
+    found, ideal, ideal_origin = _find_paper(image, intrinsics, origin)
     paper = np.asarray(found.indices * float(pitch_mm), dtype=np.float64)
     gross_mm = _GROSS * found.step * pitch_mm
     fit = fit_plane(ideal, paper, gross_mm, with_radial=intrinsics is None)
-    frame = _Frame(undistorted(fit.radial, ideal_origin), direction, fit.homography)
-    odd = _odd_blocks(found)
+    frame = _SteeringFrame(undistort(fit.radial, ideal_origin), direction, fit.homography)
+    odd = _select_odd_blocks(found)
     bare = PlaneMap(
-        homography=frame.framed(fit.homography),
+        homography=frame.transform(fit.homography),
         intrinsics=intrinsics,
         origin_px=origin,
         insertion=direction,
         image_size=size,
         mm_per_px=0.0,
-        holdout_rms_mm=_holdout_rms(ideal, paper, odd, fit, gross_mm),
-        crossing_noise_mm=_crossing_noise(found, fit),
+        holdout_rms_mm=_measure_holdout_rms(ideal, paper, odd, fit, gross_mm),
+        crossing_noise_mm=_measure_crossing_noise(found, fit),
         radial=fit.radial,
-        variations=_variations(found, fit, frame, intrinsics, paper),
+        variations=_find_variations(found, fit, frame, intrinsics, paper),
     )
-    bare = replace(bare, mm_per_px=_mm_per_px(bare), bend=_bend(bare, found, ideal, odd, fit))
-    placed = _with_gel(bare, gel)
-    return _judged(placed, found, fit, frame.turn_rad)
+    bare = replace(bare, mm_per_px=_measure_mm_per_px(bare), bend=_find_bend(bare, found, ideal, odd, fit))
+    placed = _add_gel(bare, gel)
+    return _judge(placed, found, fit, frame.turn_rad)
 
 
-def _with_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
+def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
     """Return the map behind a gel, its origin still at the origin's pixel."""
     if gel is None:
         return plane
     height_mm = float(plane.camera_mm()[2])
     if gel.depth_mm >= height_mm:
         raise CalibrationRefusedError(
-            f"the gel's depth is {gel.depth_mm:g} mm, and the camera is only {below(height_mm, 0)} mm above the paper",
+            f"the gel's depth is {gel.depth_mm:g} mm, and the camera is only {round_down(height_mm, 0)} mm above "
+            "the paper",
             "measure from the gel's surface to the needle, in mm",
         )
     bent = replace(plane, gel=gel)
@@ -144,7 +145,7 @@ def _with_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
         shift[:2, 2] -= moved.to_mm([plane.origin_px])[0]
     variations = tuple(replace(one, homography=shift @ one.homography) for one in plane.variations)
     final = replace(bent, homography=shift @ plane.homography, variations=variations)
-    return replace(final, mm_per_px=_mm_per_px(final))
+    return replace(final, mm_per_px=_measure_mm_per_px(final))
 
 
 def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int, int]) -> None:
@@ -157,23 +158,23 @@ def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int,
         )
 
 
-def _seen(
+def _find_paper(
     image: Picture, intrinsics: Intrinsics | None, origin: tuple[float, float]
 ) -> tuple[Crossings, _FloatArray, _FloatArray]:
     """Return the paper's crossings, their ideal pixels (N, 2), and the origin's (1, 2)."""
     try:
         found = find_crossings(image)
-        return found, undistorted(intrinsics, found.pixels), undistorted(intrinsics, np.array([origin]))
+        return found, undistort(intrinsics, found.pixels), undistort(intrinsics, np.array([origin]))
     except MeasurementRefusedError as refusal:
         raise CalibrationRefusedError(refusal.message, refusal.hint) from refusal
 
 
-def _odd_blocks(found: Crossings) -> NDArray[np.bool_]:
+def _select_odd_blocks(found: Crossings) -> NDArray[np.bool_]:
     """Return which crossings (N,) are in every other block, as on a chessboard."""
     return np.asarray((found.indices // (_BLOCK * found.step)).sum(axis=1) % 2 == 1)
 
 
-def _crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
+def _measure_crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
     """Return how far crossings are off on their own, rms [mm]: neighbours differ by the square root of two of it."""
     cells = (found.indices - found.indices.min(axis=0)) // found.step
     off = np.full((*(cells.max(axis=0) + 1), 2), np.nan)
@@ -183,18 +184,18 @@ def _crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
     return float(np.sqrt(0.5 * np.mean(steps))) if len(steps) else None
 
 
-def _bend(
+def _find_bend(
     bare: PlaneMap, found: Crossings, ideal: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit
 ) -> Bend | None:
     """Return the sheet's bend, its height in mm where the camera's lens is known."""
     if bare.crossing_noise_mm is None:
         return None
     lens = bare.intrinsics
-    camera = None if lens is None else camera_over_mm(fit.homography, lens)
+    camera = None if lens is None else find_camera_mm(fit.homography, lens)
     return find_bend(fit, ideal, found.pixels, odd, noise_mm=bare.crossing_noise_mm, camera_mm=camera)
 
 
-def _holdout_rms(
+def _measure_holdout_rms(
     ideal: _FloatArray, paper: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit, gross_mm: float
 ) -> float | None:
     """Return the error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
@@ -207,33 +208,35 @@ def _holdout_rms(
     return float(np.sqrt(np.mean(np.sum(np.vstack(errors) ** 2, axis=1))))
 
 
-def _variations(
-    found: Crossings, fit: PlaneFit, frame: "_Frame", lens: Intrinsics | None, paper: _FloatArray
+def _find_variations(
+    found: Crossings, fit: PlaneFit, frame: "_SteeringFrame", lens: Intrinsics | None, paper: _FloatArray
 ) -> tuple[Variation, ...]:
     """Return what is uncertain: the homography by its crossings, and the lens, the plane fitted anew to each."""
     blocks = np.unique(found.indices[fit.kept] // (_BLOCK * found.step), axis=0, return_inverse=True)[
         1
     ].ravel()
-    by_paper = [Variation(frame.framed(one), None) for one in fit.moved_homographies(blocks)]
+    by_paper = [Variation(frame.transform(one), None) for one in fit.vary_homography(blocks)]
     by_lens = []
     pixels = found.pixels[fit.kept]
-    for one in [] if lens is None else lens_variations(lens):
+    for one in [] if lens is None else vary_lens(lens):
         moved = np.asarray(cv2.findHomography(one.undistort_px(pixels), paper[fit.kept])[0], dtype=np.float64)
-        by_lens.append(Variation(frame.framed(moved), one.parameters()))
-    ideal = fit.paper_px(undistorted(lens, pixels))
-    foot = _foot_mm(fit.homography, lens, ideal)
-    by_bend = [Variation(frame.framed(one), None) for one in bent_homographies(ideal, paper[fit.kept], foot)]
+        by_lens.append(Variation(frame.transform(moved), one.parameters()))
+    ideal = fit.paper_px(undistort(lens, pixels))
+    foot = _find_foot_mm(fit.homography, lens, ideal)
+    by_bend = [
+        Variation(frame.transform(one), None) for one in find_bent_homographies(ideal, paper[fit.kept], foot)
+    ]
     return (*by_paper, *by_lens, *by_bend)
 
 
-def _foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArray) -> _FloatArray:
+def _find_foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArray) -> _FloatArray:
     """Return the point of the paper (2,) [mm] under the camera; without a lens the one in the crossings' middle."""
     if lens is None:
-        return np.asarray(projected(homography, ideal.mean(axis=0)[None])[0])
-    return camera_over_mm(homography, lens)[:2]
+        return np.asarray(apply_homography(homography, ideal.mean(axis=0)[None])[0])
+    return find_camera_mm(homography, lens)[:2]
 
 
-class _Frame:
+class _SteeringFrame:
     """The steering plane frame: `origin` (1, 2) in ideal pixels, +z along the lines nearest to the insertion.
 
     Which line that is, is decided once, by the fitted homography; moved ones are put into the same frame.
@@ -241,8 +244,8 @@ class _Frame:
 
     def __init__(self, origin: _FloatArray, insertion: Insertion, homography: _FloatArray) -> None:
         self._origin = origin
-        place = projected(homography, origin)[0]
-        ahead = projected(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - origin
+        place = apply_homography(homography, origin)[0]
+        ahead = apply_homography(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - origin
         lines = ahead / np.linalg.norm(ahead, axis=1)[:, None]
         # Rows +y and +z, columns the paper's two axes: the cosines between them in the picture.
         along = np.array(PICTURE_AXES[insertion], dtype=np.float64) @ lines.T
@@ -252,45 +255,45 @@ class _Frame:
             self._turn[row, line] = np.sign(along[row, line])
         self.turn_rad = float(np.arccos(np.clip(np.abs(along[1, z_line]), 0.0, 1.0)))
 
-    def framed(self, homography: _FloatArray) -> _FloatArray:
+    def transform(self, homography: _FloatArray) -> _FloatArray:
         """Return the homography from ideal pixels to the frame."""
         change = np.eye(3)
         change[:2, :2] = self._turn
-        change[:2, 2] = -self._turn @ projected(homography, self._origin)[0]
+        change[:2, 2] = -self._turn @ apply_homography(homography, self._origin)[0]
         return np.asarray(change @ homography)
 
 
-def _mm_per_px(plane: PlaneMap) -> float:
+def _measure_mm_per_px(plane: PlaneMap) -> float:
     """Return the square root of the area [mm] of the pixel at the origin."""
     sides = np.asarray(plane.origin_px) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
     mm = plane.to_mm(sides)
     return float(np.sqrt(np.abs(np.linalg.det(np.array([mm[1] - mm[0], mm[3] - mm[2]])))))
 
 
-def _judged(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> PlaneMap:
+def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> PlaneMap:
     size = bare.image_size or (1, 1)
     pixels, off = found.pixels[fit.kept], fit.residuals_mm[fit.kept]
     residuals = np.hypot(*off.T)
     rms = float(np.sqrt(np.mean(residuals**2)))
-    flatness, where = _flatness(pixels, off, size)
+    flatness, where = _measure_flatness(pixels, off, size)
     reasons = (
-        *_paper_reasons(pixels, float(np.mean(~fit.kept)), size),
-        *_flat_reasons(flatness, where),
-        *_fit_reasons(rms, turn_rad, bare),
+        *_judge_paper(pixels, float(np.mean(~fit.kept)), size),
+        *_judge_flatness(flatness, where),
+        *_judge_fit(rms, turn_rad, bare),
     )
     return replace(
         bare,
         flatness_mm=flatness,
         rms_mm=rms,
         worst_mm=float(residuals.max()),
-        residual_field_mm=_residual_field(pixels, residuals, size),
+        residual_field_mm=_map_residuals(pixels, residuals, size),
         crossings=len(pixels),
         accepted=not reasons,
         reasons=reasons,
     )
 
 
-def _paper_reasons(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> list[str]:
+def _judge_paper(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> list[str]:
     """Say what the paper in the picture lacks."""
     reasons = []
     if len(pixels) < _LEAST_CROSSINGS:
@@ -300,20 +303,20 @@ def _paper_reasons(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> 
     coverage = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / (size[0] * size[1])
     if coverage < _LEAST_COVERAGE:
         reasons.append(
-            f"the paper's lines cover {below(100.0 * coverage, 1)} % of the picture, "
+            f"the paper's lines cover {round_down(100.0 * coverage, 1)} % of the picture, "
             f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: "
             "use a larger sheet, evenly lit"
         )
     if gross > _LARGEST_GROSS_SHARE:
         reasons.append(
-            f"the paper is not flat: {above(100.0 * gross, 1)} % of the crossings fit no plane, "
+            f"the paper is not flat: {round_up(100.0 * gross, 1)} % of the crossings fit no plane, "
             f"the limit is {100.0 * _LARGEST_GROSS_SHARE:.0f} %: "
             "lay the paper flat, and take what is not paper out of the picture"
         )
     return reasons
 
 
-def _flatness(
+def _measure_flatness(
     pixels: _FloatArray, off_mm: _FloatArray, size: tuple[int, int]
 ) -> tuple[float, tuple[float, float]]:
     """Return the largest mean residual [mm] over a part of the picture, and that part's middle [px]."""
@@ -329,18 +332,18 @@ def _flatness(
     return worst, where
 
 
-def _flat_reasons(flatness_mm: float, where: tuple[float, float]) -> list[str]:
+def _judge_flatness(flatness_mm: float, where: tuple[float, float]) -> list[str]:
     """Say where the paper is bent or folded."""
     if flatness_mm <= _LARGEST_UNEVENNESS_MM:
         return []
     reason = (
-        f"the paper is not flat: around ({where[0]:.0f}, {where[1]:.0f}) px it is {above(flatness_mm, 2)} mm from "
+        f"the paper is not flat: around ({where[0]:.0f}, {where[1]:.0f}) px it is {round_up(flatness_mm, 2)} mm from "
         f"where flat paper would be, the limit is {_LARGEST_UNEVENNESS_MM} mm: glue it to a plate, without folds"
     )
     return [reason]
 
 
-def _fit_reasons(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
+def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
     """Say what is wrong with the fit, or with the lens that it rests on."""
     reasons = []
     if bare.intrinsics is not None and not bare.intrinsics.accepted:
@@ -350,17 +353,17 @@ def _fit_reasons(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
             "lay the paper flat" if bare.intrinsics else "give the lens's calibration, or lay the paper flat"
         )
         reasons.append(
-            f"the crossings are {above(rms_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
+            f"the crossings are {round_up(rms_mm, 3)} mm off a plane, the limit is {_LARGEST_RMS_MM} mm: {remedy}"
         )
     if turn_rad > _LARGEST_TURN_RAD:
         reasons.append(
-            f"the lines are turned by {above(np.rad2deg(turn_rad), 1)} degrees from {bare.insertion!r}, "
+            f"the lines are turned by {round_up(np.rad2deg(turn_rad), 1)} degrees from {bare.insertion!r}, "
             f"the limit is {np.rad2deg(_LARGEST_TURN_RAD):.0f}: lay the paper along the insertion"
         )
     return reasons
 
 
-def _residual_field(
+def _map_residuals(
     pixels: _FloatArray, residuals_mm: _FloatArray, size: tuple[int, int]
 ) -> tuple[tuple[float | None, ...], ...]:
     """Return the rms residual [mm] in the ninths of the picture, row by row."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from labrig.errors import CalibrationRefusedError
-from labrig.vision.plane import Radial, projected
+from labrig.vision.plane import Radial, apply_homography
 
 _FloatArray = NDArray[np.float64]
 
@@ -58,11 +58,11 @@ class PlaneFit:
     jacobian: _FloatArray
     weighted_mm: _FloatArray
     parameters: _FloatArray
-    _frame: "_Frame"
+    _frame: "_PixelScale"
 
     def paper_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
         """Return where pixels lie on the paper (N, 2) [mm]: ideal ones, or the picture's with a radial term."""
-        return projected(self.homography, self.paper_px(ideal_or_px))
+        return apply_homography(self.homography, self.paper_px(ideal_or_px))
 
     def paper_px(self, ideal_or_px: _FloatArray) -> _FloatArray:
         """Return the pixels (N, 2) that the homography is of: ideal ones, or those that the radial term leaves."""
@@ -73,12 +73,12 @@ class PlaneFit:
         normal = self._frame.normal(ideal_or_px)
         steps = _DIFFERENCE * np.eye(len(self.parameters))
         moves = [
-            _predicted(self.parameters + step, normal) - _predicted(self.parameters - step, normal)
+            _predict(self.parameters + step, normal) - _predict(self.parameters - step, normal)
             for step in steps
         ]
         return np.stack(moves, axis=2) / (2.0 * _DIFFERENCE)
 
-    def moved_homographies(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
+    def vary_homography(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
         """Return the homography moved by one standard deviation along each axis of its covariance.
 
         `blocks` (M,) says of every kept crossing which block of neighbours it belongs to.
@@ -96,14 +96,14 @@ class PlaneFit:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _PixelScale:
     """Pixels are fitted from the middle of their extent, in units of half its diagonal: all numbers are alike then."""
 
     middle: tuple[float, float]
     half: float
 
     @classmethod
-    def of(cls, px: _FloatArray) -> "_Frame":
+    def of(cls, px: _FloatArray) -> "_PixelScale":
         low, high = px.min(axis=0), px.max(axis=0)
         middle = 0.5 * (low + high)
         return cls((float(middle[0]), float(middle[1])), 0.5 * float(np.linalg.norm(high - low)))
@@ -144,25 +144,25 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
     CalibrationRefusedError
         If no plane explains them.
     """
-    frame = _Frame.of(px)
+    frame = _PixelScale.of(px)
     # OpenCV's sampling has a fixed seed of its own.
     start = cv2.findHomography(frame.normal(px), paper_mm, cv2.RANSAC, gross_mm)[0] if len(px) >= 4 else None
     if start is None or not abs(start[2, 2]) > 0.0:
-        raise _no_plane()
+        raise _no_plane_error()
     parameters = np.concatenate(((start / start[2, 2]).ravel()[:_HOMOGRAPHY], np.zeros(3 * with_radial)))
     normal = frame.normal(px)
-    residuals = _predicted(parameters, normal) - paper_mm
+    residuals = _predict(parameters, normal) - paper_mm
     kept = np.zeros(len(px), dtype=bool)
     for _ in range(_MAX_REFITS):
         last, kept = kept, np.hypot(*residuals.T) < gross_mm
         if (kept == last).all():
             break
         if kept.sum() < _LEAST_CROSSINGS:
-            raise _no_plane()
+            raise _no_plane_error()
         scale = max(_MAD_TO_SIGMA * float(np.median(np.abs(residuals[kept]))), _LEAST_SCALE_MM)
-        solved = _solved(parameters, normal[kept], paper_mm[kept], scale)
+        solved = _minimise(parameters, normal[kept], paper_mm[kept], scale)
         parameters = np.asarray(solved.x)
-        residuals = _predicted(parameters, normal) - paper_mm
+        residuals = _predict(parameters, normal) - paper_mm
     rows = slice(0, 2 * int(kept.sum()))
     # SciPy scales its Jacobian by (1 + z)^(-3/4); the influence of a residual falls with (1 + z)^(-1/2).
     heavier = (1.0 + (solved.fun[rows] / (_FULL * scale)) ** 2) ** 0.25
@@ -178,26 +178,26 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
     )
 
 
-def _no_plane() -> CalibrationRefusedError:
+def _no_plane_error() -> CalibrationRefusedError:
     return CalibrationRefusedError(
         "no plane explains the paper's lines", "lay the paper flat and fill the picture with it"
     )
 
 
-def _solved(
+def _minimise(
     start: _FloatArray, normal: _FloatArray, paper_mm: _FloatArray, scale_mm: float
 ) -> OptimizeResult:
     def off(parameters: _FloatArray) -> _FloatArray:
         held = scale_mm * parameters[_HOMOGRAPHY + 1 :] / _CENTRE_REACH
-        return np.concatenate(((_predicted(parameters, normal) - paper_mm).ravel(), held))
+        return np.concatenate(((_predict(parameters, normal) - paper_mm).ravel(), held))
 
     return least_squares(off, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
 
 
-def _predicted(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:
+def _predict(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:
     """Return where normalised pixels (N, 2) lie on the paper [mm]."""
     if len(parameters) > _HOMOGRAPHY:
         k, x, y = parameters[_HOMOGRAPHY:]
         aside = normal - (x, y)
         normal = normal + aside * (k * np.sum(aside**2, axis=1))[:, None]
-    return projected(np.append(parameters[:_HOMOGRAPHY], 1.0).reshape(3, 3), normal)
+    return apply_homography(np.append(parameters[:_HOMOGRAPHY], 1.0).reshape(3, 3), normal)

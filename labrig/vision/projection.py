@@ -37,7 +37,7 @@ def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 
     return np.column_stack([axis.ravel() for axis in np.meshgrid(*axes)])
 
 
-def lens_variations(lens: Intrinsics) -> list[Intrinsics]:
+def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
     """Return the lens moved by each principal axis of its covariance, one standard deviation each.
 
     A quantity's variance through the lens is the sum of its squared changes over these.
@@ -70,10 +70,10 @@ def projection_sigma_px(lens: Intrinsics, px: ArrayLike, seen_px: ArrayLike | No
             "the views do not determine the lens", "photograph the board in more poses"
         )
     wanted = np.asarray(px, dtype=np.float64)
-    fitted = _fitted_px(lens.image_size, seen_px)
+    fitted = _choose_fit_px(lens.image_size, seen_px)
     places = np.vstack((wanted, fitted))
-    slopes = _slopes(lens, places)
-    camera = _camera_moves(lens, places)
+    slopes = _differentiate_lens(lens, places)
+    camera = _differentiate_camera(lens, places)
     moves = slopes @ np.array(_root(lens.covariance))
     rows = slice(2 * len(wanted), None)
     compensation = np.linalg.lstsq(camera[rows], moves[rows], rcond=None)[0]
@@ -93,7 +93,7 @@ def projection_map_px(
     return tuple(tuple(float(value) for value in row) for row in rows)
 
 
-def _fitted_px(size: tuple[int, int], seen_px: ArrayLike | None) -> _FloatArray:
+def _choose_fit_px(size: tuple[int, int], seen_px: ArrayLike | None) -> _FloatArray:
     """Return the pixels (N, 2) over which turn and shift are fitted."""
     middle = picture_grid(size, _FIT_SHAPE, _MIDDLE_MARGIN)
     if seen_px is None:
@@ -109,7 +109,7 @@ def _root(covariance: Sequence[Sequence[float]]) -> _FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _slopes(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
+def _differentiate_lens(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
     """Return the derivatives (2 N, 10) of the pixels of fixed directions by the lens's parameters."""
     ideal = lens.directions(px)
     base = np.array(lens.parameters())
@@ -117,12 +117,12 @@ def _slopes(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
     columns = []
     for index, sigma in enumerate(sigmas):
         step = max(_STEP_SIGMAS * sigma, _LEAST_STEP) * (np.arange(len(base)) == index)
-        there, back = (_seen(lens.with_parameters(base + sign * step), ideal) for sign in (1.0, -1.0))
+        there, back = (_project(lens.with_parameters(base + sign * step), ideal) for sign in (1.0, -1.0))
         columns.append((there - back).ravel() / (2.0 * step[index]))
     return np.column_stack(columns)
 
 
-def _camera_moves(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
+def _differentiate_camera(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
     """Return the derivatives (2 N, 4) of the pixels by a small turn of the camera about each axis and a shift along it.
 
     The shift is that of a flat scene before the camera, in distances from it; shifts aside are turns as good as.
@@ -131,12 +131,12 @@ def _camera_moves(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
     small = 1e-6
     columns = []
     for way in (*(np.cross(axis, rays) for axis in np.eye(3)), rays[:, 2:] * np.eye(3)[2]):
-        there, back = (_seen(lens, rays + sign * small * way) for sign in (1.0, -1.0))
+        there, back = (_project(lens, rays + sign * small * way) for sign in (1.0, -1.0))
         columns.append((there - back).ravel() / (2.0 * small))
     return np.column_stack(columns)
 
 
-def _seen(lens: Intrinsics, rays: _FloatArray) -> _FloatArray:
+def _project(lens: Intrinsics, rays: _FloatArray) -> _FloatArray:
     """Return the pixels (N, 2) at which rays (N, 3) appear."""
     ideal = rays @ lens.camera_matrix().T
     return lens.distort_px(ideal[:, :2] / ideal[:, 2:])

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.limits import below
-from labrig.vision.mask import filled
+from labrig.vision.mask import fill_masked
 from labrig.vision.picture import Picture, as_grey, require_contrast
 from labrig.vision.plane import PlaneMap
-from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, guide_through, straighten
-from labrig.vision.shaft_ends import Diameters, longest_run, needle_end, sheath_end
+from labrig.vision.rounding import round_down
+from labrig.vision.shaft_edges import LEAST_POINTS, Edges, Guide, find_edges, fit_guide, straighten
+from labrig.vision.shaft_ends import Diameters, find_longest_run, find_needle_end, find_sheath_end
 from labrig.vision.shaft_trace import Orientation, Trace, Widths, trace_shafts
 
 FloatArray = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Shaft:
 
 
 @dataclass(frozen=True)
-class _View:
+class _Projector:
     """Points of the turned picture in the original one and in the plane."""
 
     orientation: Orientation
@@ -98,7 +98,7 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """The turned grey picture, masked pixels filled, and which they are (uint8, 255), None where there are none."""
+    """The turned grey picture, masked pixels filled; and the mask (uint8, 255 where masked), or None."""
 
     picture: Picture
     masked: Picture | None
@@ -144,19 +144,19 @@ def locate_shaft(
         shows instead.
     """
     require_contrast(image)
-    view = _View(Orientation.of(image, plane.insertion), plane)
+    view = _Projector(Orientation.of(image, plane.insertion), plane)
     scene = _Scene(
-        view.orientation.picture(filled(as_grey(image), masked)),
+        view.orientation.picture(fill_masked(as_grey(image), masked)),
         None if masked is None else view.orientation.picture(masked.astype(np.uint8) * np.uint8(255)),
     )
     diameters = Diameters(diameter_mm, sheath_diameter_mm)
     widths = diameters.widths(1.0 / plane.mm_per_px)
-    trace = _only_shaft(trace_shafts(scene.picture, widths), widths, view)
-    guide = _refined_guide(scene, trace, widths, diameters)
-    return _measured(scene, guide, widths, diameters, view)
+    trace = _choose_shaft(trace_shafts(scene.picture, widths), widths, view)
+    guide = _refine_guide(scene, trace, widths, diameters)
+    return _measure(scene, guide, widths, diameters, view)
 
 
-def _only_shaft(traces: tuple[Trace, ...], widths: Widths, view: _View) -> Trace:
+def _choose_shaft(traces: tuple[Trace, ...], widths: Widths, view: _Projector) -> Trace:
     """Return the shaft, or refuse where there are two or it does not come from the border."""
     first = traces[0]
     start_mm = (first.points[0, 0] + 0.5) / widths.px_per_mm
@@ -190,13 +190,13 @@ def _is_same(first: Trace, other: Trace, widths: Widths) -> bool:
     return bool(np.median(apart) < widths.widest_px / 2.0)
 
 
-def _refined_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
+def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
     """Return a guide along the middle of the shaft's edges, from the border to some way beyond the tip."""
     scale = widths.px_per_mm
-    coarse = guide_through(trace.points, scale, 0.0, 0.0)
+    coarse = fit_guide(trace.points, scale, 0.0, 0.0)
     _, edges = scene.edges(coarse, widths)
-    run = longest_run(edges.counts, scale)
-    entry = sheath_end(edges.width / scale, run, scale, diameters)
+    run = find_longest_run(edges.counts, scale)
+    entry = find_sheath_end(edges.width / scale, run, scale, diameters)
     rows = np.flatnonzero(run & _is_bar(edges.width, run, entry))
     rows = rows[rows < rows[-1] - _BEVEL_ONSET * widths.needle_px] if len(rows) else rows
     if len(rows) < max(scale * _LEAST_LENGTH_MM, LEAST_POINTS):
@@ -206,7 +206,7 @@ def _refined_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diame
         )
     before_mm = rows[0] / scale + _LARGEST_GAP_MM
     middle = coarse.at(rows.astype(np.float64), edges.middle[rows])
-    guide = guide_through(middle, scale, before_mm, _BEYOND_MM).inside(
+    guide = fit_guide(middle, scale, before_mm, _BEYOND_MM).inside(
         scene.picture.shape[1], scene.picture.shape[0]
     )
     if len(guide.places) < LEAST_POINTS:
@@ -214,21 +214,21 @@ def _refined_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diame
     return guide
 
 
-def _measured(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters, view: _View) -> Shaft:
+def _measure(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters, view: _Projector) -> Shaft:
     """Measure the shaft in the strip along its refined guide."""
     strip, edges = scene.edges(guide, widths)
     grid = np.arange(len(guide.places), dtype=np.float64)
     left_mm, right_mm = (view.mm(guide.at(grid, offsets)) for offsets in (edges.left, edges.right))
     width_mm = np.hypot(*(right_mm - left_mm).T)
-    run = longest_run(edges.counts, widths.px_per_mm)
-    entry = sheath_end(width_mm, run, widths.px_per_mm, diameters)
+    run = find_longest_run(edges.counts, widths.px_per_mm)
+    entry = find_sheath_end(width_mm, run, widths.px_per_mm, diameters)
     even = run & _is_bar(width_mm, run, entry)
     sheath, bar = (even & (side > _STEP_BLUR * widths.needle_px) for side in (entry - grid, grid - entry))
-    tip = needle_end(strip, edges, np.flatnonzero(run), widths)
+    tip = find_needle_end(strip, edges, np.flatnonzero(run), widths)
     if tip >= len(grid) - 1:
-        raise _no_tip(scene.picture, guide.places[-1], view)
+        raise _no_tip_error(scene.picture, guide.places[-1], view)
     bar &= grid < tip
-    _check(bar, width_mm, tip, diameters)
+    _check_needle(bar, width_mm, tip, diameters)
     arc_mm = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(view.mm(guide.places), axis=0).T))))
     entry_arc, tip_arc = np.interp([entry, tip], grid, arc_mm)
     offset = float(np.median(edges.middle[bar][: round(widths.needle_px)]))
@@ -257,7 +257,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def _no_tip(picture: Picture, end: FloatArray, view: _View) -> MeasurementRefusedError:
+def _no_tip_error(picture: Picture, end: FloatArray, view: _Projector) -> MeasurementRefusedError:
     u, v = view.px(end[None])[0]
     margin = float(np.min([*(end + 0.5), *(np.array(picture.shape[::-1]) - 0.5 - end)]))
     if margin < _BORDER_PX:
@@ -269,7 +269,7 @@ def _no_tip(picture: Picture, end: FloatArray, view: _View) -> MeasurementRefuse
     )
 
 
-def _check(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: Diameters) -> None:
+def _check_needle(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: Diameters) -> None:
     """Refuse a shaft that is too short, too patchy, or too thick or thin for the needle."""
     rows = np.flatnonzero(bar)
     if len(rows) < 4:
@@ -277,7 +277,7 @@ def _check(bar: NDArray[np.bool_], width_mm: FloatArray, tip: float, diameters: 
     measured = len(rows) / (tip - rows[0] + 1.0)
     if measured < _LEAST_MEASURED:
         raise MeasurementRefusedError(
-            f"both edges are seen over {below(100.0 * measured, 1)} % of the needle, "
+            f"both edges are seen over {round_down(100.0 * measured, 1)} % of the needle, "
             f"and {100.0 * _LEAST_MEASURED:.0f} % is the least"
         )
     width = float(np.median(width_mm[rows]))

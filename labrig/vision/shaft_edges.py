@@ -100,7 +100,7 @@ class Edges:
         return self.right - self.left
 
 
-def guide_through(points: FloatArray, px_per_mm: float, before_mm: float, after_mm: float) -> Guide:
+def fit_guide(points: FloatArray, px_per_mm: float, before_mm: float, after_mm: float) -> Guide:
     """Return a smooth line through at least `LEAST_POINTS` points (M, 2) in order, extended before and after them.
 
     Before them it is straight, after them it keeps the curvature of its last stretch.
@@ -152,7 +152,7 @@ def smooth_rows(strip: _Strip, sigma_px: float) -> _Strip:
     )
 
 
-def _without_glint(strip: _Strip, widths: Widths) -> _Strip:
+def _fill_glint(strip: _Strip, widths: Widths) -> _Strip:
     """Return the strip with bright stripes too narrow to be gel filled to the grey value beside them (grey opening)."""
     across = np.ones((1, int(np.ceil(widths.glint_px)) | 1), np.uint8)
     return np.asarray(cv2.morphologyEx(strip, cv2.MORPH_OPEN, across), dtype=np.float32)
@@ -160,15 +160,16 @@ def _without_glint(strip: _Strip, widths: Widths) -> _Strip:
 
 def find_edges(strip: _Strip, widths: Widths) -> Edges:
     """Return the edges in every row of a strip."""
-    smooth = _without_glint(smooth_rows(strip, _ALONG * widths.needle_px), widths)
+    smooth = _fill_glint(smooth_rows(strip, _ALONG * widths.needle_px), widths)
     middle = strip.shape[1] // 2
     half = max(1, int(_CORE * widths.needle_px))
-    core = _level(smooth[:, middle - half : middle + half + 1], _CORE_QUANTILE, widths)
+    core = _measure_level(smooth[:, middle - half : middle + half + 1], _CORE_QUANTILE, widths)
     sides = (smooth[:, middle::-1], smooth[:, middle:])
     first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
-    gels = tuple(_level(side[:, first:], _GEL_QUANTILE, widths) for side in sides)
+    gels = tuple(_measure_level(side[:, first:], _GEL_QUANTILE, widths) for side in sides)
     (left, left_found), (right, right_found) = (
-        _outermost_crossing(side, 0.5 * (core + gel), first) for side, gel in zip(sides, gels, strict=True)
+        _find_outermost_crossing(side, 0.5 * (core + gel), first)
+        for side, gel in zip(sides, gels, strict=True)
     )
     contrast = np.minimum(*gels) - core
     width = left + right
@@ -180,7 +181,7 @@ def find_edges(strip: _Strip, widths: Widths) -> Edges:
     )
 
 
-def gel_level(strip: _Strip, widths: Widths) -> FloatArray:
+def measure_gel_level(strip: _Strip, widths: Widths) -> FloatArray:
     """Return the grey level (N,) of the gel on both sides, row by row."""
     first = int(np.ceil(0.5 * widths.widest_px + _GEL_FROM * widths.needle_px))
     middle = strip.shape[1] // 2
@@ -188,14 +189,14 @@ def gel_level(strip: _Strip, widths: Widths) -> FloatArray:
     return np.asarray(np.median(beside, axis=1), dtype=np.float64)
 
 
-def _level(columns: _Strip, quantile: float, widths: Widths) -> FloatArray:
+def _measure_level(columns: _Strip, quantile: float, widths: Widths) -> FloatArray:
     """Return the grey level (N,) of some columns of a strip, smoothed along it."""
     index = int(quantile * (columns.shape[1] - 1) + 0.5)
     ranked = np.ascontiguousarray(np.partition(columns, index, axis=1)[:, index, None])
     return np.asarray(smooth_rows(ranked, _LEVELS_ALONG * widths.needle_px)[:, 0], dtype=np.float64)
 
 
-def _outermost_crossing(
+def _find_outermost_crossing(
     side: _Strip, threshold: FloatArray, last: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far out (N,) the grey value last rises through the threshold before column `last`, and whether."""

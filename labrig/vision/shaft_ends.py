@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.shaft_edges import Edges, gel_level, smooth_rows
+from labrig.vision.shaft_edges import Edges, measure_gel_level, smooth_rows
 from labrig.vision.shaft_trace import Widths
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Diameters:
         return Widths(self.needle_mm * px_per_mm, widest * px_per_mm, px_per_mm)
 
 
-def longest_run(counts: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
+def find_longest_run(counts: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
     """Return `counts` without the rows that are cut off from most of them by a hole too long for a shaft."""
     rows = np.flatnonzero(counts)
     if not len(rows):
@@ -50,7 +50,9 @@ def longest_run(counts: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_
     return run
 
 
-def sheath_end(width_mm: FloatArray, run: NDArray[np.bool_], px_per_mm: float, diameters: Diameters) -> float:
+def find_sheath_end(
+    width_mm: FloatArray, run: NDArray[np.bool_], px_per_mm: float, diameters: Diameters
+) -> float:
     """Return the fractional row at which the width drops from the sheath's to the needle's; 0 without a sheath.
 
     Raises
@@ -63,24 +65,25 @@ def sheath_end(width_mm: FloatArray, run: NDArray[np.bool_], px_per_mm: float, d
     rows = np.flatnonzero(run)
     width = width_mm[rows]
     piece = max(1, round(_LEAST_PIECE_MM * px_per_mm))
-    step = _largest_step(width, piece)
+    step = _find_largest_step(width, piece)
     ratio = np.sqrt(diameters.sheath_mm / diameters.needle_mm)
     if step is None or np.median(width[:step]) < ratio * np.median(width[step:]):
-        raise _no_step(float(np.median(width)), diameters)
+        raise _no_step_error(float(np.median(width)), diameters)
     level = 0.5 * float(np.median(width[:step]) + np.median(width[step:]))
     near = max(step - piece // 2, 1)
     after = near + int(np.argmax(width[near:] < level))
     return float(
-        rows[after - 1] + _crossed(width[after - 1], width[after], level) * (rows[after] - rows[after - 1])
+        rows[after - 1]
+        + _interpolate(width[after - 1], width[after], level) * (rows[after] - rows[after - 1])
     )
 
 
-def _crossed(before: float, after: float, level: float) -> float:
+def _interpolate(before: float, after: float, level: float) -> float:
     """Return which part (0 to 1) of the way from `before` down to `after` reaches `level`."""
     return float(np.clip((before - level) / max(before - after, 1e-6), 0.0, 1.0))
 
 
-def _largest_step(width: FloatArray, piece: int) -> int | None:
+def _find_largest_step(width: FloatArray, piece: int) -> int | None:
     """Return where to cut so that two constants fit best, each over at least `piece` widths; None if too few."""
     if len(width) < 2 * piece + 1:
         return None
@@ -90,7 +93,7 @@ def _largest_step(width: FloatArray, piece: int) -> int | None:
     return piece + int(np.argmax(gain[piece - 1 : len(gain) - piece + 1]))
 
 
-def _no_step(width_mm: float, diameters: Diameters) -> MeasurementRefusedError:
+def _no_step_error(width_mm: float, diameters: Diameters) -> MeasurementRefusedError:
     stated = f"the sheath is {diameters.sheath_mm} mm wide and the needle {diameters.needle_mm} mm"
     between = np.sqrt((diameters.sheath_mm or 0.0) * diameters.needle_mm)
     if width_mm > between:
@@ -102,18 +105,18 @@ def _no_step(width_mm: float, diameters: Diameters) -> MeasurementRefusedError:
     )
 
 
-def needle_end(strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths) -> float:
+def find_needle_end(strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths) -> float:
     """Return the fractional row at which the darkness ends after the rows of `run`; the strip's last if it does not."""
     middle, reach = strip.shape[1] // 2, int(np.ceil(_TIP_REACH * widths.needle_px))
     smooth = smooth_rows(strip, _TIP_SIGMA * widths.needle_px)
     darkest = smooth[:, middle - reach : middle + reach + 1].min(axis=1)
     reference = run[run > run[-1] - _TIP_REFERENCE_MM * widths.px_per_mm]
     contrast = float(np.median((edges.gel - edges.core)[reference]))
-    darkness = (gel_level(smooth, widths) - darkest) / contrast
+    darkness = (measure_gel_level(smooth, widths) - darkest) / contrast
     dark = np.flatnonzero(darkness >= _TIP_LEVEL)
     dark = np.concatenate((run[-1:], dark[dark > run[-1]]))
     holes = np.flatnonzero(np.diff(dark) > _TIP_GAP_MM * widths.px_per_mm)
     last = int(dark[holes[0]] if len(holes) else dark[-1])
     if last + 1 >= len(strip):
         return float(last)
-    return last + _crossed(darkness[last], darkness[last + 1], _TIP_LEVEL)
+    return last + _interpolate(darkness[last], darkness[last + 1], _TIP_LEVEL)

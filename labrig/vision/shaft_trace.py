@@ -156,12 +156,12 @@ def trace_shafts(picture: Picture, widths: Widths) -> tuple[Trace, ...]:
     MeasurementRefusedError
         If nothing dark and long enters at that border.
     """
-    bars = _bar_map(picture, widths)
-    traces = [_trace(bars, seed) for seed in _seeds(bars, widths.needle_px / bars.factor)]
+    bars = _filter_bars(picture, widths)
+    traces = [_trace_from(bars, seed) for seed in _find_seeds(bars, widths.needle_px / bars.factor)]
     return tuple(sorted(traces, key=lambda trace: -trace.strength * np.sqrt(len(trace.points))))
 
 
-def _bar_map(picture: Picture, widths: Widths) -> _BarMap:
+def _filter_bars(picture: Picture, widths: Widths) -> _BarMap:
     if widths.needle_px < _LEAST_WIDTH_PX:
         raise MeasurementRefusedError(
             f"the needle is {widths.needle_px:.1f} pixels wide, and {_LEAST_WIDTH_PX} is the least: use a closer view"
@@ -177,13 +177,13 @@ def _bar_map(picture: Picture, widths: Widths) -> _BarMap:
     glint = int(np.ceil(widths.glint_px / factor)) | 1
     reduced = cv2.morphologyEx(reduced, cv2.MORPH_OPEN, np.ones((glint, glint), np.uint8))
     density = -np.log(reduced.astype(np.float32) + np.float32(_DARK_OFFSET))
-    across, along, mixed = _second_derivatives(density, _BAR_SIGMA * widths.needle_px / factor)
+    across, along, mixed = _differentiate_twice(density, _BAR_SIGMA * widths.needle_px / factor)
     mean, half = 0.5 * (across + along), 0.5 * (across - along)
     ridge = np.sqrt(half * half + mixed * mixed) - mean
     return _BarMap(np.maximum(ridge, 0.0), -across, factor, widths.px_per_mm / factor)
 
 
-def _second_derivatives(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
+def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
     """Return the second derivatives across, along and mixed, times sigma squared, of the smoothed picture."""
     half = int(np.ceil(3.5 * sigma))
     x = np.arange(-half, half + 1)
@@ -201,7 +201,7 @@ def _second_derivatives(density: NDArray[np.float32], sigma: float) -> tuple[NDA
     )
 
 
-def _seeds(bars: _BarMap, needle_px: float) -> list[complex]:
+def _find_seeds(bars: _BarMap, needle_px: float) -> list[complex]:
     """Return places in the middle of straight bars near the border, strongest first."""
     length = max(3, round(_ENTRY_BAR_MM * bars.px_per_mm))
     reach = min(bars.along_insertion.shape[1], round(_ENTRY_MM * bars.px_per_mm))
@@ -225,14 +225,14 @@ def _seeds(bars: _BarMap, needle_px: float) -> list[complex]:
     return seeds
 
 
-def _trace(bars: _BarMap, seed: complex) -> Trace:
+def _trace_from(bars: _BarMap, seed: complex) -> Trace:
     back, _ = _follow(bars, seed, np.pi)
     forth, response = _follow(bars, seed, 0.0)
     places = np.concatenate((back[:0:-1], forth))
     return Trace(bars.full_px(places), float(np.median(response)))
 
 
-def _fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
+def _make_fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
     """Return the arcs' places (K, M) for a heading along +u, their turns (K,) and curvatures (K,) [1/px]."""
     turns, curvatures = (a.ravel() for a in np.meshgrid(_TURNS_RAD, _CURVATURES_PER_MM / px_per_mm))
     lengths = np.linspace(0.0, _LOOK_MM * px_per_mm, _LOOK_SAMPLES + 1)[1:]
@@ -242,7 +242,7 @@ def _fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64],
 
 def _follow(bars: _BarMap, seed: complex, heading: float) -> tuple[NDArray[np.complex128], FloatArray]:
     """Follow the shaft from `seed` until it ends or leaves; return places (N,) and responses (N,)."""
-    arcs, turns, curvatures = _fan(bars.px_per_mm)
+    arcs, turns, curvatures = _make_fan(bars.px_per_mm)
     penalty = _TURN_PENALTY * (turns / _TURNS_RAD[-1]) ** 2
     step = _STEP_MM * bars.px_per_mm
     h, w = bars.any_direction.shape

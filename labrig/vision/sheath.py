@@ -101,22 +101,22 @@ def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> Sheat
         raise MeasurementRefusedError(
             f"{seen_mm:.1f} mm of the sheath are seen, and {_LEAST_MM:g} mm are the least for its heading"
         )
-    axis = _axis_through(shaft.centre_mm)
+    axis = _fit_axis(shaft.centre_mm)
     dark_to_mm = float(plane.to_mm(shaft.tip_px[None])[0, 1]) / np.cos(axis.heading_rad)
-    end_mm = _end_mm(as_grey(image), plane, axis, dark_to_mm, shaft.width_mm)
+    end_mm = _find_end_mm(as_grey(image), plane, axis, dark_to_mm, shaft.width_mm)
     tip = axis.at(np.array(end_mm), np.array(0.0))
     u, v = plane.to_px(tip[None])[0].tolist()
     return SheathPose((u, v), (float(tip[0]), float(tip[1])), axis.heading_rad, shaft.width_mm)
 
 
-def heading_of(centre_mm: FloatArray) -> float | None:
+def measure_heading(centre_mm: FloatArray) -> float | None:
     """Return the heading [rad] of a sheath's centre line (N, 2) as (y, z); None where too little of it is seen."""
     if not len(centre_mm) or float(np.ptp(centre_mm[:, 1])) < _LEAST_MM:
         return None
-    return _axis_through(centre_mm).heading_rad
+    return _fit_axis(centre_mm).heading_rad
 
 
-def _axis_through(centre_mm: FloatArray) -> _Axis:
+def _fit_axis(centre_mm: FloatArray) -> _Axis:
     """Return the straight line through a centre line (N, 2), points that lie off it left out."""
     y, z = centre_mm.T
     kept = np.ones(len(y), dtype=bool)
@@ -127,7 +127,7 @@ def _axis_through(centre_mm: FloatArray) -> _Axis:
     return _Axis(y_mm, slope)
 
 
-def _end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, width_mm: float) -> float:
+def _find_end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, width_mm: float) -> float:
     """Return how far along the axis the sheath ends, by its stripes.
 
     Raises
@@ -138,14 +138,16 @@ def _end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, widt
     step_mm = _STEP_PX * plane.mm_per_px
     along_mm = np.arange(dark_to_mm - _BEHIND_MM, dark_to_mm + _BEYOND_MM, step_mm)
     aside_mm = np.linspace(-0.5, 0.5, _STRIPES) * _STRIPES_OVER * width_mm
-    stripes = _read(grey, plane, axis, along_mm, aside_mm)
+    stripes = _sample_strip(grey, plane, axis, along_mm, aside_mm)
     steel = np.median(stripes[along_mm <= along_mm[0] + _STEEL_MM], axis=0)
     beside_mm = 0.5 * width_mm + np.linspace(_GEL_FROM_MM, _GEL_TO_MM, 9)
-    gel = float(np.median(_read(grey, plane, axis, along_mm, np.concatenate((-beside_mm, beside_mm)))))
+    gel = float(
+        np.median(_sample_strip(grey, plane, axis, along_mm, np.concatenate((-beside_mm, beside_mm))))
+    )
     contrast = gel - steel
     usual = float(np.median(contrast[contrast > 0.0])) if (contrast > 0.0).any() else np.inf
     ends = [
-        _stripe_end(stripes[:, column], 0.5 * (gel + steel[column]), along_mm)
+        _find_stripe_end(stripes[:, column], 0.5 * (gel + steel[column]), along_mm)
         for column in np.flatnonzero(contrast >= _CONTRAST * usual)
     ]
     found = [end for end in ends if end is not None]
@@ -157,7 +159,7 @@ def _end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, widt
     return float(np.median([end for end in found if abs(end - early) <= _ALIKE_MM]))
 
 
-def _read(
+def _sample_strip(
     grey: Picture, plane: PlaneMap, axis: _Axis, along_mm: FloatArray, aside_mm: FloatArray
 ) -> NDArray[np.float32]:
     """Return the grey values (along, aside) of a strip along the axis."""
@@ -167,7 +169,7 @@ def _read(
     return np.asarray(read, dtype=np.float32)
 
 
-def _stripe_end(stripe: NDArray[np.float32], level: float, along_mm: FloatArray) -> float | None:
+def _find_stripe_end(stripe: NDArray[np.float32], level: float, along_mm: FloatArray) -> float | None:
     """Return where a stripe rises through a level to stay above it; None where it does not."""
     long = max(2, round(_ENDED_MM / float(along_mm[1] - along_mm[0])))
     smooth = np.convolve(stripe, np.full(long, 1.0 / long), mode="same")

@@ -117,31 +117,31 @@ def find_bend(
     foot = None if camera_mm is None else (camera_mm[:2] - middle) / half
     sheet = _Sheet((places - middle) / half, off / half, moves / half, noise_mm / half, foot)
     halves = (odd[kept], ~odd[kept])
-    if min(part.sum() for part in halves) < _terms(_ORDERS[-1]) + moves.shape[2]:
+    if min(part.sum() for part in halves) < _count_terms(_ORDERS[-1]) + moves.shape[2]:
         return None
-    errors = {order: _left_out(sheet, halves, order) for order in (0, *_ORDERS)}
+    errors = {order: _measure_holdout(sheet, halves, order) for order in (0, *_ORDERS)}
     order = next(one for one, error in errors.items() if error <= _AS_GOOD * min(errors.values()))
     if order == 0:
         return None
-    surface = _solved(sheet, order)
+    surface = _fit_surface(sheet, order)
     shift = half * np.linalg.norm(surface.left(sheet) - sheet.off, axis=1)
     most = int(np.argmax(shift))
     pictured = pictured_px[kept]
     bend = Bend(order, half * errors[order], float(shift[most]), _pixel(pictured, most))
-    return bend if camera_mm is None else _with_height(bend, sheet, pictured, float(camera_mm[2]), half)
+    return bend if camera_mm is None else _add_height(bend, sheet, pictured, float(camera_mm[2]), half)
 
 
-def _terms(order: int) -> int:
+def _count_terms(order: int) -> int:
     return (order + 1) * (order + 2) // 2 - 3
 
 
-def _part(sheet: _Sheet, part: NDArray[np.bool_]) -> _Sheet:
+def _select(sheet: _Sheet, part: NDArray[np.bool_]) -> _Sheet:
     return _Sheet(sheet.places[part], sheet.off[part], sheet.moves[part], sheet.noise, sheet.foot)
 
 
-def _left_out(sheet: _Sheet, halves: tuple[NDArray[np.bool_], ...], order: int) -> float:
+def _measure_holdout(sheet: _Sheet, halves: tuple[NDArray[np.bool_], ...], order: int) -> float:
     """Return the rms error of each half of the crossings through the surface of the other."""
-    left = [_solved(_part(sheet, ~half), order).left(_part(sheet, half)) for half in halves]
+    left = [_fit_surface(_select(sheet, ~half), order).left(_select(sheet, half)) for half in halves]
     return float(np.sqrt(np.mean(np.sum(np.vstack(left) ** 2, axis=1))))
 
 
@@ -149,17 +149,17 @@ def _pixel(px: _FloatArray, number: int) -> tuple[float, float]:
     return float(px[number, 0]), float(px[number, 1])
 
 
-def _with_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float) -> Bend:
+def _add_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float) -> Bend:
     """Return the bend with its height, for which the sheet's shortening by its own slope is allowed."""
-    first = surface = _solved(sheet, bend.order)
+    first = surface = _fit_surface(sheet, bend.order)
     for _ in range(_SHORTENINGS):
-        shorter = replace(sheet, off=sheet.off + _shortening(sheet, surface, distance_mm / half_mm))
-        surface = _solved(shorter, bend.order)
-    before, heights = (_over_plane(sheet, one.heights(sheet)) for one in (first, surface))
+        shorter = replace(sheet, off=sheet.off + _find_shortening(sheet, surface, distance_mm / half_mm))
+        surface = _fit_surface(shorter, bend.order)
+    before, heights = (_remove_plane(sheet, one.heights(sheet)) for one in (first, surface))
     high, low = int(np.argmax(heights)), int(np.argmin(heights))
     # What the shortening changes is known to first order only: all of it counts as uncertain.
     change = float((heights[high] - heights[low]) - (before[high] - before[low]))
-    sigma = _sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm)
+    sigma = _estimate_sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm)
     return replace(
         bend,
         height_mm=distance_mm * float(heights[high] - heights[low]),
@@ -169,16 +169,16 @@ def _with_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float,
     )
 
 
-def _shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArray:
+def _find_shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArray:
     """Return by how much (N, 2) places on the sheet are further out than below it: paper bends, and does not stretch.
 
     The displacement of least squares whose strain is half the square of the slope (Foeppl, von Karman); `distance` is
     the camera's, in halves of the diagonal.
     """
-    slopes = distance * np.stack(_slopes(sheet, surface), axis=1)
+    slopes = distance * np.stack(_differentiate(sheet, surface), axis=1)
     order = min(2 * surface.order - 1, _MOST_SHORTENING_ORDER)
     terms = _legendre(sheet.places, 1, order)
-    right, down = _gradient(sheet.places, 1, order)
+    right, down = _differentiate_legendre(sheet.places, 1, order)
     none = np.zeros_like(terms)
     strain = np.block([[right, none], [none, down], [down, right]])
     wanted = np.concatenate((0.5 * slopes[:, 0] ** 2, 0.5 * slopes[:, 1] ** 2, slopes[:, 0] * slopes[:, 1]))
@@ -186,10 +186,10 @@ def _shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArra
     return np.asarray(terms @ found.reshape(2, -1).T)
 
 
-def _slopes(sheet: _Sheet, surface: _Surface) -> list[_FloatArray]:
+def _differentiate(sheet: _Sheet, surface: _Surface) -> list[_FloatArray]:
     """Return the heights' slopes along either axis, those of the best plane taken off."""
     level = np.linalg.lstsq(_plane_terms(sheet), surface.heights(sheet), rcond=None)[0]
-    gradient = _gradient(sheet.places, 2, surface.order)
+    gradient = _differentiate_legendre(sheet.places, 2, surface.order)
     return [one @ surface.coefficients - level[axis] for axis, one in enumerate(gradient)]
 
 
@@ -201,7 +201,7 @@ def _legendre(places: _FloatArray, lowest: int, order: int) -> _FloatArray:
     return np.column_stack([legval(x, rows[i]) * legval(y, rows[j]) for i, j in pairs])
 
 
-def _gradient(places: _FloatArray, lowest: int, order: int) -> list[_FloatArray]:
+def _differentiate_legendre(places: _FloatArray, lowest: int, order: int) -> list[_FloatArray]:
     """Return their derivatives (N, K) along either axis, by central differences."""
     steps = _DIFFERENCE * np.eye(2)
     return [
@@ -211,7 +211,7 @@ def _gradient(places: _FloatArray, lowest: int, order: int) -> list[_FloatArray]
     ]
 
 
-def _sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], left_out: float) -> float:
+def _estimate_sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], left_out: float) -> float:
     """Return the standard deviation of the height of one crossing over another.
 
     What is left of a crossing is taken to be as large as for those left out, along either axis, and its own.
@@ -222,7 +222,7 @@ def _sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], left_out: fl
     moves = sheet.moves.shape[2]
     held = np.repeat([_PLAUSIBLE_MOVE, _PLAUSIBLE_HEIGHT], (moves, terms.shape[1])) ** -2.0
     information = 2.0 * design.T @ design / left_out**2 + np.diag(held)
-    high, low = _over_plane(sheet, terms)[list(ends)]
+    high, low = _remove_plane(sheet, terms)[list(ends)]
     contrast = np.concatenate((np.zeros(moves), high - low))
     return float(np.sqrt(contrast @ np.linalg.solve(information, contrast)))
 
@@ -231,20 +231,20 @@ def _plane_terms(sheet: _Sheet) -> _FloatArray:
     return np.column_stack((sheet.places, np.ones(len(sheet.places))))
 
 
-def _over_plane(sheet: _Sheet, heights: _FloatArray) -> _FloatArray:
+def _remove_plane(sheet: _Sheet, heights: _FloatArray) -> _FloatArray:
     design = _plane_terms(sheet)
     return np.asarray(heights - design @ np.linalg.lstsq(design, heights, rcond=None)[0])
 
 
-def _solved(sheet: _Sheet, order: int) -> _Surface:
+def _fit_surface(sheet: _Sheet, order: int) -> _Surface:
     """Return the surface of least squares, fitted again without strays."""
-    first = _least_squares(sheet, order)
+    first = _solve(sheet, order)
     off = np.linalg.norm(first.left(sheet), axis=1)
     near = off <= _STRAY * _MAD_TO_SIGMA * float(np.median(off))
-    return _least_squares(_part(sheet, near), order)
+    return _solve(_select(sheet, near), order)
 
 
-def _least_squares(sheet: _Sheet, order: int) -> _Surface:
+def _solve(sheet: _Sheet, order: int) -> _Surface:
     """Return the surface: for a camera's foot that is given it is linear, so only the foot is searched for."""
     count = sheet.moves.shape[2]
     if order == 0:

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, PictureError
-from labrig.vision.limits import below
 from labrig.vision.picture import Picture
+from labrig.vision.rounding import round_down
 from labrig.vision.tip_fit import Similarity
-from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, grey_picture, half_turn, without_glints
+from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, remove_glints, require_grey, wrap_angle
 
 FloatArray = NDArray[np.float64]
 _Point = tuple[float, float]
@@ -156,18 +156,18 @@ def locate_tip(
     InputError
         For a prediction that is not finite, or a region that is not positive.
     """
-    rules, grey = settings or TipSettings(), grey_picture(image)
+    rules, grey = settings or TipSettings(), require_grey(image)
     _check(grey, template, mask, (*(near_px or ()), heading_rad or 0.0, roll_rad or 0.0), region_px)
     region = _Region.around(grey, template, near_px, region_px, mask)
     if region is None:
         return TipFix(accepted=False, reason="The tip is predicted outside of the picture.")
     headings = _HEADINGS_RAD if heading_rad is None else (heading_rad,)
     views = [
-        _View(one, half_turn(heading - one.heading_rad))
+        _TurnedTemplate(one, wrap_angle(heading - one.heading_rad))
         for one in _sides(template, roll_rad)
         for heading in headings
     ]
-    places = _places(region, views)
+    places = _find_places(region, views)
     if not places:
         return TipFix(
             accepted=False,
@@ -175,18 +175,18 @@ def locate_tip(
         )
     # Of several views the one that fits best is not known before they have been fitted.
     several = len(views) > 1
-    tried = [(place, _refined(region, place)) for place in (places if several else places[:1])]
+    tried = [(place, _refine(region, place)) for place in (places if several else places[:1])]
     best, fit = max(tried, key=_fitted_score)
     others = map(_fitted_score, tried) if several else (place.score for place in places)
-    apart = (_apart(place, best) for place in places)
+    apart = (_is_apart(place, best) for place in places)
     rival = max((score for score, far in zip(others, apart, strict=True) if far), default=0.0)
     reached = _fitted_score((best, fit)) if several else best.score
-    reason = _judged(fit, best, reached - rival, rules, told=heading_rad is not None)
+    reason = _judge(fit, best, reached - rival, rules, told=heading_rad is not None)
     score, distinctness = best.score if fit is None else fit.score, reached - rival
     if fit is None or reason is not None:
         return TipFix(accepted=False, reason=reason, score=score, distinctness=distinctness)
     (u, v), (left, top) = fit.place.lands_px, region.corner_px
-    heading = half_turn(best.view.template.heading_rad + fit.place.turn_rad)
+    heading = wrap_angle(best.view.template.heading_rad + fit.place.turn_rad)
     tip = (float(u + left), float(v + top))
     return TipFix(
         accepted=True, reason=None, tip_px=tip, heading_rad=heading, score=score, distinctness=distinctness
@@ -194,7 +194,7 @@ def locate_tip(
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _TurnedTemplate:
     """A template turned to a heading."""
 
     template: TipTemplate
@@ -219,7 +219,7 @@ class _View:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _RefinedPlace:
     """Where the template lies, and the correlation of the two there."""
 
     place: Similarity
@@ -230,7 +230,7 @@ class _Fit:
 class _Place:
     """A candidate: the tip's pixel in the region, with the view that fits there."""
 
-    view: _View
+    view: _TurnedTemplate
     tip_px: _Point
     score: float
 
@@ -269,8 +269,8 @@ class _Region:
         most = _MOST_TIMES_SMALLER if self.picture.size > _SMALL_AREA_PX else 2
         return max(1, min(most, int(min(template.picture.shape)) // _LEAST_SMALL_SIDE_PX))
 
-    def without_glints(self, side_px: float) -> "_Region":
-        return replace(self, picture=without_glints(self.picture, side_px))
+    def remove_glints(self, side_px: float) -> "_Region":
+        return replace(self, picture=remove_glints(self.picture, side_px))
 
     def smaller(self, times: int) -> "_Region":
         if times == 1:
@@ -298,36 +298,38 @@ class _Region:
         return _Region(self.picture[part], (left, top), None if self.masked is None else self.masked[part])
 
 
-def _places(region: _Region, views: Sequence[_View]) -> list[_Place]:
+def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Place]:
     """Return the most likely places, best first; of one side of the bevel none within the reach of a better one."""
     template = views[0].template
     side_px, times = float(min(template.picture.shape)), region.times_smaller(template)
-    small = region.smaller(times).without_glints(side_px / times)
+    small = region.smaller(times).remove_glints(side_px / times)
     rough = [
-        replace(place, tip_px=_scaled(place.tip_px, times))
+        replace(place, tip_px=_to_full_px(place.tip_px, times))
         for view in views
-        for place in _peaks(small, view, times, _SAME_PLACE * side_px, _PLACES)
+        for place in _find_peaks(small, view, times, _SAME_PLACE * side_px, _PLACES)
     ]
-    near = _thinned(rough)
-    full = [_looked_at(region, place, times) for place in near] if times > 1 else near
-    return _thinned([place for place in full if place is not None])
+    near = _keep_best(rough)
+    full = [_search_full_size(region, place, times) for place in near] if times > 1 else near
+    return _keep_best([place for place in full if place is not None])
 
 
-def _looked_at(region: _Region, place: _Place, times_smaller: int) -> _Place | None:
+def _search_full_size(region: _Region, place: _Place, times_smaller: int) -> _Place | None:
     """Return the best place at full size around one found in a smaller picture."""
     reach_px = 0.75 * max(place.view.template.picture.shape) + 2.0 * times_smaller
-    part = region.within(place.tip_px, reach_px).without_glints(min(place.view.template.picture.shape))
-    found = _peaks(part, place.view, 1, reach_px, 1)
+    part = region.within(place.tip_px, reach_px).remove_glints(min(place.view.template.picture.shape))
+    found = _find_peaks(part, place.view, 1, reach_px, 1)
     if not found:
         return None
     (u, v), (left, top) = found[0].tip_px, part.corner_px
     return replace(found[0], tip_px=(u + left, v + top))
 
 
-def _peaks(region: _Region, view: _View, times_smaller: int, apart_px: float, most: int) -> list[_Place]:
+def _find_peaks(
+    region: _Region, view: _TurnedTemplate, times_smaller: int, apart_px: float, most: int
+) -> list[_Place]:
     """Return the highest places of the correlation with one view, at least so far apart [px of the full picture]."""
     patch, tip = view.patch(times_smaller)
-    scores = _scores(region, patch)
+    scores = _correlate(region, patch)
     if scores is None:
         return []
     reach = max(1, round(apart_px / times_smaller))
@@ -341,65 +343,67 @@ def _peaks(region: _Region, view: _View, times_smaller: int, apart_px: float, mo
     return places
 
 
-def _scores(region: _Region, patch: Picture) -> NDArray[np.float32] | None:
+def _correlate(region: _Region, patch: Picture) -> NDArray[np.float32] | None:
     """Return the correlation at each place of the patch's first pixel; -1 where the window is flat or masked."""
     rows, columns = patch.shape
     if region.picture.shape[0] < rows or region.picture.shape[1] < columns:
         return None
     scores = np.asarray(cv2.matchTemplate(region.picture, patch, cv2.TM_CCOEFF_NORMED), np.float32)
     mean, square = (
-        _window_means(values, columns, rows)
+        _average_windows(values, columns, rows)
         for values in (region.picture.astype(np.float32), np.square(region.picture, dtype=np.float32))
     )
     least = (_FLAT * float(cv2.meanStdDev(patch)[1][0, 0])) ** 2
     # What is not a number fails the comparison, and is no tip either.
     usable = (square - mean * mean >= least) & (scores <= 1.01)
     if region.masked is not None:
-        usable &= _window_means(region.masked.astype(np.float32), columns, rows) <= 0.0
+        usable &= _average_windows(region.masked.astype(np.float32), columns, rows) <= 0.0
     scores[~usable] = -1.0
     return scores
 
 
-def _window_means(values: NDArray[np.float32], columns: int, rows: int) -> NDArray[np.float32]:
+def _average_windows(values: NDArray[np.float32], columns: int, rows: int) -> NDArray[np.float32]:
     """Return the mean of each window that lies in the picture, at its first pixel."""
     means = cv2.blur(values, (columns, rows), anchor=(0, 0))
     return np.asarray(means[: values.shape[0] - rows + 1, : values.shape[1] - columns + 1], np.float32)
 
 
-def _refined(region: _Region, place: _Place) -> _Fit | None:
+def _refine(region: _Region, place: _Place) -> _RefinedPlace | None:
     """Return the place with pixel, heading and scale refined together; None where that runs away."""
     template = place.view.template
     part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
     left, top = part.corner_px
     start = Similarity((place.tip_px[0] - left, place.tip_px[1] - top), place.view.turn_rad)
-    plain = part.without_glints(float(min(template.picture.shape))).picture
-    rough = template.fitted.fit(plain, start)
-    close = None if rough is None else template.fitted_closely.fit(part.picture, rough)
+    plain = part.remove_glints(float(min(template.picture.shape))).picture
+    rough = template.coarse_fit.fit(plain, start)
+    close = None if rough is None else template.close_fit.fit(part.picture, rough)
     if close is None:
         return None
     u, v = close.lands_px
-    return _Fit(replace(close, lands_px=(u + left, v + top)), template.fitted.score(plain, close))
+    return _RefinedPlace(
+        replace(close, lands_px=(u + left, v + top)), template.coarse_fit.score(plain, close)
+    )
 
 
-def _fitted_score(tried: tuple[_Place, _Fit | None]) -> float:
+def _fitted_score(tried: tuple[_Place, _RefinedPlace | None]) -> float:
     return 0.0 if tried[1] is None else tried[1].score
 
 
-def _judged(
-    fit: _Fit | None, start: _Place, distinctness: float, rules: TipSettings, *, told: bool
+def _judge(
+    fit: _RefinedPlace | None, start: _Place, distinctness: float, rules: TipSettings, *, told: bool
 ) -> str | None:
     """Return why the refined place is not believed to be the tip, or None where it is."""
     if fit is None:
         return "The template cannot be fitted to the best place."
     if fit.score < rules.min_score:
-        return f"The score is {below(fit.score, 3)}, and {rules.min_score:g} is the least."
+        return f"The score is {round_down(fit.score, 3)}, and {rules.min_score:g} is the least."
     if distinctness < rules.min_distinctness:
         return (
-            f"The best place scores {below(distinctness, 3)} more than the next, "
+            f"The best place scores {round_down(distinctness, 3)} more than the next, "
             f"and {rules.min_distinctness:g} is the least: they cannot be told apart."
         )
     # A heading that was only tried may be far from the needle's; one that was predicted may not.
-    turned_rad = abs(half_turn(fit.place.turn_rad - start.view.turn_rad)) if told else 0.0
+    turned_rad = abs(wrap_angle(fit.place.turn_rad - start.view.turn_rad)) if told else 0.0
     most_moved = _MOST_MOVED if told else 2.0 * _MOST_MOVED
     moved_px = math.dist(fit.place.lands_px, start.tip_px)
     if turned_rad > rules.max_turn_rad or moved_px > most_moved * min(start.view.template.picture.shape):
@@ -410,16 +414,18 @@ def _judged(
     return None
 
 
-def _thinned(places: Sequence[_Place]) -> list[_Place]:
+def _keep_best(places: Sequence[_Place]) -> list[_Place]:
     """Return the best places of each side of the bevel, each apart from every better one of that side."""
     kept: list[_Place] = []
     for place in sorted(places, key=lambda one: -one.score):
-        if all(place.view.template is not better.view.template or _apart(place, better) for better in kept):
+        if all(
+            place.view.template is not better.view.template or _is_apart(place, better) for better in kept
+        ):
             kept.append(place)
     return kept[:_PLACES]
 
 
-def _apart(one: _Place, other: _Place) -> bool:
+def _is_apart(one: _Place, other: _Place) -> bool:
     """Return whether two places are too far from each other to be the same tip."""
     reach_px = _SAME_PLACE * float(min(one.view.template.picture.shape))
     return math.dist(one.tip_px, other.tip_px) > reach_px
@@ -427,11 +433,11 @@ def _apart(one: _Place, other: _Place) -> bool:
 
 def _sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
     if roll_rad is None:
-        return (template, template.turned_over)
-    return (template if template.shows(roll_rad) else template.turned_over,)
+        return (template, template.mirrored)
+    return (template if template.shows(roll_rad) else template.mirrored,)
 
 
-def _scaled(px: _Point, times: int) -> _Point:
+def _to_full_px(px: _Point, times: int) -> _Point:
     """Return a pixel of the smaller picture in the full one; pixel centres are integers in both."""
     return (px[0] + 0.5) * times - 0.5, (px[1] + 0.5) * times - 0.5
 

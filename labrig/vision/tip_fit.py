@@ -43,21 +43,21 @@ class Similarity:
 
     def warp(self, pivot_px: tuple[float, float]) -> FloatArray:
         """Return the (2, 3) map of the template's pixels; a positive turn is counter-clockwise on the screen."""
-        turn = _turned(self.turn_rad, self.scale)
+        turn = _rotation(self.turn_rad, self.scale)
         u, v = np.asarray(self.lands_px) - turn @ pivot_px
         return np.array(((turn[0, 0], turn[0, 1], u), (turn[1, 0], turn[1, 1], v)))
 
-    def stepped_back(self, step: FloatArray) -> "Similarity":
+    def step_back(self, step: FloatArray) -> "Similarity":
         """Return this map after the inverse of a small one: shift (2), turn and growth, in the template's pixels."""
         growth = 1.0 + float(step[3])
         size, angle = math.hypot(float(step[2]), growth), math.atan2(float(step[2]), growth)
         turn_rad, scale = self.turn_rad - angle, self.scale / size
-        u, v = np.asarray(self.lands_px) - _turned(turn_rad, scale) @ step[:2]
+        u, v = np.asarray(self.lands_px) - _rotation(turn_rad, scale) @ step[:2]
         return Similarity((float(u), float(v)), turn_rad, scale)
 
 
 @dataclass(frozen=True, eq=False)
-class FittedPicture:
+class FitTemplate:
     """A template prepared for fitting.
 
     Parameters
@@ -79,7 +79,7 @@ class FittedPicture:
     @cached_property
     def _columns(self) -> _Pixels:
         """What a picture is regressed on, (N, 6): steepest descents of shift, turn and growth, template, constant."""
-        smooth = _smooth(self.picture)
+        smooth = _blur(self.picture)
         across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
         down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
         v, u = np.indices(smooth.shape)
@@ -122,16 +122,16 @@ class FittedPicture:
         start : Similarity
             Within about a tenth of the template's side and ten degrees.
         """
-        smooth, place = _smooth(picture), start
+        smooth, place = _blur(picture), start
         reach = 0.5 * max(self.picture.shape)
         for number in range(_STEPS):
-            seen = self._seen(smooth, place)
+            seen = self._sample(smooth, place)
             if seen is None:
                 return None
             step = self._step(seen, place.scale, number)
             if step is None:
                 return None
-            place = place.stepped_back(step)
+            place = place.step_back(step)
             if not _SCALES[0] < place.scale < _SCALES[1]:
                 return None
             if math.hypot(step[0], step[1]) + reach * math.hypot(step[2], step[3]) < _SETTLED_PX:
@@ -140,7 +140,7 @@ class FittedPicture:
 
     def score(self, picture: Picture, place: Similarity) -> float:
         """Return the correlation of the template with a picture at a place."""
-        seen = self._seen(_smooth(picture), place)
+        seen = self._sample(_blur(picture), place)
         if seen is None:
             return 0.0
         gain, _ = self._brightness((seen @ self._columns[:, 4:]).astype(np.float64))
@@ -182,7 +182,7 @@ class FittedPicture:
         noise = max(_FIRST_NOISE * _CALMER**number, _LEAST_NOISE)
         return np.asarray(np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)), np.float32)
 
-    def _seen(self, smooth: _Pixels, place: Similarity) -> _Pixels | None:
+    def _sample(self, smooth: _Pixels, place: Similarity) -> _Pixels | None:
         """Return the picture (N,) where the template lies, None where its pivot lies outside."""
         rows, columns = self.picture.shape
         u, v = place.lands_px
@@ -195,10 +195,10 @@ class FittedPicture:
         return np.asarray(seen, np.float32)[self.used]
 
 
-def _turned(turn_rad: float, scale: float) -> FloatArray:
+def _rotation(turn_rad: float, scale: float) -> FloatArray:
     c, s = scale * math.cos(turn_rad), scale * math.sin(turn_rad)
     return np.array([[c, s], [-s, c]])
 
 
-def _smooth(picture: Picture) -> _Pixels:
+def _blur(picture: Picture) -> _Pixels:
     return np.asarray(cv2.GaussianBlur(picture.astype(np.float32), (0, 0), _BLUR_PX), np.float32)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import InputError, PictureError
-from labrig.vision.limits import below
 from labrig.vision.picture import Picture, as_grey
-from labrig.vision.plane import PICTURE_AXES, Insertion, checked_frame
-from labrig.vision.tip_fit import FittedPicture
+from labrig.vision.plane import PICTURE_AXES, Insertion, check_frame
+from labrig.vision.rounding import round_down
+from labrig.vision.tip_fit import FitTemplate
 
 LEAST_SIDE_PX = 9
 # A template whose grey levels spread less has nothing that correlates.
@@ -57,7 +57,7 @@ class TipTemplate:
     roll_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        grey = grey_picture(self.picture)
+        grey = require_grey(self.picture)
         object.__setattr__(self, "picture", grey)
         (height, width), (u, v) = grey.shape, self.tip_px
         if min(height, width) < LEAST_SIDE_PX:
@@ -67,7 +67,7 @@ class TipTemplate:
             )
         if self.contrast < _LEAST_CONTRAST:
             raise PictureError(
-                f"the template is flat: its grey levels spread by {below(self.contrast, 1)}, "
+                f"the template is flat: its grey levels spread by {round_down(self.contrast, 1)}, "
                 f"and {_LEAST_CONTRAST:g} is the least",
                 "take a picture in which the tip is sharp and lit",
             )
@@ -75,25 +75,25 @@ class TipTemplate:
             raise InputError(f"the tip ({u:g}, {v:g}) px lies outside of the template, {width} x {height} px")
         if not (math.isfinite(self.heading_rad) and math.isfinite(self.roll_rad)):
             raise InputError("the template's heading or roll is not finite", "make the template again")
-        checked_frame(self.tip_px, self.insertion)
+        check_frame(self.tip_px, self.insertion)
 
     @cached_property
     def plain(self) -> Picture:
         """The picture without glints."""
-        return without_glints(self.picture, min(self.picture.shape))
+        return remove_glints(self.picture, min(self.picture.shape))
 
     @cached_property
-    def fitted(self) -> FittedPicture:
+    def coarse_fit(self) -> FitTemplate:
         """The picture without glints, prepared for fitting; at the rim it is not known what was a glint."""
         side = min(self.picture.shape)
-        brightest = without_glints(self.picture, side, beyond=255)
+        brightest = remove_glints(self.picture, side, beyond=255)
         sure = cv2.absdiff(brightest, self.plain) <= _UNSURE
-        return FittedPicture(self.plain, self.tip_px, sure, robust=False)
+        return FitTemplate(self.plain, self.tip_px, sure, robust=False)
 
     @cached_property
-    def fitted_closely(self) -> FittedPicture:
+    def close_fit(self) -> FitTemplate:
         """The picture as it is, prepared for the last fit."""
-        return FittedPicture(self.picture, self.tip_px, _near_edges(self.picture), robust=True)
+        return FitTemplate(self.picture, self.tip_px, _find_edges(self.picture), robust=True)
 
     @cached_property
     def contrast(self) -> float:
@@ -101,7 +101,7 @@ class TipTemplate:
         return float(self.picture.std())
 
     @cached_property
-    def turned_over(self) -> "TipTemplate":
+    def mirrored(self) -> "TipTemplate":
         """The template of the same bevel turned over: mirrored top to bottom."""
         u, v = self.tip_px
         upside_down = -(self.heading_rad + _direction_rad(self.insertion))
@@ -109,14 +109,14 @@ class TipTemplate:
             self,
             picture=np.ascontiguousarray(self.picture[::-1]),
             tip_px=(u, self.picture.shape[0] - 1.0 - v),
-            heading_rad=half_turn(upside_down - _direction_rad(self.insertion)),
+            heading_rad=wrap_angle(upside_down - _direction_rad(self.insertion)),
             roll_rad=self.roll_rad + math.pi,
         )
 
     def relative_to(self, insertion: Insertion) -> Self:
         """Return the same template with its heading told from another direction of insertion."""
         turned = _direction_rad(self.insertion) - _direction_rad(insertion)
-        return replace(self, heading_rad=half_turn(self.heading_rad + turned), insertion=insertion)
+        return replace(self, heading_rad=wrap_angle(self.heading_rad + turned), insertion=insertion)
 
     def shows(self, roll_rad: float) -> bool:
         """Return whether the bevel at this roll looks as here, rather than turned over."""
@@ -151,7 +151,7 @@ def cut_template(
     InputError
         If a number is not finite.
     """
-    grey = grey_picture(image)
+    grey = require_grey(image)
     if not np.isfinite(tip_px).all():
         raise InputError(f"the tip {tip_px} px is not a number", "point at a pixel of the picture")
     half_px = side_px // 2
@@ -168,7 +168,7 @@ def cut_template(
     return TipTemplate(square, (tip_px[0] - left, tip_px[1] - top), heading_rad, insertion, roll_rad)
 
 
-def without_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
+def remove_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
     """Return a picture without what is bright and narrower than a needle in a template of that side.
 
     What lies beyond the rim is not known. Taken as black (0) the result is the darkest that is possible, and taken
@@ -180,7 +180,7 @@ def without_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture
     return np.ascontiguousarray(opened[width:-width, width:-width], np.uint8)
 
 
-def _near_edges(picture: Picture) -> NDArray[np.bool_]:
+def _find_edges(picture: Picture) -> NDArray[np.bool_]:
     """Return the pixels beside which the picture changes; the others say nothing of where it lies."""
     smooth = cv2.GaussianBlur(picture, (0, 0), 1.0)
     steps = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
@@ -194,12 +194,12 @@ def _direction_rad(insertion: Insertion) -> float:
     return math.atan2(-v, u)
 
 
-def half_turn(angle_rad: float) -> float:
+def wrap_angle(angle_rad: float) -> float:
     """Return an angle between minus and plus half a turn."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
-def grey_picture(image: Picture) -> Picture:
+def require_grey(image: Picture) -> Picture:
     """Return a picture of 8 bits in grey; raises PictureError for any other array."""
     if image.dtype != np.uint8 or image.ndim not in {2, 3} or not image.size:
         raise PictureError(

@@ -1,7 +1,7 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
 Corners come from `boards`, camera and covariance from `bundle`; here the views are checked, those that the others
-contradict are left out, and what is left is judged (`lens_evidence`).
+contradict are left out, and what is left is judge_lens (`lens_evidence`).
 """
 
 from collections import Counter
@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.boards import BoardSearch, board_points_mm, find_board
-from labrig.vision.bundle import Fit, LensModel, View, fit_camera, posed, project
+from labrig.vision.bundle import Fit, LensModel, View, find_pose, fit_camera, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
-from labrig.vision.lens_evidence import LEAST_DIFFERENT_VIEWS, judged
-from labrig.vision.one_camera import TwoSettings, two_settings
+from labrig.vision.lens_evidence import LEAST_DIFFERENT_VIEWS, judge_lens
+from labrig.vision.mixed_settings import OtherSetting, find_other_setting
 from labrig.vision.picture import Picture, size_of
 
 _FloatArray = NDArray[np.float64]
@@ -58,11 +58,11 @@ def calibrate_from_pictures(
     CalibrationRefusedError
         If the board is found in none of them.
     """
-    size = _common_size(pictures)
+    size = _find_common_size(pictures)
     board_points_mm(columns, rows, square_mm)
     names, boards, pixels, missed = [], [], [], {}
     for index, (name, image) in enumerate(pictures):
-        other = _of_another_size(image, size)
+        other = _describe_other_size(image, size)
         if other is not None:
             missed[index] = ViewResidual(name, None, used=False, reason=other)
             continue
@@ -85,14 +85,14 @@ def calibrate_from_pictures(
     return replace(found, views=views)
 
 
-def _common_size(pictures: Sequence[tuple[str, Picture]]) -> tuple[int, int]:
+def _find_common_size(pictures: Sequence[tuple[str, Picture]]) -> tuple[int, int]:
     """Return the size that most pictures have; of several, the first one's."""
     if not pictures:
         raise InputError("no pictures to calibrate from", "give photographs of the board")
     return Counter(size_of(image) for _, image in pictures).most_common(1)[0][0]
 
 
-def _of_another_size(image: Picture, size: tuple[int, int]) -> str | None:
+def _describe_other_size(image: Picture, size: tuple[int, int]) -> str | None:
     """Return why a picture is not of the camera setting that is calibrated, or None."""
     found = size_of(image)
     if found == size:
@@ -139,13 +139,13 @@ def calibrate_intrinsics(
     CalibrationRefusedError
         If no camera explains the views at all.
     """
-    views = _checked_views(board_points_mm, pixels, image_size, names)
+    views = _check_views(board_points_mm, pixels, image_size, names)
     kept = list(range(len(views)))
     residuals: dict[int, ViewResidual] = {}
     while True:
         chosen = [views[index] for index in kept]
-        fit, predicted = fit_camera(chosen, image_size, model), _predicted_rms(chosen, image_size, model)
-        worst = _gross_outlier(predicted)
+        fit, predicted = fit_camera(chosen, image_size, model), _predict_rms(chosen, image_size, model)
+        worst = _find_gross_outlier(predicted)
         if worst is None:
             break
         rms = float(predicted[worst])
@@ -155,17 +155,17 @@ def calibrate_intrinsics(
             view.name, rms, used=False, reason=reason, corners_px=_pairs(view.pixels)
         )
         del kept[worst]
-    mixed = two_settings(fit, chosen, lambda some: fit_camera(some, image_size, model))
+    mixed = find_other_setting(fit, chosen, lambda some: fit_camera(some, image_size, model))
     for index, pose in zip(kept, fit.poses, strict=True):
-        residuals[index] = _residual(views[index], fit, pose, mixed)
+        residuals[index] = _describe_view(views[index], fit, pose, mixed)
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
     listed = tuple(residuals[index] for index in range(len(views)))
-    found = judged(chosen, fit, holdout, image_size, listed)
+    found = judge_lens(chosen, fit, holdout, image_size, listed)
     # What the numbers of two cameras together seem to be says nothing of either.
     return found if mixed is None else replace(found, accepted=False, reasons=(mixed.reason,))
 
 
-def _checked_views(
+def _check_views(
     boards: Sequence[ArrayLike],
     pixels: Sequence[ArrayLike],
     size: tuple[int, int],
@@ -180,7 +180,7 @@ def _checked_views(
         raise InputError("no views to calibrate from", "give at least one array of corners")
     if min(size) < 1:
         raise InputError(f"the picture's size is {size[0]} x {size[1]}", "give width and height in pixels")
-    views = [_checked_view(*view) for view in zip(labels, boards, pixels, strict=True)]
+    views = [_check_view(*view) for view in zip(labels, boards, pixels, strict=True)]
     for view in views:
         if (view.pixels < -0.5).any() or (view.pixels > np.array(size) - 0.5).any():
             raise InputError(
@@ -190,7 +190,7 @@ def _checked_views(
     return views
 
 
-def _checked_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
+def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
     flat, seen = np.asarray(board, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     if flat.ndim != 2 or flat.shape[1] != 2 or flat.shape != seen.shape:
         raise InputError(f"{name}: board points {flat.shape} and pixels {seen.shape} are not both (N, 2)")
@@ -205,7 +205,7 @@ def _checked_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
     return View(name, np.column_stack((flat, np.zeros(len(flat)))), seen)
 
 
-def _residual(view: View, fit: Fit, pose: _FloatArray, mixed: TwoSettings | None) -> ViewResidual:
+def _describe_view(view: View, fit: Fit, pose: _FloatArray, mixed: OtherSetting | None) -> ViewResidual:
     """Return what a fitted view contributed."""
     errors = project(fit, pose, view.board) - view.pixels
     other = mixed is not None and view.name in mixed.others
@@ -213,7 +213,9 @@ def _residual(view: View, fit: Fit, pose: _FloatArray, mixed: TwoSettings | None
         view.name,
         _rms(view, fit, pose),
         used=True,
-        reason=f"of another camera setting: its focal length is {mixed.told}" if mixed and other else None,
+        reason=f"of another camera setting: its focal length is {mixed.difference}"
+        if mixed and other
+        else None,
         corners_px=_pairs(view.pixels),
         errors_px=_pairs(errors),
     )
@@ -228,7 +230,7 @@ def _rms(view: View, fit: Fit, pose: _FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
-def _predicted_rms(views: Sequence[View], size: tuple[int, int], model: LensModel) -> _FloatArray:
+def _predict_rms(views: Sequence[View], size: tuple[int, int], model: LensModel) -> _FloatArray:
     """Return the reprojection error of each view [px] through a camera that was fitted without it.
 
     Only the view's own pose is fitted then.
@@ -242,12 +244,12 @@ def _predicted_rms(views: Sequence[View], size: tuple[int, int], model: LensMode
     for fold in range(folds):
         fit = fit_camera([view for index, view in enumerate(views) if index % folds != fold], size, model)
         for index in range(fold, len(views), folds):
-            pose = posed(fit, views[index])
+            pose = find_pose(fit, views[index])
             predicted[index] = np.inf if pose is None else _rms(views[index], fit, pose)
     return predicted
 
 
-def _gross_outlier(predicted: _FloatArray) -> int | None:
+def _find_gross_outlier(predicted: _FloatArray) -> int | None:
     """Return the view that the others predict grossly worse than one another, if there is one."""
     if len(predicted) <= LEAST_DIFFERENT_VIEWS:
         return None

@@ -50,7 +50,7 @@ def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
     mask = load_mask(tmp_path / "mask.png")
     found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("any.png", picture))
     assert found.accepted
-    assert mask.kept_as == "mask.png"
+    assert mask.kept_name == "mask.png"
     assert mask.content == (tmp_path / "mask.png").read_bytes()
     with pytest.raises(PictureError, match=r"the mask mask\.png is for 1280 x 720"):
         mask.masked("any.png", picture[:100])

@@ -456,7 +456,7 @@ def test_stated_uncertainty_is_the_observed_one():
         fit = fit_plane(20.0 * cells + off, cells.astype(float), 0.25, with_radial=False)
         lengths.append(length(fit.homography, ends))
         stated.append(
-            np.linalg.norm([length(one, ends) - lengths[-1] for one in fit.moved_homographies(blocks)])
+            np.linalg.norm([length(one, ends) - lengths[-1] for one in fit.vary_homography(blocks)])
         )
     assert 0.7 < np.std(lengths, ddof=1) / np.mean(stated) < 1.4
 

@@ -366,7 +366,7 @@ def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float
     towards = tip_mm - target_mm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
     moved = [
-        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.varied()
+        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.variants()
     ]
     drift = 0.0 if eye.sentinel is None else (eye.sentinel.drift or 0.0)
     reading_mm = _READ_PX * eye.plane.mm_per_px

@@ -112,7 +112,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
 def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
     save_centre_lines(lines, folder)
     if mask is not None:
-        write_atomically(folder / mask.kept_as, mask.content)
+        write_atomically(folder / mask.kept_name, mask.content)
 
 
 def _picture(frames: Frames, frame: int) -> Picture:
@@ -134,7 +134,7 @@ def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:
-    return {} if mask is None else {"mask": mask.kept_as, "mask_sha256": mask.sha256}
+    return {} if mask is None else {"mask": mask.kept_name, "mask_sha256": mask.sha256}
 
 
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:

@@ -3,13 +3,13 @@
 import math
 
 
-def below(value: float, decimals: int) -> str:
+def round_down(value: float, decimals: int) -> str:
     """Return a value that is too small, or an upper limit, rounded down."""
     step = 10.0**decimals
     return f"{math.floor(value * step) / step:.{decimals}f}"
 
 
-def above(value: float, decimals: int) -> str:
+def round_up(value: float, decimals: int) -> str:
     """Return a value that is too large rounded up."""
     step = 10.0**decimals
     return f"{math.ceil(value * step) / step:.{decimals}f}"

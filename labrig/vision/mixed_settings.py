@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError
-from labrig.vision.bundle import Fit, View, focal_change
+from labrig.vision.bundle import Fit, View, estimate_focal_change
 
 _FloatArray = NDArray[np.float64]
 
@@ -29,14 +29,14 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class TwoSettings:
+class OtherSetting:
     """Views that are of another camera setting than the most, and by which part their focal length is longer."""
 
     others: tuple[str, ...]
     longer: float
 
     @property
-    def told(self) -> str:
+    def difference(self) -> str:
         """Say how the focal length differs."""
         return f"about {100.0 * abs(self.longer):.1f} % {'longer' if self.longer > 0.0 else 'shorter'}"
 
@@ -45,12 +45,14 @@ class TwoSettings:
         """Say why the calibration is refused."""
         return (
             "the views are of two cameras, or of one whose zoom or focus changed: the focal length of "
-            f"{', '.join(self.others)} is {self.told} than that of the rest: photograph all of them with one camera, "
-            "autofocus switched off, or leave these out"
+            f"{', '.join(self.others)} is {self.difference} than that of the rest: photograph all of them with one "
+            "camera, autofocus switched off, or leave these out"
         )
 
 
-def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], Fit]) -> TwoSettings | None:
+def find_other_setting(
+    fit: Fit, views: Sequence[View], refit: Callable[[list[View]], Fit]
+) -> OtherSetting | None:
     """Return which views are of another camera setting than most, or None where nothing speaks for that.
 
     Where no camera explains the larger group alone, nothing does.
@@ -63,7 +65,7 @@ def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], 
     refit : callable
         Fits a camera to some of them.
     """
-    kept = _larger_group(_changes(fit, views))
+    kept = _find_larger_group(_estimate_changes(fit, views))
     for _ in range(_ROUNDS):
         if kept is None or len(kept) < _LEAST_OF_A_SETTING or len(kept) == len(views):
             return None
@@ -71,7 +73,7 @@ def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], 
             alone = refit([views[int(index)] for index in kept])
         except CalibrationRefusedError:
             return None
-        changes = _changes(alone.among(views), views)
+        changes = _estimate_changes(alone.with_views(views), views)
         sigmas = np.hypot(changes[:, 1], alone.focal_sigma)
         other = (np.abs(changes[:, 0]) > np.maximum(_LEAST_APART, _LEAST_SIGMAS * sigmas)) & (
             sigmas < _LARGEST_SIGMA
@@ -82,23 +84,23 @@ def two_settings(fit: Fit, views: Sequence[View], refit: Callable[[list[View]], 
     if not other.any():
         return None
     longer = float(np.average(changes[other, 0], weights=1.0 / changes[other, 1] ** 2))
-    return TwoSettings(tuple(views[int(index)].name for index in np.flatnonzero(other)), longer)
+    return OtherSetting(tuple(views[int(index)].name for index in np.flatnonzero(other)), longer)
 
 
-def _changes(fit: Fit, views: Sequence[View]) -> _FloatArray:
+def _estimate_changes(fit: Fit, views: Sequence[View]) -> _FloatArray:
     """Return of each view (V, 2) by which part its focal length differs, and the standard deviation of that."""
     return np.array(
         [
-            focal_change(fit, view, pose) if np.isfinite(pose).all() else (0.0, np.inf)
+            estimate_focal_change(fit, view, pose) if np.isfinite(pose).all() else (0.0, np.inf)
             for view, pose in zip(views, fit.poses, strict=True)
         ]
     )
 
 
-def _larger_group(changes: _FloatArray) -> NDArray[np.intp] | None:
+def _find_larger_group(changes: _FloatArray) -> NDArray[np.intp] | None:
     """Return the views of the larger of two groups, with those that say nothing; None where there is one group."""
-    told = np.flatnonzero(changes[:, 1] < _LARGEST_SIGMA)
-    order = told[np.argsort(changes[told, 0])]
+    known = np.flatnonzero(changes[:, 1] < _LARGEST_SIGMA)
+    order = known[np.argsort(changes[known, 0])]
     if len(order) < _LEAST_OF_A_SETTING + 1:
         return None
     values, sigmas = changes[order].T

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.vision.plane import projected
+from labrig.vision.plane import apply_homography
 
 _FloatArray = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _LEAST_EXPLAINED = 0.03
 _TRIAL = 1e-3
 
 
-def bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArray) -> list[_FloatArray]:
+def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArray) -> list[_FloatArray]:
     """Return other homographies that the bend of the paper leaves possible, none where it shows no bend.
 
     Parameters
@@ -34,14 +34,14 @@ def bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArr
     foot_mm : ndarray (2,)
         The point of the paper's plane under the camera.
     """
-    heights = _heights(paper_mm)
+    heights = _bend_shapes(paper_mm)
     away = paper_mm - foot_mm
-    flat, left = _fitted(px, paper_mm)
-    trials = [_fitted(px, paper_mm + _TRIAL * away * height[:, None])[1] for height in heights.T]
+    flat, left = _fit_homography(px, paper_mm)
+    trials = [_fit_homography(px, paper_mm + _TRIAL * away * height[:, None])[1] for height in heights.T]
     design = np.column_stack([(one - left) / _TRIAL for one in trials])
     coefficients = -np.linalg.lstsq(design, left, rcond=None)[0]
     height = heights @ coefficients
-    bent, rest = _fitted(px, paper_mm + away * height[:, None])
+    bent, rest = _fit_homography(px, paper_mm + away * height[:, None])
     if float(rest @ rest) > (1.0 - _LEAST_EXPLAINED) * float(left @ left):
         return []
     raised = np.eye(3)
@@ -50,7 +50,7 @@ def bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArr
     return [bent, raised @ flat]
 
 
-def _heights(paper_mm: _FloatArray) -> _FloatArray:
+def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:
     """Return the heights (N, 3) of a sheet bent along, across and aslant, without level and slope."""
     normal = (paper_mm - paper_mm.mean(axis=0)) / np.ptp(paper_mm, axis=0).max()
     a, b = normal.T
@@ -59,7 +59,7 @@ def _heights(paper_mm: _FloatArray) -> _FloatArray:
     return np.asarray(bends - plane @ np.linalg.lstsq(plane, bends, rcond=None)[0])
 
 
-def _fitted(px: _FloatArray, paper_mm: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
+def _fit_homography(px: _FloatArray, paper_mm: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
     """Return the homography of least squares and its residuals (2 N,)."""
     found = np.asarray(cv2.findHomography(px, paper_mm)[0], dtype=np.float64)
-    return found, (projected(found, px) - paper_mm).ravel()
+    return found, (apply_homography(found, px) - paper_mm).ravel()

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.vision.bent_paper import bent_homographies
+from labrig.vision.bend_variations import find_bent_homographies
 
 DISTANCE_MM = 120.0
 FOOT_MM = np.array([36.0, 24.0])
@@ -34,7 +34,7 @@ def mapped(homography, px):
 @pytest.mark.parametrize("seed", range(4))
 def test_flat_paper_leaves_nothing_uncertain(seed):
     """Noise alone is no bend."""
-    assert bent_homographies(seen(GRID_MM, np.zeros(len(GRID_MM)), seed=seed), GRID_MM, FOOT_MM) == []
+    assert find_bent_homographies(seen(GRID_MM, np.zeros(len(GRID_MM)), seed=seed), GRID_MM, FOOT_MM) == []
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
@@ -45,7 +45,7 @@ def test_map_without_the_bend_and_with_it_are_as_far_apart_as_the_map_is_wrong(h
     fitted = cv2.findHomography(px, GRID_MM)[0]
     plane_px = seen(GRID_MM, np.zeros(len(GRID_MM)), noise=0.0)
     wrong = mapped(fitted, plane_px) - GRID_MM
-    bent, raised = bent_homographies(px, GRID_MM, FOOT_MM)
+    bent, raised = find_bent_homographies(px, GRID_MM, FOOT_MM)
     told = mapped(fitted, plane_px) - mapped(bent, plane_px)
     assert np.sqrt(np.mean(wrong**2)) > 0.005
     assert np.sqrt(np.mean((told - wrong) ** 2)) < 0.2 * np.sqrt(np.mean(wrong**2))

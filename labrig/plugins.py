@@ -67,9 +67,23 @@ class Plugin:
             )
         return found
 
+    @property
+    def title(self) -> str:
+        """What it is: `drive epos2`."""
+        return _title(self.group, self.name)
+
+    @property
+    def origin(self) -> str:
+        """The package that declares it, with its version."""
+        return f"{self.package} {self.version}"
+
     def __str__(self) -> str:
         """Name the plugin and the package that declares it."""
-        return f"{_NOUNS[self.group]} {self.name} of package {self.package} {self.version}"
+        return f"{self.title} of package {self.origin}"
+
+
+def _title(group: str, name: str) -> str:
+    return f"{_NOUNS[group]} {name}"
 
 
 def installed(group: str) -> Mapping[str, tuple[Plugin, ...]]:
@@ -114,10 +128,45 @@ def find_plugin(group: str, name: str) -> Plugin:
         return claimed[0]
     noun = _NOUNS[group]
     if claimed:
-        packages = " and ".join(f"{plugin.package} {plugin.version}" for plugin in claimed)
+        packages = " and ".join(plugin.origin for plugin in claimed)
         raise InputError(
             f"{noun} {name} is claimed by {packages}; none of them is used", "uninstall all but one of them"
         )
     near = get_close_matches(name, plugins, 1)
     meant = f"did you mean {near[0]}? " if near else ""
     raise InputError(f"unknown {noun} {name!r}", f"{meant}installed are {', '.join(plugins)}")
+
+
+def require_installed(group: str, name: str, run: str, made_with: Mapping[str, str]) -> None:
+    """Refuse to compute with a run whose experiment, drive or camera no installed package has.
+
+    Parameters
+    ----------
+    run : str
+        The run, for the message.
+    made_with : mapping of str to str
+        What its record says of the packages that it was made with: title of a plugin -> origin.
+
+    Raises
+    ------
+    InputError
+        Names the package.
+    """
+    if name in installed(group):
+        return
+    title = _title(group, name)
+    package = made_with.get(title)
+    origin = f" of package {package}" if package else ""
+    raise InputError(
+        f"{run} was made with the {title}{origin}, which is not installed",
+        "install it; labrig runs, runs check, view and export do without it",
+    )
+
+
+def require_devices_installed(run: str, made_with: Mapping[str, str]) -> None:
+    """Refuse to drive a run again whose drives or camera no installed package has. Raises as `require_installed`."""
+    for group in (DRIVES, CAMERAS):
+        start = _title(group, "")
+        for title in made_with:
+            if title.startswith(start):
+                require_installed(group, title.removeprefix(start), run, made_with)

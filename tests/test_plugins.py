@@ -6,32 +6,23 @@ import pytest
 
 from labrig.errors import InputError, MachineError, PluginError
 from labrig.plugins import CAMERAS, DRIVES, find_plugin, installed
+from tests.installing import install_package
 
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder of installed packages."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    _install(tmp_path, "labrig", "[labrig.drives]\nepos2 = labrig.devices.epos2:DRIVE\n")
+    install_package(tmp_path, "labrig", "[labrig.drives]\nepos2 = labrig.devices.epos2:DRIVE\n")
     return tmp_path
-
-
-def _install(site: Path, package: str, entry_points: str, module: str = "", code: str = "") -> None:
-    """Install a package as pip leaves it: metadata, and a module where it has one."""
-    info = site / (package.replace("-", "_") + "-1.5.dist-info")
-    info.mkdir()
-    (info / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n", encoding="utf-8"
-    )
-    (info / "entry_points.txt").write_text(entry_points, encoding="utf-8")
-    if module:
-        (site / f"{module}.py").write_text(code, encoding="utf-8")
 
 
 def test_a_package_adds_a_drive_by_declaring_it(site: Path) -> None:
     """A declared drive is found by its name, with its package and version, and is loaded when it is asked for."""
     code = "class Kind:\n    interface = 1\n\nDRIVE = Kind()\n"
-    _install(site, "lab-drive", "[labrig.drives]\nlab-stepper = lab_stepper_1:DRIVE\n", "lab_stepper_1", code)
+    install_package(
+        site, "lab-drive", "[labrig.drives]\nlab-stepper = lab_stepper_1:DRIVE\n", "lab_stepper_1", code
+    )
     plugin = find_plugin(DRIVES, "lab-stepper")
     assert (plugin.package, plugin.version) == ("lab-drive", "1.5")
     assert type(plugin.load()).__name__ == "Kind"
@@ -39,7 +30,7 @@ def test_a_package_adds_a_drive_by_declaring_it(site: Path) -> None:
 
 def test_an_unknown_name_lists_what_is_installed(site: Path) -> None:
     """A name that nobody declares is refused with the nearest one and all that are installed."""
-    _install(site, "lab-drive", "[labrig.drives]\nlab-stepper = lab_stepper_2:DRIVE\n")
+    install_package(site, "lab-drive", "[labrig.drives]\nlab-stepper = lab_stepper_2:DRIVE\n")
     with pytest.raises(InputError, match="unknown drive 'lab-steper'") as refusal:
         find_plugin(DRIVES, "lab-steper")
     assert "did you mean lab-stepper?" in refusal.value.hint
@@ -48,8 +39,8 @@ def test_an_unknown_name_lists_what_is_installed(site: Path) -> None:
 
 def test_a_name_that_two_packages_claim_is_refused(site: Path) -> None:
     """Both packages are named and neither drive is used; others are still found."""
-    _install(site, "lab-one", "[labrig.drives]\nlab-stepper = lab_one:DRIVE\n")
-    _install(site, "lab-two", "[labrig.drives]\nlab-stepper = lab_two:DRIVE\n")
+    install_package(site, "lab-one", "[labrig.drives]\nlab-stepper = lab_one:DRIVE\n")
+    install_package(site, "lab-two", "[labrig.drives]\nlab-stepper = lab_two:DRIVE\n")
     with pytest.raises(InputError, match=r"lab-one 1\.5 and lab-two 1\.5"):
         find_plugin(DRIVES, "lab-stepper")
     assert len(installed(DRIVES)["lab-stepper"]) == 2
@@ -57,7 +48,9 @@ def test_a_name_that_two_packages_claim_is_refused(site: Path) -> None:
 
 def test_a_plugin_that_cannot_be_imported_is_named(site: Path) -> None:
     """An import that fails names drive, package and version, and what went wrong."""
-    _install(site, "lab-drive", "[labrig.drives]\nbroken = lab_broken:DRIVE\n", "lab_broken", "1 / 0\n")
+    install_package(
+        site, "lab-drive", "[labrig.drives]\nbroken = lab_broken:DRIVE\n", "lab_broken", "1 / 0\n"
+    )
     with pytest.raises(PluginError, match=r"drive broken of package lab-drive 1\.5 .*ZeroDivisionError"):
         find_plugin(DRIVES, "broken").load()
 
@@ -65,14 +58,14 @@ def test_a_plugin_that_cannot_be_imported_is_named(site: Path) -> None:
 def test_a_plugin_for_another_interface_is_refused(site: Path) -> None:
     """A plugin states the interface that it is written for; another number than labrig's is refused."""
     code = "class DRIVE:\n    interface = 2\n"
-    _install(site, "lab-drive", "[labrig.drives]\nnewer = lab_newer:DRIVE\n", "lab_newer", code)
+    install_package(site, "lab-drive", "[labrig.drives]\nnewer = lab_newer:DRIVE\n", "lab_newer", code)
     with pytest.raises(PluginError, match="written for interface 2, this labrig has interface 1"):
         find_plugin(DRIVES, "newer").load()
 
 
 def test_an_installation_without_labrigs_own_says_what_to_run(site: Path) -> None:
     """Where labrig's own entry points are missing, the installation is older than the code."""
-    _install(site, "lab-drive", "[labrig.cameras]\nlab-camera = lab_camera:CAMERA\n")
+    install_package(site, "lab-drive", "[labrig.cameras]\nlab-camera = lab_camera:CAMERA\n")
     with pytest.raises(MachineError, match="not registered") as refusal:
         installed(CAMERAS)
     assert "pip install -e ." in refusal.value.hint

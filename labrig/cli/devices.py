@@ -15,10 +15,18 @@ app = typer.Typer(no_args_is_help=True)
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
 def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""
+    from labrig.cli.plugin_faults import find_plugin_faults
     from labrig.devices.check import check_rig
+    from labrig.devices.check_result import CheckResult, CheckStatus
     from labrig.devices.rig_file import load_rig
+    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
-    return tell_checks([asdict(result) for result in check_rig(load_rig(rig_file(rig)))], as_json)
+    results = check_rig(load_rig(rig_file(rig)))
+    results += [
+        CheckResult("plugin", CheckStatus.WARN, fault.message, fault.hint)
+        for fault in find_plugin_faults(DRIVES, CAMERAS, EXPERIMENTS)
+    ]
+    return tell_checks([asdict(result) for result in results], as_json)
 
 
 @app.command("stop", help="Stop every axis of the rig now, through the labrig that has it or over the bus.")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labrig.errors import RecordError
+from labrig.errors import InputError, RecordError
 from labrig.record.catalogue import RunSummary
 from labrig.record.layout import run_lock
 from labrig.record.lock import lock_owner
@@ -64,6 +64,9 @@ def _may_leave_a_needle(experiment: str | None) -> bool:
 
 
 def _installed(experiment: str | None) -> Any:
-    from labrig.experiments.declared import PROTOCOL_MODELS, find_declared
+    from labrig.experiments.declared import find_declared
 
-    return find_declared(experiment) if experiment is not None and experiment in PROTOCOL_MODELS else None
+    try:
+        return None if experiment is None else find_declared(experiment)
+    except InputError:
+        return None

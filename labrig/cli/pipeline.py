@@ -75,6 +75,7 @@ def perform(order: Order) -> Finished:
     """
     if order.runs_dir.exists() and not order.runs_dir.is_dir():
         raise InputError(f"--runs-dir {order.runs_dir} is a file", "name a folder")
+    order.experiment.require_parts()
     plan = order.experiment.plan(order.protocol, order.rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
@@ -190,7 +191,8 @@ def _open_record(order: Order, plan: RunPlan, clock: Clock, devices: Mapping[str
         "sources": order.sources.document(),
         "provenance": collect_provenance(order.command_line),
         "plugins": {
-            order.experiment.name: f"{order.experiment.plugin.package} {order.experiment.plugin.version}"
+            plugin.title: plugin.origin
+            for plugin in (order.experiment.plugin, *(() if order.rig is None else order.rig.plugins))
         },
         "devices": devices,
     }

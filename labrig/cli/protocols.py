@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say, tell
+from labrig.cli.output import (
+    AsJson,
+    failure_document,
+    failure_lines,
+    plural,
+    print_json,
+    print_line,
+    say,
+    tell,
+)
 from labrig.errors import FileFormatError, Problem
 
 
@@ -23,10 +32,12 @@ def check(
     from labrig.cli.rigs import rig_for
     from labrig.experiments.declared import PROTOCOL_MODELS
     from labrig.experiments.registry import find_experiment
+    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.protocol.load import load_protocol
     from labrig.runner.plan import estimate
 
     protocol_settings, rig_settings = split_overrides(settings)
+    faults = _tell_plugin_faults(EXPERIMENTS)
     try:
         loaded = load_protocol(protocol, PROTOCOL_MODELS, protocol_settings, seed)
         description = rig_for(loaded, protocol, rig, rig_settings)
@@ -35,18 +46,19 @@ def check(
             raise
         for line in failure_lines(error):
             say(line)
-        _print_check(error.problems, None, None)
+        _print_check(error.problems, None, None, faults)
         return error.exit_code
-    plan = find_experiment(loaded.experiment).plan(loaded, description)
+    if description is not None:
+        faults += _tell_plugin_faults(DRIVES, CAMERAS)
+    experiment = find_experiment(loaded.experiment)
+    experiment.require_parts()
+    plan = experiment.plan(loaded, description)
     problems = plan.problems if plan.refusal is None else (plan.refusal,)
     needs = estimate(plan, description)
     if as_json:
-        _print_check(problems, needs.duration_s, needs.disk_bytes)
+        _print_check(problems, needs.duration_s, needs.disk_bytes, faults)
     else:
-        for problem in problems:
-            tell(f"{problem.where}: {problem.message}")
-            if problem.hint:
-                tell(f"  hint: {problem.hint}", 4)
+        _tell_problems(problems)
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
         tell(
@@ -57,13 +69,36 @@ def check(
     return 1 if problems else 0
 
 
-def _print_check(problems: tuple[Problem, ...], duration_s: float | None, disk_bytes: int | None) -> None:
+def _tell_problems(problems: tuple[Problem, ...]) -> None:
+    for problem in problems:
+        tell(f"{problem.where}: {problem.message}")
+        if problem.hint:
+            tell(f"  hint: {problem.hint}", 4)
+
+
+def _tell_plugin_faults(*groups: str) -> list[dict[str, object]]:
+    """Say which plugins of these groups cannot be used, and return that for JSON; nothing else depends on them."""
+    from labrig.cli.plugin_faults import find_plugin_faults
+
+    faults = list(find_plugin_faults(*groups))
+    for fault in faults:
+        say(f"note: {fault.message}")
+    return [failure_document(fault) for fault in faults]
+
+
+def _print_check(
+    problems: tuple[Problem, ...],
+    duration_s: float | None,
+    disk_bytes: int | None,
+    plugins: list[dict[str, object]],
+) -> None:
     print_json(
         {
             "ok": not problems,
             "problems": [asdict(problem) for problem in problems],
             "duration_s": duration_s,
             "disk_bytes": disk_bytes,
+            "plugins": plugins,
         }
     )
 
@@ -80,13 +115,16 @@ def schema(
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema; editors that know it complete and check the YAML files."""
-    from labrig.experiments.declared import PROTOCOL_MODELS
+    from labrig.experiments.declared import usable_models
+    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
     if of is Of.PROTOCOL:
-        print_line(schema_text(protocol_schema(PROTOCOL_MODELS)).rstrip())
+        _tell_plugin_faults(EXPERIMENTS)
+        print_line(schema_text(protocol_schema(usable_models())).rstrip())
         return
     from labrig.devices.rig_file import rig_schema
 
+    _tell_plugin_faults(DRIVES, CAMERAS)
     print_line(schema_text(rig_schema()).rstrip())

@@ -23,8 +23,8 @@ from labrig.cli.options import (
     RunsDirOption,
     SheathDiameterOption,
 )
-from labrig.cli.output import AsJson, print_json, print_line
-from labrig.errors import RecordError
+from labrig.cli.output import AsJson, print_json, print_line, say
+from labrig.errors import InputError, RecordError
 
 
 def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
@@ -55,10 +55,16 @@ def view(
     from labrig.experiments.registry import view_of
     from labrig.record.reader import open_run
     from labrig.report.rerun_view import open_view, write_view
+    from labrig.report.view import NO_VIEW
 
     run = open_run(run_path)
     folder = newest_result_folder(run)
-    path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), view_of(run))
+    try:
+        added = view_of(run)
+    except InputError as error:
+        say(f"note: {error.message}; the record is shown without what it adds")
+        added = NO_VIEW
+    path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), added)
     damage = tell_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})

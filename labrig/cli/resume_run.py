@@ -80,6 +80,7 @@ def resume_run(
             f"a run of the experiment {experiment.name} is not continued: nothing of it can be kept",
             _instead(run, experiment),
         )
+    experiment.require_parts()
     recorded = protocol_of(run)
     description = _unchanged(run, recorded, _sources(run, protocol, rig))
     remainder = experiment.resume(recorded, run)

@@ -137,6 +137,7 @@ def _record(rig: Rig, left: Run) -> Recorder:
         "title": f"withdrawal of the needle of run {folder.name}",
         "started": started.isoformat(timespec="seconds"),
         "provenance": collect_provenance(tuple(sys.argv)),
+        "plugins": {plugin.title: plugin.origin for plugin in rig.description.plugins},
         "devices": rig.describe(),
         WITHDRAWS: folder.name,
     }

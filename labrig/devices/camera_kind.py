@@ -76,15 +76,17 @@ class CameraKind(Generic[Section]):
         yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
 
 
-def find_camera_kind(section: CameraDescription) -> CameraKind[CameraDescription]:
-    """Return the kind of camera of a section.
+def find_camera_kind(name: str) -> CameraKind[CameraDescription]:
+    """Return the kind of camera that rig files call by this name.
 
     Raises
     ------
     InputError
-        When its driver is not installed, or several packages claim it.
+        When no installed package has one, or several do.
+    PluginError
+        When its package cannot be imported or is written for another interface.
     """
-    plugin = find_plugin(CAMERAS, section.driver)
+    plugin = find_plugin(CAMERAS, name)
     kind = plugin.load()
     if not isinstance(kind, CameraKind):
         raise PluginError(f"{plugin} is no CameraKind", f"ask the makers of {plugin.package} for one that is")

@@ -93,7 +93,7 @@ def _camera_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -
             CheckStatus.PASS,
             ", ".join(f"{k} {v}" for k, v in camera.settings.readback.items()),
         )
-        yield from find_camera_kind(rig.camera).check(rig.camera, camera)
+        yield from find_camera_kind(rig.camera.driver).check(rig.camera, camera)
     except LabrigError as error:
         yield failed("camera", error)
 

@@ -63,7 +63,7 @@ class BenchHardware:
     def open_source(self) -> PictureSource:
         """Open the camera. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder)
-        return find_camera_kind(self._rig.camera).open(self._rig.camera, context)
+        return find_camera_kind(self._rig.camera.driver).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing: nobody knows."""

@@ -17,7 +17,7 @@ from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.driver_section import DriverSection
 from labrig.devices.fault_script import FaultDescription
 from labrig.errors import InputError
-from labrig.plugins import CAMERAS, DRIVES
+from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin
 from labrig.protocol.model import Conflict, Model, Name
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import Needle
@@ -191,6 +191,12 @@ class RigDescription(Model):
         )
         changed = self.model_copy(update={"world": world})
         return changed.placed_in(self._folder)
+
+    @property
+    def plugins(self) -> tuple[Plugin, ...]:
+        """Its kinds of drives and its kind of camera, each once. Raises `InputError` as `find_plugin`."""
+        drivers = [*((DRIVES, axis.driver) for _, axis in self.axes.items()), (CAMERAS, self.camera.driver)]
+        return tuple(find_plugin(group, name) for group, name in dict.fromkeys(drivers))
 
     @property
     def folder(self) -> Path:

@@ -1,12 +1,15 @@
 """The small object that an entry point of the group `labrig.experiments` names."""
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+_OPTIONAL = ("procedure", "resume", "view", "compare")
+PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", *_OPTIONAL)
+"""What a declaration names by module and attribute."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +74,12 @@ class ExperimentDeclaration:
 
     def __post_init__(self) -> None:
         """Refuse a part that is written in another way."""
-        optional = {"procedure", "resume", "view", "compare"}
-        parts = {"protocol", "result", "plan", "analyze", "page", "summary"} | optional
-        for field in fields(self):
-            part = getattr(self, field.name)
-            if field.name not in parts or (part is None and field.name in optional):
+        for name in PARTS:
+            part = getattr(self, name)
+            if part is None and name in _OPTIONAL:
                 continue
             if not isinstance(part, str) or not _PART.fullmatch(part):
                 raise InputError(
-                    f"experiment {self.name}: {field.name} is {part!r}, expected package.module:name",
+                    f"experiment {self.name}: {name} is {part!r}, expected package.module:name",
                     "name the module and the function or class in it",
                 )

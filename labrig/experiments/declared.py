@@ -1,13 +1,15 @@
 """What the experiments of installed packages declare: read without importing a procedure, an analysis or a page."""
 
 import importlib
+import symtable
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from typing import Any
 
 from labrig.errors import InputError, PluginError
-from labrig.experiments.declaration import ExperimentDeclaration
+from labrig.experiments.declaration import PARTS, ExperimentDeclaration
 from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, installed
 from labrig.protocol.sections import ExperimentProtocol
 
@@ -68,11 +70,41 @@ class DeclaredExperiment:
         module, _, attribute = where.partition(":")
         try:
             return getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError) as error:
+        except Exception as error:
             raise PluginError(
-                f"{self.plugin}: its {name} is not at {where}: {error}",
+                f"{self.plugin}: its {name} is not at {where}: {type(error).__name__}: {error}",
                 f"install another version of {self.plugin.package}",
             ) from error
+
+    def require_parts(self) -> None:
+        """Refuse a declaration that names a part which is not there, before anything moves.
+
+        Modules are read; one is imported only where its text leaves a doubt, so that no page is imported in advance.
+
+        Raises
+        ------
+        PluginError
+            Names the part.
+        """
+        for name in PARTS:
+            where = getattr(self.declaration, name)
+            if where is not None and not _is_defined(where):
+                self.part(name)
+
+
+def _is_defined(where: str) -> bool:
+    """Tell whether the text of a module gives a value to a name of it."""
+    module, _, attribute = where.partition(":")
+    try:
+        spec = find_spec(module)
+        source = getattr(spec.loader, "get_source", lambda _: None)(module) if spec is not None else None
+        table = symtable.symtable(source or "", module, "exec")
+    except (ImportError, SyntaxError):
+        return False
+    if attribute not in table.get_identifiers():
+        return False
+    symbol = table.lookup(attribute)
+    return symbol.is_assigned() or symbol.is_imported()
 
 
 @cache
@@ -118,3 +150,14 @@ class ProtocolModels(Mapping[str, type[ExperimentProtocol]]):
 
 PROTOCOL_MODELS = ProtocolModels()
 """Of every experiment that is installed."""
+
+
+def usable_models() -> dict[str, type[ExperimentProtocol]]:
+    """Return the model of each installed experiment that can be imported and that one package alone claims."""
+    models = {}
+    for name in PROTOCOL_MODELS:
+        try:
+            models[name] = PROTOCOL_MODELS[name]
+        except InputError:
+            continue
+    return models

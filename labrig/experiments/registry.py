@@ -9,14 +9,14 @@ from labrig.analysis.experiment import Analyze
 from labrig.analysis.result import AnyResult, Result, load_result
 from labrig.analysis.summary import ResultComparison, Summary
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS, DeclaredExperiment, find_declared
+from labrig.plugins import EXPERIMENTS, require_installed
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.view import NO_VIEW, View
-from labrig.runner.experiment import Experiment, Remainder, RunPlan
+from labrig.runner.experiment import Remainder, RunPlan
 from labrig.runner.session import Session
 
 _NO_COMPARISON = ResultComparison()
@@ -89,7 +89,7 @@ def find_experiment(name: str) -> RegisteredExperiment:
     return RegisteredExperiment(declared.plugin, declared.declaration)
 
 
-def experiment_of(run: Run) -> Experiment:
+def experiment_of(run: Run) -> RegisteredExperiment:
     """Return the experiment of a run; of a withdrawal that of the run whose needle it took out.
 
     Raises
@@ -98,12 +98,7 @@ def experiment_of(run: Run) -> Experiment:
         When no installed package has it; names the package that made the record.
     """
     name = str(run.protocol.get("experiment"))
-    if name not in PROTOCOL_MODELS:
-        package = run.plugin_packages.get(name, "a package that its record does not name")
-        raise InputError(
-            f"{run.path} is a run of the experiment {name}, which is not installed",
-            f"it was made with {package}: install it; labrig runs check, view and export need none of it",
-        )
+    require_installed(EXPERIMENTS, name, str(run.path), run.plugin_packages)
     return find_experiment(name)
 
 
@@ -132,13 +127,13 @@ def result_of(run: Run, number: int | None = None) -> AnyResult | None:
 
 
 def view_of(run: Run) -> View:
-    """Return what the experiment of a run adds to its rerun view; nothing where it is not installed.
+    """Return what the experiment of a run adds to its rerun view.
 
     Raises
     ------
+    InputError
+        When the experiment is not installed, or cannot be imported.
     RecordError
         When the result is damaged.
     """
-    if run.protocol.get("experiment") not in PROTOCOL_MODELS:
-        return NO_VIEW
     return experiment_of(run).view(run, result_of(run))

@@ -258,7 +258,7 @@ class Run:
 
     @property
     def plugin_packages(self) -> Mapping[str, str]:
-        """The package and version that each experiment, drive and camera of the run came from, by its name."""
+        """The package and version that experiment, drives and camera of the run came from, by what each is."""
         packages = self.manifest.get("plugins")
         return (
             {str(name): str(package) for name, package in packages.items()}

@@ -10,6 +10,7 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig, rig_schema
 from labrig.errors import FileFormatError
 from tests.devices.rigs import SIMULATED
+from tests.installing import install_package
 
 MODULE = """
 from typing import ClassVar, Literal
@@ -60,16 +61,8 @@ SECTION = (
 
 
 def _install(site: Path, package: str, module: str, code: str) -> None:
-    """Install a package with one camera, as pip leaves it."""
-    info = site / f"{package}-2.1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {package}\nVersion: 2.1\n", encoding="utf-8"
-    )
-    (info / "entry_points.txt").write_text(
-        f"[labrig.cameras]\nlab-grey = {module}:CAMERA\n", encoding="utf-8"
-    )
-    (site / f"{module}.py").write_text(code, encoding="utf-8")
+    """Install a package with one camera."""
+    install_package(site, package, f"[labrig.cameras]\nlab-grey = {module}:CAMERA\n", module, code, "2.1")
 
 
 @pytest.fixture
@@ -92,7 +85,7 @@ def test_it_is_chosen_by_its_name_and_opened_with_keys_of_its_own(site: Path, tm
     """No file of labrig knows it."""
     _install(site, "lab_grey", "lab_grey_camera_1", MODULE)
     section = load_rig(_rig_file(tmp_path)).camera
-    exposure = find_camera_kind(section).open(section, CameraContext(SimulatedClock())).read()
+    exposure = find_camera_kind(section.driver).open(section, CameraContext(SimulatedClock())).read()
     assert exposure is not None
     assert exposure.image.mean() == 7.0
     assert "lab-grey" in rig_schema()["properties"]["camera"]["discriminator"]["mapping"]

@@ -11,6 +11,7 @@ from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.errors import InputError
+from labrig.plugins import require_devices_installed
 from labrig.record.reader import Run
 
 
@@ -20,12 +21,13 @@ def load_recorded_rig(run: Run) -> RigDescription:
     Raises
     ------
     InputError
-        When the run had no rig.
+        When the run had no rig, or a drive or camera of it is not installed.
     RecordError
         When its rig file is missing or was changed.
     """
     if run.rig_path is None:
         raise InputError(f"{run.path} had no rig", "it moved nothing")
+    require_devices_installed(str(run.path), run.plugin_packages)
     description = load_rig(run.rig_path)
     named = {key: value for key, value in description.calibration if value is not None}
     held = {key: f"{key}{Path(value).suffix}" for key, value in named.items()}

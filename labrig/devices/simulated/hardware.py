@@ -69,7 +69,7 @@ class SimulatedHardware:
     def open_source(self) -> PictureSource:
         """Open the camera, which may see the world. Raises `CameraError`."""
         context = CameraContext(self.clock, self._rig.folder, self.world)
-        return find_camera_kind(self._rig.camera).open(self._rig.camera, context)
+        return find_camera_kind(self._rig.camera.driver).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return what is true of the present insertion."""

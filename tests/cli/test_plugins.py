@@ -1,0 +1,229 @@
+"""What packages add, as the command line has it: one that fails is named and in nobody's way."""
+
+import importlib
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
+from tests.installing import install_package
+
+EXAMPLE = ROOT / "labrig" / "manual" / "example"
+KEPT = ROOT / "tests" / "records" / "steerability"
+ON_RIG = (SWEEP, "--rig", RIG)
+DECLARATION = """
+from dataclasses import replace
+from typing import Literal
+
+from labrig.experiments.roll_zero import EXPERIMENT as ROLL_ZERO
+from labrig.experiments.roll_zero.protocol import RollZeroProtocol
+
+class Protocol(RollZeroProtocol):
+    experiment: Literal[{name!r}]
+
+EXPERIMENT = replace(ROLL_ZERO, name={name!r}, protocol=f"{{__name__}}:Protocol", {part})
+"""
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder of installed packages."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    return folder
+
+
+def _declare(site: Path, name: str, code: str, package: str = "lab-package") -> str:
+    """Install a package with an experiment, whose module has a name of its own, and return the experiment's name."""
+    module = f"{package}_{name}".replace("-", "_")
+    entry_points = f"[labrig.experiments]\n{name} = {module}:EXPERIMENT\n"
+    install_package(site, package, entry_points, module, code)
+    return name
+
+
+def _protocol(folder: Path, experiment: str) -> Path:
+    text = (ROOT / "protocols" / "roll-zero.yaml").read_text(encoding="utf-8")
+    path = folder / f"{experiment}.yaml"
+    path.write_text(text.replace("experiment: roll-zero", f"experiment: {experiment}"), encoding="utf-8")
+    return path
+
+
+def test_an_installation_without_labrigs_own_says_what_to_run(site: Path, labrig: Labrig) -> None:
+    """Where the code is newer than its installation, nothing can be run; it ends with 3 and the command that helps."""
+    install_package(site, "labrig", "")
+    done = labrig("run", *ON_RIG)
+    assert done.exit_code == 3
+    assert "pip install -e ." in done.err
+
+
+def test_an_experiment_that_two_packages_claim_is_refused(site: Path, tmp_path: Path, labrig: Labrig) -> None:
+    """Both are named and neither is chosen; other experiments run."""
+    for package in ("lab-one", "lab-two"):
+        _declare(site, "claimed", "", package)
+    done = labrig("check", _protocol(tmp_path, "claimed"), "--rig", RIG)
+    assert done.exit_code == 2
+    assert "claimed by lab-one 1.5 and lab-two 1.5" in done.err
+    other = labrig("check", *ON_RIG)
+    assert other.exit_code == 0
+    assert "claimed by lab-one 1.5 and lab-two 1.5" in other.err
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("broken-import", "import a_module_that_is_not_there\n", "cannot be imported: ModuleNotFoundError"),
+        ("broken-zero", "1 / 0\n", "cannot be imported: ZeroDivisionError"),
+        ("broken-newer", "class EXPERIMENT:\n    interface = 2\n", "is written for interface 2"),
+        ("broken-other", "class EXPERIMENT:\n    interface = 1\n", "expected an ExperimentDeclaration"),
+        (
+            "broken-part",
+            DECLARATION.format(name="broken-part", part="page='no place'"),
+            "page is 'no place', expected package.module:name",
+        ),
+    ],
+)
+def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
+    site: Path, tmp_path: Path, labrig: Labrig, name: str, code: str, words: str
+) -> None:
+    """`check`, `devices check` and `schema` name it; runs of other experiments, `runs` and schemas know no harm."""
+    _declare(site, name, code)
+    checked = labrig("check", *ON_RIG, "--json")
+    assert checked.exit_code == 0
+    assert [words in fault["message"] for fault in checked.json()["plugins"]] == [True]
+    assert f"note: experiment {name} of package lab-package 1.5" in checked.err
+    warned = [
+        one for one in labrig("devices", "check", "--rig", RIG, "--json").json() if one["check"] == "plugin"
+    ]
+    assert [(one["status"], words in one["value"]) for one in warned] == [("WARN", True)]
+    schema = labrig("schema")
+    assert (schema.exit_code, words in schema.err, name in schema.out) == (0, True, False)
+    run = shutil.copytree(KEPT, tmp_path / "runs" / "kept")
+    assert labrig("runs", "--runs-dir", run.parent).exit_code == 0
+    assert labrig("runs", "check", run).exit_code == 0
+    own = labrig("check", _protocol(tmp_path, name), "--rig", RIG)
+    assert own.exit_code == 2
+    assert words in own.err
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "kind"), [("drives", "broken-drive", "drive"), ("cameras", "broken-camera", "camera")]
+)
+def test_a_driver_that_fails_is_named_and_fatal_to_nothing(
+    site: Path, labrig: Labrig, group: str, name: str, kind: str
+) -> None:
+    """`check`, `devices check` and `schema rig` name it; a rig without it is as before."""
+    module = f"lab_{kind}_that_fails"
+    install_package(site, "lab-drivers", f"[labrig.{group}]\n{name} = {module}:KIND\n", module, "1 / 0\n")
+    words = f"{kind} {name} of package lab-drivers 1.5 cannot be imported: ZeroDivisionError"
+    for command in (("check", *ON_RIG), ("schema", "rig"), ("devices", "check", "--rig", RIG)):
+        done = labrig(*command)
+        assert done.exit_code == 0
+        assert words in done.err + done.out
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("lacks-analysis", "analyze='labrig.experiments.roll_zero.analysis:measure_everything'"),
+        ("lacks-page", "page='labrig.experiments.roll_zero.page:no_page'"),
+        ("lacks-module", "procedure='labrig.experiments.roll_zero.no_procedure:run'"),
+    ],
+)
+def test_an_experiment_that_lacks_a_function_is_refused_before_anything_moves(
+    site: Path, tmp_path: Path, labrig: Labrig, name: str, part: str
+) -> None:
+    """`check` and `run` name the part and the package; no record is begun."""
+    _declare(site, name, DECLARATION.format(name=name, part=part))
+    protocol = _protocol(tmp_path, name)
+    key, _, where = part.partition("=")
+    for command in (("check",), ("run", "--runs-dir", tmp_path / "runs")):
+        done = labrig(*command, protocol, "--rig", RIG)
+        assert done.exit_code == 2
+        assert f"experiment {name} of package lab-package 1.5: its {key} is not at {where[1:-1]}" in done.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_function_that_is_handed_on_from_another_module_is_found(
+    site: Path, tmp_path: Path, labrig: Labrig
+) -> None:
+    """A part may be imported where the declaration says, defined under a condition, or made as the module is loaded."""
+    (site / "lab_parts.py").write_text(
+        "from labrig.experiments.roll_zero.analysis import analyze\n"
+        "from labrig.experiments.roll_zero.page import *\n"
+        "if True:\n    from labrig.experiments.roll_zero.plan import plan as our_plan\n",
+        encoding="utf-8",
+    )
+    part = "analyze='lab_parts:analyze', page='lab_parts:make_page', plan='lab_parts:our_plan'"
+    _declare(site, "handed-on", DECLARATION.format(name="handed-on", part=part))
+    assert labrig("check", _protocol(tmp_path, "handed-on"), "--rig", RIG).exit_code == 0
+
+
+def test_an_unknown_key_of_a_driver_is_told_with_line_and_column(tmp_path: Path, labrig: Labrig) -> None:
+    """And the key that was probably meant."""
+    text = RIG.read_text(encoding="utf-8")
+    line = text[: text.index("encoder_pulses_per_turn")].count("\n") + 1
+    path = tmp_path / "rig.yaml"
+    path.write_text(text.replace("encoder_pulses_per_turn", "encoder_pulses", 1), encoding="utf-8")
+    done = labrig("check", SWEEP, "--rig", path)
+    assert done.exit_code == 2
+    assert f"{path}:{line}:5 axes.insertion.encoder_pulses: unknown key" in done.err
+    assert "did you mean encoder_pulses_per_turn" in done.err
+
+
+@pytest.fixture
+def outside_run(site: Path, tmp_path: Path, labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a run with an experiment, a drive and a camera of a package that is not installed any more."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = (
+        "\n".join([f"[{group}]", *(f"{name} = {where}" for name, where in entries.items())])
+        for group, entries in project["entry-points"].items()
+    )
+    install_package(site, project["name"], "\n".join(groups), version=project["version"])
+    protocol = ("--rig", EXAMPLE / "rig.yaml", "--set", "visits=2", "--runs-dir", tmp_path)
+    done = labrig("run", EXAMPLE / "repeatability.yaml", *protocol, "--run-name", "outside")
+    assert done.exit_code == 0, done.err
+    return tmp_path / "outside"
+
+
+def test_a_record_is_read_without_the_packages_that_made_it(
+    site: Path, tmp_path: Path, outside_run: Path, labrig: Labrig
+) -> None:
+    """`runs`, `runs check`, `view`, `export` and tags do without; what computes or drives ends with 2 and names it."""
+    recorded = json.loads((outside_run / "manifest.json").read_text(encoding="utf-8"))["plugins"]
+    assert recorded.keys() == {
+        "experiment repeatability", "drive epos2", "drive example-stepper", "camera example-marker",
+    }  # fmt: skip
+    assert recorded["drive example-stepper"] == "labrig-example 1.0.0"
+    shutil.rmtree(next(site.glob("labrig_example-*")))
+    importlib.invalidate_caches()
+    for command in (
+        ("runs", "--runs-dir", tmp_path),
+        ("runs", "check", outside_run),
+        ("runs", "tag", outside_run, "--tag", "good"),
+        ("view", outside_run, "--no-open"),
+        ("export", outside_run, "--csv", "--out", tmp_path / "tables"),
+    ):
+        done = labrig(*command)
+        assert done.exit_code == 0, done.err
+    for verb in ("report", "reanalyze", "replay", "resume"):
+        done = labrig(verb, outside_run)
+        assert done.exit_code == 2
+        words = "was made with the experiment repeatability of package labrig-example 1.0.0, which is not installed"
+        assert f"{outside_run} {words}" in done.err
+
+
+def test_a_replay_without_its_drive_names_the_package(site: Path, outside_run: Path, labrig: Labrig) -> None:
+    """The experiment is installed and the drive is not: what computes goes on, what drives ends with 2."""
+    entry_points = next(site.glob("labrig_example-*")) / "entry_points.txt"
+    text = entry_points.read_text(encoding="utf-8")
+    entry_points.write_text(text.replace("example-stepper", "another-stepper"), encoding="utf-8")
+    done = labrig("replay", outside_run)
+    assert done.exit_code == 2
+    assert "made with the drive example-stepper of package labrig-example 1.0.0, which is not" in done.err
+    assert labrig("report", outside_run).exit_code == 0
+    assert labrig("reanalyze", outside_run).exit_code == 0

@@ -25,7 +25,7 @@ from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analysis_of, analyze_run
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
-from labrig.record.pictures import picture_count
+from labrig.record.pictures import count_pictures
 from labrig.record.reader import Run, open_run
 from labrig.vision.mask import Mask
 
@@ -112,7 +112,7 @@ class _Meter:
     """Tells how many of the pictures of all runs are done."""
 
     def __init__(self, runs: Sequence[Path], progress: RunsProgress | None) -> None:
-        self._runs = deque((run, max(1, picture_count(run))) for run in runs)
+        self._runs = deque((run, max(1, count_pictures(run))) for run in runs)
         self._total = sum(count for _, count in self._runs)
         self._done = 0
         self._progress = progress

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from labrig.record.difference import differing_values
+from labrig.record.difference import find_differences
 
 Scalar = str | int | float | bool | None
 
@@ -47,7 +47,7 @@ def first_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergen
     old, new : Mapping
         The documents of both results.
     """
-    for key, before, after in differing_values(_ordered(old), _ordered(new)):
+    for key, before, after in find_differences(_ordered(old), _ordered(new)):
         reads_otherwise = isinstance(before, str) and isinstance(after, str)
         if key.rpartition(".")[2] in _SENTENCES and reads_otherwise:
             continue

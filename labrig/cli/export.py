@@ -25,8 +25,8 @@ def export(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 4 where the record is damaged; what of it could be read is written all the same."""
-    from labrig.record.places import output_folder
     from labrig.record.reader import open_run
+    from labrig.record.urls import output_folder
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     if not formats and not mcap and not record:

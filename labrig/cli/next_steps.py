@@ -8,7 +8,7 @@ from typing import Any
 from labrig.errors import InputError, RecordError
 from labrig.record.catalogue import RunSummary
 from labrig.record.layout import run_lock
-from labrig.record.lock import lock_owner
+from labrig.record.lock import read_lock_owner
 from labrig.record.manifest import read_manifest
 
 MOST = 3
@@ -26,7 +26,7 @@ def next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
 
 
 def _next_step(one: RunSummary) -> str:
-    owner = lock_owner(run_lock(one.run))
+    owner = read_lock_owner(run_lock(one.run))
     if owner is not None:
         return f"{one.run.name} is going on: {owner}"
     place = shlex.quote(str(one.run))

@@ -25,7 +25,7 @@ RigOption = Annotated[
 def _local(folder: Path) -> Path:
     """Refuse a URL: a live run writes on the local disk."""
     if ":" in str(folder):
-        from labrig.record.places import require_local
+        from labrig.record.urls import require_local
 
         require_local(folder, "--runs-dir")
     return folder
@@ -50,7 +50,7 @@ def _all_found(runs: list[Path]) -> list[Path]:
 def _found_here(run: Path) -> Path:
     """Refuse a URL: this command writes into the run."""
     if ":" in str(run):
-        from labrig.record.places import require_local_run
+        from labrig.record.urls import require_local_run
 
         require_local_run(run)
     return _found(run)

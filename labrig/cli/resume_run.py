@@ -21,7 +21,7 @@ from labrig.experiments.registry import experiment_of, protocol_of
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
-from labrig.record.difference import differing_values
+from labrig.record.difference import find_differences
 from labrig.record.durable import require_free_bytes
 from labrig.record.events import RunStop
 from labrig.record.provenance import collect_code_diff, collect_provenance
@@ -156,7 +156,7 @@ def _values(model: Model) -> dict[str, Any]:
 
 
 def _differences(where: str, recorded: object, now: object) -> Iterator[Problem]:
-    for key, before, after in differing_values(recorded, now):
+    for key, before, after in find_differences(recorded, now):
         yield Problem(
             f"{where} {key}",
             f"the run began with {before}, now it is {after}",

@@ -163,8 +163,8 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; older revisions are kept."""
-    from labrig.record.places import require_local_run
     from labrig.record.reader import open_run
+    from labrig.record.urls import require_local_run
 
     if text is None:
         annotations = open_run(run).annotations

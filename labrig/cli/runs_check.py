@@ -47,19 +47,19 @@ def check(
 
 def _one(path: Path, repair: bool) -> dict[str, Any]:
     from labrig.record.check import check_run
-    from labrig.record.places import as_url, require_local_run
-    from labrig.record.reader import local_folder
+    from labrig.record.reader import fetch_folder
     from labrig.record.repair import repair_run
+    from labrig.record.urls import require_local_run, restore_url
 
     if repair:
         require_local_run(path)
-    folder = local_folder(path)
+    folder = fetch_folder(path)
     verdict = check_run(folder)
     repaired = repair and not verdict.damage and repair_run(folder, SystemClock().utc())
     if repaired:
         verdict = check_run(folder)
     return {
-        "run": as_url(path),
+        "run": restore_url(path),
         "ok": not verdict.damage,
         "reason": _reason(verdict.damage),
         "protocol": verdict.experiment,

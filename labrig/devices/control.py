@@ -19,7 +19,7 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import DiskError, LockedError
 from labrig.posix import Conversation, call, listen, user
-from labrig.record.lock import FileLock, lock_owner
+from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
 _MOST_SILENT = 8
@@ -116,7 +116,7 @@ def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
 
 def find_owner(rig: RigDescription) -> str:
     """Return who has a rig or one of its drives now; empty where nobody has."""
-    owners = (lock_owner(path) for path in lock_paths(rig))
+    owners = (read_lock_owner(path) for path in lock_paths(rig))
     return next((str(owner) for owner in owners if owner is not None), "")
 
 
@@ -127,7 +127,7 @@ def _locked(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
         lock.acquire(doing)
     except LockedError as error:
         raise LockedError(
-            f"rig {rig.name} is in use by {lock_owner(path) or 'another labrig'}",
+            f"rig {rig.name} is in use by {read_lock_owner(path) or 'another labrig'}",
             "wait until it has ended, or: labrig devices stop --rig FILE",
         ) from error
     with lock:

@@ -16,7 +16,7 @@ from labrig.errors import InputError, RecordError
 from labrig.posix import NO_LINKS, sync_directory
 from labrig.record.durable import disk_errors, write_fully
 from labrig.record.json_lines import decode_line, encode_line, read_lines
-from labrig.record.layout import NOTES, checked_name, inside
+from labrig.record.layout import NOTES, inside, require_name
 from labrig.record.lock import FileLock
 from labrig.record.manifest import read_manifest
 
@@ -69,7 +69,7 @@ def read_annotations(run: Path) -> Annotations:
         When a line of it is damaged.
     """
     path = inside(run, NOTES)
-    return _joined(read_lines(path), path) if path.exists() else Annotations()
+    return _join_remarks(read_lines(path), path) if path.exists() else Annotations()
 
 
 def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: datetime) -> Annotations:
@@ -83,7 +83,7 @@ def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: dateti
         When it is no run or of a newer schema, or it cannot be written now.
     """
     for tag in tags:
-        checked_name(tag, "the tag")
+        require_name(tag, "the tag")
     kind = "untag" if remove else "tag"
     with _Remarks(run, by, at) as remarks:
         missing = [tag for tag in tags if remove and tag not in remarks.now.tags]
@@ -154,17 +154,17 @@ class _Remarks:
         with disk_errors(self._path):
             descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666)
             try:
-                whole, missing = _end_of_whole_lines(self._path)
+                whole, missing = _find_torn_end(self._path)
                 # The torn line of a process that was killed was never acknowledged, and must not continue.
                 os.ftruncate(descriptor, whole)
-                _append_or_leave(descriptor, missing + lines, whole)
+                _append_all_or_nothing(descriptor, missing + lines, whole)
             finally:
                 os.close(descriptor)
             sync_directory(self._path.parent)
         return read_annotations(self._path.parent)
 
 
-def _end_of_whole_lines(path: Path) -> tuple[int, bytes]:
+def _find_torn_end(path: Path) -> tuple[int, bytes]:
     """Return where the last whole line ends, and the newline that it lacks where only that was torn off."""
     content = path.read_bytes()
     rest = content[content.rfind(b"\n") + 1 :]
@@ -175,7 +175,7 @@ def _end_of_whole_lines(path: Path) -> tuple[int, bytes]:
     return len(content), b"\n"
 
 
-def _append_or_leave(descriptor: int, lines: bytes, before: int) -> None:
+def _append_all_or_nothing(descriptor: int, lines: bytes, before: int) -> None:
     """Append all of it, or nothing where the disk is full."""
     try:
         write_fully(descriptor, lines)
@@ -185,7 +185,7 @@ def _append_or_leave(descriptor: int, lines: bytes, before: int) -> None:
     os.fsync(descriptor)
 
 
-def _joined(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:
+def _join_remarks(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:
     tags: dict[str, None] = {}
     revisions: list[Note] = []
     verdict: tuple[str | None, str | None] = (None, None)
@@ -197,7 +197,7 @@ def _joined(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:
                 case "untag":
                     tags.pop(str(line["tag"]), None)
                 case "note":
-                    revisions.append(_note(line))
+                    revisions.append(_read_note(line))
                 case "verdict":
                     verdict = (str(line["verdict"]), str(line["reason"]) or None)
     except (KeyError, TypeError, ValueError) as error:
@@ -208,7 +208,7 @@ def _joined(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:
     )
 
 
-def _note(line: Mapping[str, object]) -> Note:
+def _read_note(line: Mapping[str, object]) -> Note:
     return Note(
         int(str(line["note"])),
         int(str(line["revision"])),

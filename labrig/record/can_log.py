@@ -80,10 +80,10 @@ def read_can_log(run: Path) -> CanLog:
             place = f"{CAN_LOG}, bytes {start} to {end}"
             damaged.append(Problem(place, "its CRC-32 does not fit its content", COPY_HINT))
         start = end
-    return CanLog(content[:start], tuple(damaged), _torn(content, start))
+    return CanLog(content[:start], tuple(damaged), _find_torn_end(content, start))
 
 
-def _torn(content: bytes, covered: int) -> tuple[Problem, ...]:
+def _find_torn_end(content: bytes, covered: int) -> tuple[Problem, ...]:
     if len(content) <= covered:
         return ()
     message = f"the last {len(content) - covered} bytes have no checksum yet and are left out"

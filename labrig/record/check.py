@@ -1,7 +1,8 @@
-"""Checks a record from end to end, and says what of it is damaged or lost; changes nothing."""
+"""Check a record from end to end and list what is damaged or lost; nothing is changed."""
 
 import hashlib
 import os
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,43 +26,43 @@ from labrig.record.layout import (
     inside,
     picture_file,
 )
-from labrig.record.lock import LockOwner, lock_owner
-from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
-from labrig.record.pictures import listed_raw_bytes, raw_pictures_bytes, recorded_picture
+from labrig.record.lock import LockOwner, read_lock_owner
+from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
+from labrig.record.pictures import locate_picture, measure_listed_pictures, measure_raw_pictures
 from labrig.record.structure import (
-    clock_problems,
-    frame_problems,
-    reference_problems,
-    trial_problems,
+    find_clock_problems,
+    find_frame_problems,
+    find_reference_problems,
+    find_trial_problems,
 )
 
 LINE_FILES = (FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES, CAN_SUMS)
-_OF_LINES = (*LINE_FILES, CAN_LOG)
+_HASHED_LINE_FILES = (*LINE_FILES, CAN_LOG)
 _ONLY_SOMETIMES = frozenset({TRUTH_LINES, CAN_SUMS})
 _NO_LINES = Scan((), (), (), 0, ends_with_newline=True)
-_LEFT = "labrig was stopped while it wrote this; labrig runs check --repair sets it aside"
+_LEFT_BEHIND = "labrig was stopped while it wrote this; labrig runs check --repair sets it aside"
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What a check has found.
+class RunCheck:
+    """The findings of a check.
 
     Attributes
     ----------
     run : Path
         The folder of the run.
     experiment : str
-        Which it is.
+        The name of its experiment.
     exit_status : str
-        As the manifest has it.
+        As the manifest states it.
     writer : LockOwner or None
-        Who is writing it now.
+        The process that is writing it now.
     damage : tuple of Problem
-        What is missing or is not as it was written.
+        Everything that is missing or was changed.
     torn : tuple of Problem
         What an interruption left half written; nothing acknowledged is in it.
     frames, states, events, trials_done : int
-        How much there is that can be read.
+        How many of each can be read.
     """
 
     run: Path
@@ -76,46 +77,47 @@ class Verdict:
     trials_done: int
 
 
-def check_run(run: Path) -> Verdict:
+def check_run(run: Path) -> RunCheck:
     """Verify hashes, checksums and structure of a run.
 
     Raises
     ------
     RecordError
-        When it is no run, of a newer schema, or its manifest cannot be read.
+        When the folder is no run, its schema is newer, or its manifest cannot be read.
     """
     manifest = read_manifest(run)
-    closed = manifest.get("exit_status") != "incomplete"
-    scans, unreadable = _scans(run)
+    scans, unreadable = _scan_files(run)
     frames, events = scans[FRAME_LINES].lines, scans[EVENT_LINES].lines
-    torn, orphans = _leftovers(run, len(frames))
-    torn = (*(problem for scan in scans.values() for problem in scan.torn), *torn, *_unlisted(run, frames))
+    leftovers, orphans = _find_leftovers(run, len(frames))
+    can_damage, can_torn = _check_can_log(run)
+    torn = [
+        *(problem for scan in scans.values() for problem in scan.torn),
+        *leftovers,
+        *_find_unlisted_end(run, frames),
+        *can_torn,
+    ]
     damage = [
-        *links(run, run),
-        *manifest_problems(manifest),
-        *changed_since_start(run, manifest),
+        *find_links(run, run),
+        *check_manifest(manifest),
+        *find_changes_since_start(run, manifest),
         *unreadable,
         *(problem for scan in scans.values() for problem in scan.damaged),
-        *_structure(scans),
-        *_notes(run),
-        *picture_problems(run, (line for _, line in frames), read=True),
+        *_check_structure(scans),
+        *_check_notes(run),
+        *find_picture_problems(run, (line for _, line in frames), read=True),
         *orphans,
+        *can_damage,
     ]
-    can_damage, can_torn = _can_log(run)
-    damage += can_damage
-    torn = (*torn, *can_torn)
-    if closed:
-        # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
-        damage += [replace(problem, hint=COPY_HINT) for problem in torn]
-        damage += changed_since_closing(run)
-        torn = ()
-    return Verdict(
+    if manifest.get("exit_status") != "incomplete":
+        damage += [*as_damage(torn), *find_changes_since_closing(run)]
+        torn = []
+    return RunCheck(
         run,
         str(manifest.get("experiment")),
         str(manifest.get("exit_status")),
-        lock_owner(run / LOCK),
+        read_lock_owner(run / LOCK),
         tuple(dict.fromkeys(damage)),
-        torn,
+        tuple(torn),
         frames=len(frames),
         states=len(scans[STATE_LINES].lines),
         events=len(events),
@@ -123,15 +125,20 @@ def check_run(run: Path) -> Verdict:
     )
 
 
+def as_damage(torn: Iterable[Problem]) -> Iterator[Problem]:
+    """Return the torn ends of a closed run as damage: its last lines were whole, so they were cut afterwards."""
+    return (replace(problem, hint=COPY_HINT) for problem in torn)
+
+
 def trials_done(events: Iterable[Mapping[str, object]]) -> int:
-    """Count the trials that came to their end."""
+    """Count the trials that ended in success."""
     return sum(
         event.get("kind") == "trial_stop" and event.get("exit_status") == "success" for event in events
     )
 
 
-def _scans(run: Path) -> tuple[dict[str, Scan], list[Problem]]:
-    """Read every file of lines; of one that cannot be read there are no lines, and a problem."""
+def _scan_files(run: Path) -> tuple[dict[str, Scan], list[Problem]]:
+    """Read every file of lines; a file that cannot be read gives no lines and a problem."""
     scans, problems = {}, []
     for name in LINE_FILES:
         scans[name] = _NO_LINES
@@ -144,23 +151,23 @@ def _scans(run: Path) -> tuple[dict[str, Scan], list[Problem]]:
     return scans, problems
 
 
-def _notes(run: Path) -> Iterator[Problem]:
-    """Check what people said of the run; it grows after the closing, and a torn last remark is left out by readers."""
+def _check_notes(run: Path) -> Iterator[Problem]:
+    """Check the annotations. They grow after the run is closed, and readers skip a torn last remark."""
     path = run / NOTES
     if path.is_file() and not path.is_symlink():
         yield from scan_lines(path).damaged
 
 
-def _structure(scans: Mapping[str, Scan]) -> Iterator[Problem]:
+def _check_structure(scans: Mapping[str, Scan]) -> Iterator[Problem]:
     frames, events = scans[FRAME_LINES].lines, scans[EVENT_LINES].lines
     for name in (FRAME_LINES, STATE_LINES, EVENT_LINES):
-        yield from clock_problems(name, scans[name].lines)
-    yield from frame_problems(frames)
-    yield from trial_problems(events)
-    yield from reference_problems(events, frames, scans[TRUTH_LINES].lines)
+        yield from find_clock_problems(name, scans[name].lines)
+    yield from find_frame_problems(frames)
+    yield from find_trial_problems(events)
+    yield from find_reference_problems(events, frames, scans[TRUTH_LINES].lines)
 
 
-def links(run: Path, folder: Path) -> Iterator[Problem]:
+def find_links(run: Path, folder: Path) -> Iterator[Problem]:
     """Yield the symbolic links below a folder of the run."""
     for parent, folders, files in os.walk(folder):
         for name in sorted((*folders, *files)):
@@ -170,54 +177,56 @@ def links(run: Path, folder: Path) -> Iterator[Problem]:
                 yield Problem(path.relative_to(run).as_posix(), message, "a record holds its files itself")
 
 
-def changed_since_start(run: Path, manifest: dict[str, object]) -> Iterator[Problem]:
-    """Compare protocol, rig, calibration and differences of the code with what the manifest says of them."""
+def find_changes_since_start(run: Path, manifest: dict[str, object]) -> Iterator[Problem]:
+    """Compare protocol, rig, calibration and code differences with their hashes in the manifest."""
     for name, sha256 in recorded_sha256(manifest).items():
-        yield from _changed(run, name, str(sha256), "the manifest")
+        yield from _check_hash(run, name, str(sha256), "the manifest")
 
 
-def _changed(run: Path, name: str, sha256: str, by: str) -> Iterator[Problem]:
+def _check_hash(run: Path, name: str, sha256: str, by: str) -> Iterator[Problem]:
     try:
         path = inside(run, name)
         if not path.is_file():
             yield Problem(name, f"it is missing, though {by} lists it", COPY_HINT)
-        elif sha256_of(path) != sha256:
+        elif hash_file(path) != sha256:
             yield Problem(name, f"it was changed or is damaged: its SHA-256 does not fit {by}", COPY_HINT)
     except RecordError as error:
         yield Problem(name, error.message, error.hint)
 
 
-def picture_problems(run: Path, frames: Iterable[Mapping[str, object]], *, read: bool) -> Iterator[Problem]:
-    """Yield the pictures that are missing, and with `read` those that are not as they were recorded.
+def find_picture_problems(
+    run: Path, frames: Iterable[Mapping[str, object]], *, read: bool
+) -> Iterator[Problem]:
+    """Yield the pictures that are missing, and with `read` those that were changed.
 
-    A picture stands in its place before its line does; another place is a fault of its line.
+    A picture is in place before its line is written; a wrong place is a fault of the line.
     """
     end = 0
     for line in frames:
-        picture = recorded_picture(run, line)
+        picture = locate_picture(run, line)
         if picture is None:
             continue
         end = max(end, picture.end)
         if picture.shape is None and (read or not (run / picture.file).exists()):
-            yield from _changed(run, picture.file, picture.sha256, FRAME_LINES)
+            yield from _check_hash(run, picture.file, picture.sha256, FRAME_LINES)
         elif picture.shape is not None and read:
             try:
                 picture.read()
             except RecordError as error:
                 yield Problem(f"{RAW_PICTURES} (frame {line['frame']})", error.message, error.hint)
-    lost = end - raw_pictures_bytes(run)
+    lost = end - measure_raw_pictures(run)
     if lost > 0:
         message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
         yield Problem(RAW_PICTURES, message, COPY_HINT)
 
 
-def _leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
-    """Return what an interruption left of pictures, and pictures whose line has been lost."""
+def _find_leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
+    """Return the pictures that an interruption left half recorded, and those whose line is lost."""
     next_picture = picture_file(frames)
     torn, lost = [], []
-    for name in leftover_pictures(run, frames):
+    for name in list_leftover_pictures(run, frames):
         if name == next_picture or name.endswith(".tmp"):
-            torn.append(Problem(name, f"it has no line in {FRAME_LINES}", _LEFT))
+            torn.append(Problem(name, f"it has no line in {FRAME_LINES}", _LEFT_BEHIND))
         else:
             lost.append(
                 Problem(name, f"its line in {FRAME_LINES} is lost", f"take {FRAME_LINES} from a copy")
@@ -225,15 +234,15 @@ def _leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Probl
     return tuple(torn), tuple(lost)
 
 
-def _unlisted(run: Path, frames: Iterable[tuple[int, dict[str, object]]]) -> Iterator[Problem]:
+def _find_unlisted_end(run: Path, frames: Iterable[tuple[int, dict[str, object]]]) -> Iterator[Problem]:
     """Yield the end of frames.raw that no line lists."""
-    more = raw_pictures_bytes(run) - listed_raw_bytes(run, (line for _, line in frames))
+    more = measure_raw_pictures(run) - measure_listed_pictures(run, (line for _, line in frames))
     if more > 0:
-        yield Problem(RAW_PICTURES, f"its last {more} bytes have no line in {FRAME_LINES}", _LEFT)
+        yield Problem(RAW_PICTURES, f"its last {more} bytes have no line in {FRAME_LINES}", _LEFT_BEHIND)
 
 
-def leftover_pictures(run: Path, frames: int) -> list[str]:
-    """Return the files of frames/ that are none of the first `frames` pictures, relative to the run."""
+def list_leftover_pictures(run: Path, frames: int) -> list[str]:
+    """Return the files in frames/ beyond the first `frames` pictures, relative to the run."""
     folder = run / FRAMES
     if folder.is_symlink() or not folder.is_dir():
         return []
@@ -241,19 +250,18 @@ def leftover_pictures(run: Path, frames: int) -> list[str]:
     return sorted({f"{FRAMES}/{path.name}" for path in folder.iterdir()} - listed)
 
 
-def _can_log(run: Path) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
+def _check_can_log(run: Path) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
     try:
         log = read_can_log(run)
         if not log.damaged:
-            for _ in log.frames():
-                pass
+            deque(log.frames(), maxlen=0)
     except RecordError as error:
         return (Problem(CAN_LOG, error.message, error.hint),), ()
     return log.damaged, log.torn
 
 
-def changed_since_closing(run: Path, *, lines_only: bool = False) -> Iterator[Problem]:
-    """Compare the raw files of a closed run, or its files of lines, with SHA256SUMS; lines that were cut off show."""
+def find_changes_since_closing(run: Path, *, lines_only: bool = False) -> Iterator[Problem]:
+    """Compare the raw files of a closed run, or only its files of lines, with SHA256SUMS; this finds cut lines."""
     path = run / SHA256SUMS
     if path.is_symlink() or not path.is_file():
         yield Problem(SHA256SUMS, "it is missing, though the run was closed", COPY_HINT)
@@ -265,15 +273,15 @@ def changed_since_closing(run: Path, *, lines_only: bool = False) -> Iterator[Pr
             yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
             continue
         listed.add(name)
-        if name in _OF_LINES or not lines_only:
-            yield from _changed(run, name, sha256, SHA256SUMS)
-    for name in _OF_LINES:
+        if name in _HASHED_LINE_FILES or not lines_only:
+            yield from _check_hash(run, name, sha256, SHA256SUMS)
+    for name in _HASHED_LINE_FILES:
         if name not in listed and (run / name).exists():
             yield Problem(name, f"it is not listed in {SHA256SUMS}", COPY_HINT)
 
 
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises `RecordError` where it cannot be read."""
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file. Raises `RecordError` if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

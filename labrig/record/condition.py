@@ -90,7 +90,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
     ------
     InputError
     """
-    if paths_for(name, known):
+    if find_paths(name, known):
         return
     by_depth = sorted(known, key=lambda path: (path.count("."), path))
     short = list(dict.fromkeys(path.rpartition(".")[2] for path in by_depth))
@@ -105,7 +105,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
     )
 
 
-def paths_for(name: str, known: Collection[str]) -> tuple[str, ...]:
+def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:
     """Return the paths that a name may stand for in some run: those that are it, or end in it."""
     return tuple(path for path in known if path == name or path.endswith(f".{name}"))
 

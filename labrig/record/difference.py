@@ -58,72 +58,72 @@ def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
     FileFormatError
         When a protocol or rig file of them is no YAML.
     """
-    sections_a, sections_b = _sections(a), _sections(b)
+    sections_a, sections_b = _read_sections(a), _read_sections(b)
     return tuple(
         chain.from_iterable(
-            _differences(section, sections_a[section], sections_b[section]) for section in sections_a
+            _compare_section(section, sections_a[section], sections_b[section]) for section in sections_a
         )
     )
 
 
-def differing_values(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
+def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
     """Yield the dotted path and both values of each scalar in which two documents differ, in their order."""
-    ours, theirs = dict(_walked(a, "")), dict(_walked(b, ""))
+    ours, theirs = dict(_walk(a, "")), dict(_walk(b, ""))
     for key in dict.fromkeys((*ours, *theirs)):
         if (one := ours.get(key)) != (other := theirs.get(key)):
             yield key, one, other
 
 
-def _differences(section: str, a: object, b: object) -> Iterator[Difference]:
-    return (Difference(section, *each) for each in differing_values(a, b))
+def _compare_section(section: str, a: object, b: object) -> Iterator[Difference]:
+    return (Difference(section, *each) for each in find_differences(a, b))
 
 
-def _sections(run: Path) -> dict[str, Mapping[str, object]]:
+def _read_sections(run: Path) -> dict[str, Mapping[str, object]]:
     manifest = read_manifest(run)
-    provenance = _mapping(manifest.get("provenance"))
+    provenance = _as_mapping(manifest.get("provenance"))
     result = latest_result(run) or {}
     return {
         "run": {key: manifest.get(key) for key in _RUN_KEYS},
-        "protocol": _yaml(run, PROTOCOL),
-        "rig": _yaml(run, RIG),
-        "calibration": _calibration(run, manifest),
+        "protocol": _read_yaml(run, PROTOCOL),
+        "rig": _read_yaml(run, RIG),
+        "calibration": _read_calibration(run, manifest),
         "versions": {
             **{key: value for key, value in provenance.items() if key != "command_line"},
             # Of two changed checkouts of one commit this tells whether they were changed alike.
-            "code_diff_sha256": _mapping(manifest.get("hashes")).get("code_diff_sha256"),
+            "code_diff_sha256": _as_mapping(manifest.get("hashes")).get("code_diff_sha256"),
         },
-        "devices": _mapping(manifest.get("devices")),
+        "devices": _as_mapping(manifest.get("devices")),
         "results": {key: value for key, value in result.items() if key not in _STAMP},
     }
 
 
-def _yaml(run: Path, name: str) -> Mapping[str, object]:
+def _read_yaml(run: Path, name: str) -> Mapping[str, object]:
     path = inside(run, name)
     return yaml_values(path) if path.exists() else {}
 
 
-def _calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
+def _read_calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
     """Return the SHA-256 of each calibration file, and what it says where it is JSON."""
-    hashes = _mapping(_mapping(manifest.get("hashes")).get("calibration"))
-    return {name: {"sha256": sha256, **_document(run, name)} for name, sha256 in hashes.items()}
+    hashes = _as_mapping(_as_mapping(manifest.get("hashes")).get("calibration"))
+    return {name: {"sha256": sha256, **_read_document(run, name)} for name, sha256 in hashes.items()}
 
 
-def _document(run: Path, name: str) -> Mapping[str, object]:
+def _read_document(run: Path, name: str) -> Mapping[str, object]:
     path = inside(run, f"{CALIBRATION}/{name}")
     if path.suffix != ".json":
         return {}
     try:
-        document = _mapping(json.loads(path.read_bytes()))
+        document = _as_mapping(json.loads(path.read_bytes()))
     except (OSError, ValueError) as error:
         raise RecordError(f"cannot read {path}: {error}", COPY_HINT) from error
     return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}
 
 
-def _mapping(value: object) -> Mapping[str, object]:
+def _as_mapping(value: object) -> Mapping[str, object]:
     return value if isinstance(value, Mapping) else {}
 
 
-def _walked(value: object, path: str) -> Iterator[tuple[str, Value]]:
+def _walk(value: object, path: str) -> Iterator[tuple[str, Value]]:
     if isinstance(value, Mapping):
         items = value.items()
     elif isinstance(value, list | tuple):
@@ -132,4 +132,4 @@ def _walked(value: object, path: str) -> Iterator[tuple[str, Value]]:
         yield path, value if isinstance(value, str | int | float) else None
         return
     for key, item in items:
-        yield from _walked(item, f"{path}.{key}" if path else str(key))
+        yield from _walk(item, f"{path}.{key}" if path else str(key))

@@ -215,13 +215,13 @@ def parse_events(
     for number, line in enumerate(lines, start=1):
         kind = line.get("kind")
         if isinstance(kind, str) and kind in by_kind:
-            yield _parsed(by_kind[kind], line, f"{run / EVENT_LINES}:{number}: {kind}")
+            yield _parse(by_kind[kind], line, f"{run / EVENT_LINES}:{number}: {kind}")
 
 
 def parse_frame_lines(run: Path, lines: Sequence[Mapping[str, object]]) -> Iterator[FrameLine]:
     """Yield what a run says of each picture. Raises `RecordError` as `parse_events` does."""
     for number, line in enumerate(lines, start=1):
-        yield _parsed(FrameLine, line, f"{run / FRAME_LINES}:{number}")
+        yield _parse(FrameLine, line, f"{run / FRAME_LINES}:{number}")
 
 
 def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
@@ -235,7 +235,7 @@ def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start,
     return tuple(trials.values())
 
 
-def _parsed(model: type[_Line], line: Mapping[str, object], where: str) -> _Line:
+def _parse(model: type[_Line], line: Mapping[str, object], where: str) -> _Line:
     try:
         return model.read(line)
     except ValidationError as error:

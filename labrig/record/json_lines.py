@@ -37,7 +37,7 @@ def encode_line(fields: Mapping[str, object]) -> bytes:
     InputError
         When it is empty, names a field `crc32`, or holds what JSON cannot say.
     """
-    body = _compact(_plain(_checked(fields), "line"))
+    body = _encode_compact(_to_plain(_require_fields(fields), "line"))
     return b'%s,"crc32":"%08x"}\n' % (body[:-1], zlib.crc32(body))
 
 
@@ -49,7 +49,7 @@ def decode_line(line: bytes) -> dict[str, object]:
     ValueError
         When the checksum does not hold or the content is no JSON object; the message says which.
     """
-    body = _checked_body(line)
+    body = _read_body(line)
     fields = json.loads(body.decode("utf-8", "surrogatepass"))
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
@@ -74,9 +74,9 @@ def check_lines(path: Path) -> tuple[Problem, ...]:
     RecordError
         When a line is damaged; names file and line.
     """
-    lines, problems = _whole_lines(path)
+    lines, problems = _split_lines(path)
     for number, line in enumerate(lines, start=1):
-        _located(path, number, line, _checked_body)
+        _read_located(path, number, line, _read_body)
     return problems
 
 
@@ -88,8 +88,8 @@ def read_lines(path: Path) -> list[dict[str, object]]:
     RecordError
         When a line is damaged; names file and line.
     """
-    lines, _ = _whole_lines(path)
-    return [_located(path, number, line, decode_line) for number, line in enumerate(lines, start=1)]
+    lines, _ = _split_lines(path)
+    return [_read_located(path, number, line, decode_line) for number, line in enumerate(lines, start=1)]
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def scan_lines(path: Path) -> Scan:
     RecordError
         When the file cannot be read.
     """
-    whole, torn = _whole_lines(path)
+    whole, torn = _split_lines(path)
     lines: list[tuple[int, dict[str, object]]] = []
     damaged: list[Problem] = []
     for number, line in enumerate(whole, start=1):
@@ -151,22 +151,22 @@ def encode_document(fields: Mapping[str, object]) -> bytes:
     InputError
         When it holds what JSON cannot say.
     """
-    text = json.dumps(_plain(fields, "document"), indent=2, ensure_ascii=False, allow_nan=False)
-    return _utf8(text) + b"\n"
+    text = json.dumps(_to_plain(fields, "document"), indent=2, ensure_ascii=False, allow_nan=False)
+    return _encode_utf8(text) + b"\n"
 
 
 def checksum(fields: Mapping[str, object]) -> str:
     """Return the CRC-32 of a document's content as 8 hexadecimal digits, whatever its layout."""
-    return f"{zlib.crc32(_compact(_plain(fields, 'document'))):08x}"
+    return f"{zlib.crc32(_encode_compact(_to_plain(fields, 'document'))):08x}"
 
 
-def _checked(fields: Mapping[str, object]) -> Mapping[str, object]:
+def _require_fields(fields: Mapping[str, object]) -> Mapping[str, object]:
     if not fields or _CRC_KEY in fields:
         raise InputError(f"a line needs at least one field, and none named {_CRC_KEY!r}; got {list(fields)}")
     return fields
 
 
-def _checked_body(line: bytes) -> bytes:
+def _read_body(line: bytes) -> bytes:
     """Return the object without its checksum, which has been found to hold."""
     body = line[:-_TAIL_LENGTH] + b"}"
     if line[-_TAIL_LENGTH:] != b',"crc32":"%08x"}' % zlib.crc32(body):
@@ -174,7 +174,7 @@ def _checked_body(line: bytes) -> bytes:
     return body
 
 
-def _whole_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
+def _split_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
     """Split a file into lines. What follows the last newline is kept if its checksum holds, else torn."""
     try:
         *lines, rest = path.read_bytes().split(b"\n")
@@ -183,7 +183,7 @@ def _whole_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
     if not rest:
         return lines, ()
     try:
-        _checked_body(rest)
+        _read_body(rest)
     except ValueError:
         where = f"{path.name}:{len(lines) + 1}"
         hint = "the writer was stopped while it wrote this line; everything before it is whole"
@@ -191,7 +191,7 @@ def _whole_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
     return [*lines, rest], ()
 
 
-def _located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _Read]) -> _Read:
+def _read_located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _Read]) -> _Read:
     """Read a line; a fault is named with its file and line."""
     try:
         return reading(line)
@@ -202,21 +202,21 @@ def _located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _R
         ) from error
 
 
-def _compact(value: object) -> bytes:
-    return _utf8(json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
+def _encode_compact(value: object) -> bytes:
+    return _encode_utf8(json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False))
 
 
 def plain_text(text: str) -> str:
     """Return a text as UTF-8 can hold it: half characters become their escapes."""
-    return _utf8(text).decode()
+    return _encode_utf8(text).decode()
 
 
-def _utf8(text: str) -> bytes:
+def _encode_utf8(text: str) -> bytes:
     # A lone surrogate stands for a byte of a file name that is no UTF-8. Its backslash escape is valid JSON.
     return text.encode("utf-8", "backslashreplace")
 
 
-def _plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a kind of value
+def _to_plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a kind of value
     """Return the value as JSON knows it."""
     match value:
         case None | bool() | str():
@@ -226,17 +226,19 @@ def _plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a
         case int():
             return value
         case Mapping():
-            return {_key(key, where): _plain(item, f"{where}.{key}") for key, item in value.items()}
+            return {
+                _require_key(key, where): _to_plain(item, f"{where}.{key}") for key, item in value.items()
+            }
         case list() | tuple():
-            return [_plain(item, where) for item in value]
+            return [_to_plain(item, where) for item in value]
         case datetime(tzinfo=zone) if zone is not None:
             return value.astimezone(UTC).isoformat(timespec="seconds")
         case _ if callable(to_plain := getattr(value, "tolist", None)):  # numpy's scalars and arrays
-            return _plain(to_plain(), where)
+            return _to_plain(to_plain(), where)
     raise InputError(f"{where} cannot be written as JSON: {value!r} is a {type(value).__name__}")
 
 
-def _key(key: object, where: str) -> str:
+def _require_key(key: object, where: str) -> str:
     if isinstance(key, str):
         return key
     raise InputError(f"{where} cannot be written as JSON: its key {key!r} is a {type(key).__name__}")

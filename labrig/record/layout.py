@@ -22,7 +22,7 @@ FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
 TRUTH_LINES = "truth.jsonl"
-FROM_THE_BEGINNING = (FRAME_LINES, STATE_LINES, EVENT_LINES)
+ALWAYS_PRESENT = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"
 NOTES = "notes.jsonl"
 CAN_SUMS = "can.sums.jsonl"
@@ -49,7 +49,7 @@ def session_diff(number: int) -> str:
     return f"code.{number:03d}.diff"
 
 
-def checked_name(name: str, what: str) -> str:
+def require_name(name: str, what: str) -> str:
     """Return `name` if it can be one file or folder name; blanks inside and non-ASCII letters are welcome.
 
     Raises
@@ -58,13 +58,13 @@ def checked_name(name: str, what: str) -> str:
         When it is empty, too long, begins with a dot, begins or ends with a blank, or holds a path separator
         or a control character.
     """
-    fault = _fault_of(name)
+    fault = _find_fault(name)
     if fault:
         raise InputError(f"{what} {name!r} {fault}", "choose a name of letters, digits, '-' and '_'")
     return name
 
 
-def _fault_of(name: str) -> str:
+def _find_fault(name: str) -> str:
     if not name or name != name.strip() or name.startswith("."):
         return "is empty, or begins with a dot or a blank, or ends with a blank"
     if any(char in "/\\" or unicodedata.category(char) in {"Cc", "Cs", "Zl", "Zp"} for char in name):

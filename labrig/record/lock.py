@@ -67,32 +67,32 @@ class FileLock:
             When the file cannot be made.
         """
         with disk_errors(self.path):
-            self._descriptor = self._locked()
+            self._descriptor = self._open_locked()
             try:
-                self.stale = _parsed(os.read(self._descriptor, 4096))
-                _say_owner(self._descriptor, LockOwner(doing, os.getpid(), platform.node()))
+                self.stale = _parse_owner(os.read(self._descriptor, 4096))
+                _write_owner(self._descriptor, LockOwner(doing, os.getpid(), platform.node()))
             except OSError:
                 self.release()
                 raise
         return self
 
-    def _locked(self) -> int:
+    def _open_locked(self) -> int:
         """Open and lock the file; one that its last owner removed meanwhile is left for the new one."""
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINKS, 0o666)
             try:
                 lock_at_once(descriptor)
-                if _is_still(self.path, descriptor):
+                if _is_current(self.path, descriptor):
                     return descriptor
             except OSError as error:
                 os.close(descriptor)
                 if error.errno in _BUSY:
-                    raise self._refusal() from error
+                    raise self._make_refusal() from error
                 raise
             os.close(descriptor)
 
-    def _refusal(self) -> LockedError:
-        owner = _parsed(_text(self.path))
+    def _make_refusal(self) -> LockedError:
+        owner = _parse_owner(_read_text(self.path))
         who = "another labrig" if owner is None else str(owner)
         return LockedError(f"{self.path.parent} is in use by {who}", "wait until it has ended, or stop it")
 
@@ -116,7 +116,7 @@ class FileLock:
         self.release()
 
 
-def lock_owner(path: Path) -> LockOwner | None:
+def read_lock_owner(path: Path) -> LockOwner | None:
     """Return who holds a lock now; None where nobody does, whatever a dead owner left in the file."""
     try:
         descriptor = os.open(path, os.O_RDWR | NO_LINKS)
@@ -125,32 +125,32 @@ def lock_owner(path: Path) -> LockOwner | None:
     try:
         lock_at_once(descriptor)
     except OSError:
-        return _parsed(_text(path)) or LockOwner("another labrig", 0, platform.node())
+        return _parse_owner(_read_text(path)) or LockOwner("another labrig", 0, platform.node())
     finally:
         os.close(descriptor)
     return None
 
 
-def _say_owner(descriptor: int, owner: LockOwner) -> None:
+def _write_owner(descriptor: int, owner: LockOwner) -> None:
     os.lseek(descriptor, 0, os.SEEK_SET)
     os.ftruncate(descriptor, 0)
     write_fully(descriptor, (json.dumps(asdict(owner)) + "\n").encode())
 
 
-def _is_still(path: Path, descriptor: int) -> bool:
+def _is_current(path: Path, descriptor: int) -> bool:
     """Return whether the file that was locked is the one that stands under the name."""
     with suppress(OSError):
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     return False
 
 
-def _text(path: Path) -> bytes:
+def _read_text(path: Path) -> bytes:
     with suppress(OSError):
         return path.read_bytes()
     return b""
 
 
-def _parsed(text: bytes) -> LockOwner | None:
+def _parse_owner(text: bytes) -> LockOwner | None:
     try:
         fields = json.loads(text)
     except ValueError:

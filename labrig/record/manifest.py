@@ -64,7 +64,7 @@ def is_newer(manifest: Mapping[str, object]) -> bool:
     return isinstance(version, int) and version > SCHEMA_VERSION
 
 
-def manifest_problems(manifest: dict[str, object]) -> tuple[Problem, ...]:
+def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:
     """Return what the checksum of a manifest that could be read says of its content."""
     content = {key: value for key, value in manifest.items() if key != "crc32"}
     if manifest.get("crc32") == checksum(content):
@@ -86,11 +86,11 @@ def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
         PROTOCOL: hashes.get("protocol_sha256"),
         **{name: sha256 for name, sha256 in sometimes.items() if sha256 is not None},
         **{f"{CALIBRATION}/{name}": sha256 for name, sha256 in files},
-        **dict(_session_diffs(manifest)),
+        **dict(_list_session_diffs(manifest)),
     }
 
 
-def _session_diffs(manifest: Mapping[str, object]) -> Iterator[tuple[str, object]]:
+def _list_session_diffs(manifest: Mapping[str, object]) -> Iterator[tuple[str, object]]:
     """Yield the file in which the code of each later session is kept, where it differed from its commit."""
     sessions = manifest.get("sessions")
     for session in sessions if isinstance(sessions, list) else ():

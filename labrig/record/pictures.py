@@ -53,7 +53,7 @@ class PictureWriter(Protocol):
         ...
 
 
-def picture_writer(run: Path, store: Store, first: int) -> PictureWriter:
+def open_picture_writer(run: Path, store: Store, first: int) -> PictureWriter:
     """Return the writer for pictures from number `first` on. Raises `OSError`."""
     return RawPictures(run) if store == "raw" else PngPictures(run, first)
 
@@ -69,7 +69,7 @@ class PngPictures:
 
     def write(self, number: int, image: Picture) -> dict[str, object]:
         """Write a picture under a temporary name, and rename it into place."""
-        _, encoded = cv2.imencode(".png", np.ascontiguousarray(_checked(image)), _PNG_SETTINGS)
+        _, encoded = cv2.imencode(".png", np.ascontiguousarray(_require_picture(image)), _PNG_SETTINGS)
         content = encoded.tobytes()
         digest = hashlib.sha256(content)
         write_and_rename(self._run / picture_file(number), content, sync=False)
@@ -107,7 +107,7 @@ class RawPictures:
 
     def write(self, number: int, image: Picture) -> dict[str, object]:  # noqa: ARG002 - the line holds it
         """Append a picture."""
-        content = np.ascontiguousarray(_checked(image)).tobytes()
+        content = np.ascontiguousarray(_require_picture(image)).tobytes()
         end = self._file.append_raw(content)
         return {
             "file": RAW_PICTURES,
@@ -162,7 +162,7 @@ class RecordedPicture:
             When it is missing, or was changed.
         """
         path = inside(self.run, self.file)
-        content = self._content(path)
+        content = self._read_content(path)
         if hashlib.sha256(content).hexdigest() != self.sha256:
             raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", _COPY_HINT)
         if self.shape is not None:
@@ -182,7 +182,7 @@ class RecordedPicture:
         path = self.run / self.file
         return str(path) if self.shape is None else f"{path} from byte {self.offset}"
 
-    def _content(self, path: Path) -> bytes:
+    def _read_content(self, path: Path) -> bytes:
         try:
             if self.shape is None:
                 return path.read_bytes()
@@ -193,7 +193,7 @@ class RecordedPicture:
             raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
 
 
-def recorded_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | None:
+def locate_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | None:
     """Return where the picture of a line of frames.jsonl stands; None where the line names no place that can be."""
     file, sha256, frame = line.get("file"), line.get("sha256"), line.get("frame")
     if not isinstance(sha256, str) or not isinstance(frame, int) or isinstance(frame, bool):
@@ -208,7 +208,7 @@ def recorded_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture |
     return RecordedPicture(run, RAW_PICTURES, sha256, offset, tuple(shape))
 
 
-def picture_count(run: Path) -> int:
+def count_pictures(run: Path) -> int:
     """Return how many pictures frames.jsonl lists, counted without being read; 0 where it cannot be."""
     try:
         return inside(run, FRAME_LINES).read_bytes().count(b"\n")
@@ -216,19 +216,19 @@ def picture_count(run: Path) -> int:
         return 0
 
 
-def raw_pictures_bytes(run: Path) -> int:
+def measure_raw_pictures(run: Path) -> int:
     """Return the length of frames.raw; 0 where there is none."""
     path = inside(run, RAW_PICTURES)
     return path.stat().st_size if path.is_file() else 0
 
 
-def listed_raw_bytes(run: Path, lines: Iterable[Mapping[str, object]]) -> int:
+def measure_listed_pictures(run: Path, lines: Iterable[Mapping[str, object]]) -> int:
     """Return how much of frames.raw the lines of frames.jsonl speak of."""
-    pictures = (recorded_picture(run, line) for line in lines)
+    pictures = (locate_picture(run, line) for line in lines)
     return max((picture.end for picture in pictures if picture is not None), default=0)
 
 
-def _checked(image: Picture) -> Picture:
+def _require_picture(image: Picture) -> Picture:
     grey_or_bgr = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
     if image.dtype != np.uint8 or not grey_or_bgr or image.size == 0:
         raise InputError(

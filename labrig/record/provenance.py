@@ -34,17 +34,17 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
     program = [Path(word).name for word in command_line[:1]]
     return {
         "labrig": __version__,
-        **_git_state(_SOURCE_TREE),
+        **_read_git_state(_SOURCE_TREE),
         "command_line": [*program, *command_line[1:]],
         "python": platform.python_version(),
         "platform": platform.platform(),
         "host": platform.node(),
-        "account": _account(),
-        "packages": _package_versions(),
+        "account": _read_account(),
+        "packages": _read_package_versions(),
     }
 
 
-def _account() -> str | None:
+def _read_account() -> str | None:
     try:
         return getpass.getuser()
     except (OSError, KeyError):
@@ -64,28 +64,28 @@ def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     bytes
         Changed files, then files that git does not know yet and does not ignore.
     """
-    changed = _git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
-    unknown = _git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
-    added = [_git_new_file(tree, os.fsdecode(name)) for name in unknown.split(b"\0") if name]
+    changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
+    unknown = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
+    added = [_diff_new_file(tree, os.fsdecode(name)) for name in unknown.split(b"\0") if name]
     return b"".join([changed or b"", *added])
 
 
-def _git_new_file(tree: Path, name: str) -> bytes:
+def _diff_new_file(tree: Path, name: str) -> bytes:
     # Files that differ are its exit code 1.
     arguments = ("diff", "--binary", "--no-ext-diff", "--no-color", "--no-index", "--", os.devnull, name)
-    return _git(tree, *arguments, succeeds=(0, 1)) or b""
+    return _run_git(tree, *arguments, succeeds=(0, 1)) or b""
 
 
-def _git_state(tree: Path) -> dict[str, object]:
-    commit = _git(tree, "rev-parse", "HEAD")
-    changes = _git(tree, "status", "--porcelain", "--", "labrig")
+def _read_git_state(tree: Path) -> dict[str, object]:
+    commit = _run_git(tree, "rev-parse", "HEAD")
+    changes = _run_git(tree, "status", "--porcelain", "--", "labrig")
     return {
         "git_commit": commit.decode().strip() if commit else None,
         "git_dirty": None if changes is None else bool(changes),
     }
 
 
-def _git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes | None:
+def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes | None:
     """Return what git prints; None without git, without a checkout, or when git refuses."""
     program = shutil.which("git")
     if program is None or not (tree / ".git").exists():
@@ -102,11 +102,11 @@ def _git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes
     return done.stdout if done.returncode in succeeds else None
 
 
-def _package_versions() -> dict[str, str]:
+def _read_package_versions() -> dict[str, str]:
     requirements = metadata.requires("labrig") or ()
-    names = (_distribution_name(text) for text in requirements if "extra ==" not in text)
+    names = (_parse_distribution_name(text) for text in requirements if "extra ==" not in text)
     return {name: metadata.version(name) for name in sorted(names)}
 
 
-def _distribution_name(requirement: str) -> str:
+def _parse_distribution_name(requirement: str) -> str:
     return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]

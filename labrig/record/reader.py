@@ -5,7 +5,6 @@ import math
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -20,11 +19,12 @@ from labrig.protocol.yaml_tree import yaml_values
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.check import (
-    changed_since_closing,
-    changed_since_start,
-    links,
-    picture_problems,
-    sha256_of,
+    as_damage,
+    find_changes_since_closing,
+    find_changes_since_start,
+    find_links,
+    find_picture_problems,
+    hash_file,
 )
 from labrig.record.durable import disk_errors
 from labrig.record.events import (
@@ -49,15 +49,15 @@ from labrig.record.layout import (
     STATE_LINES,
     TRUTH_LINES,
     WITHDRAWS,
-    checked_name,
     inside,
+    require_name,
 )
-from labrig.record.manifest import manifest_problems, read_manifest, recorded_sha256
-from labrig.record.pictures import RecordedPicture, recorded_picture
-from labrig.record.places import as_url, fetch_run, is_url
+from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
+from labrig.record.pictures import RecordedPicture, locate_picture
 from labrig.record.results import latest_result, new_result_dir
-from labrig.record.structure import clock_problems, frame_problems
-from labrig.record.tables import with_axis_units
+from labrig.record.structure import find_clock_problems, find_frame_problems
+from labrig.record.tables import add_axis_units
+from labrig.record.urls import fetch_run, is_url, restore_url
 
 _Event = TypeVar("_Event", bound=Event)
 _Start = TypeVar("_Start", bound=TrialStart)
@@ -94,28 +94,27 @@ def open_run(path: Path | str) -> "Run":
     RecordError
         When it is no run, is of a newer schema, or has a damaged line; names file and line.
     """
-    folder = local_folder(path)
+    folder = fetch_folder(path)
     manifest = read_manifest(folder)
     for name in recorded_sha256(manifest):
         inside(folder, name)  # one that is a link is not opened
-    lines = _line_files(folder)
+    lines = _find_line_files(folder)
     can_log = read_can_log(folder)
     torn = (*(problem for file in lines.values() for problem in check_lines(file)), *can_log.torn)
     damage = (
         *can_log.damaged,
-        *manifest_problems(manifest),
-        *changed_since_start(folder, manifest),
-        *links(folder, inside(folder, FRAMES)),
-        *picture_problems(folder, read_lines(lines[FRAME_LINES]), read=False),
+        *check_manifest(manifest),
+        *find_changes_since_start(folder, manifest),
+        *find_links(folder, inside(folder, FRAMES)),
+        *find_picture_problems(folder, read_lines(lines[FRAME_LINES]), read=False),
     )
     if manifest.get("exit_status") == "incomplete":
         return Run(folder, manifest, damage, torn)
-    # Whoever closed the run had written its last lines: here a torn one was cut afterwards.
-    cut = tuple(replace(problem, hint=COPY_HINT) for problem in torn)
-    return Run(folder, manifest, (*damage, *cut, *changed_since_closing(folder, lines_only=True)))
+    changes = find_changes_since_closing(folder, lines_only=True)
+    return Run(folder, manifest, (*damage, *as_damage(torn), *changes))
 
 
-def local_folder(path: Path | str) -> Path:
+def fetch_folder(path: Path | str) -> Path:
     """Return the folder of a run: its own, or that of a copy where it is behind a URL.
 
     Raises
@@ -127,7 +126,7 @@ def local_folder(path: Path | str) -> Path:
         return Path(path)
     copy = tempfile.TemporaryDirectory(prefix="labrig-")
     atexit.register(copy.cleanup)
-    return fetch_run(as_url(path), Path(copy.name))
+    return fetch_run(restore_url(path), Path(copy.name))
 
 
 class Run:
@@ -189,8 +188,8 @@ class Run:
         numbered = tuple(enumerate(lines, start=1))
         timed = "t_s" in _COLUMNS[name]
         problems = chain(
-            clock_problems(name, numbered) if timed else (),
-            frame_problems(numbered) if name == FRAME_LINES else (),
+            find_clock_problems(name, numbered) if timed else (),
+            find_frame_problems(numbered) if name == FRAME_LINES else (),
         )
         if (first := next(problems, None)) is not None:
             raise RecordError(f"{self.path / first.where}: {first.message}", first.hint)
@@ -254,7 +253,7 @@ class Run:
         RecordError
             When it is missing or was changed.
         """
-        return self._unchanged(PROTOCOL)
+        return self._require_unchanged(PROTOCOL)
 
     @property
     def plugin_packages(self) -> Mapping[str, str]:
@@ -275,7 +274,7 @@ class Run:
         RecordError
             When it is missing or was changed.
         """
-        return self._unchanged(RIG) if RIG in recorded_sha256(self.manifest) else None
+        return self._require_unchanged(RIG) if RIG in recorded_sha256(self.manifest) else None
 
     @property
     def can_frames(self) -> Iterator[CanFrame]:
@@ -291,7 +290,7 @@ class Run:
     @cached_property
     def states(self) -> pd.DataFrame:
         """What the axes read, one row a reading, with `t_s` [s] of rig time."""
-        return self._table(STATE_LINES)
+        return self._read_table(STATE_LINES)
 
     @cached_property
     def events(self) -> pd.DataFrame:
@@ -300,23 +299,23 @@ class Run:
         Positions and speeds have the unit of their axis in the name: `position_mm`, `position_rad`.
         """
         lines = self.lines("events")
-        rows = [with_axis_units(line) for line in lines]
-        return _as_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
+        rows = [add_axis_units(line) for line in lines]
+        return _make_table(rows, _COLUMNS[EVENT_LINES], self.path / EVENT_LINES)
 
     @cached_property
     def truth(self) -> pd.DataFrame:
         """What a simulated world drew; empty on a real rig."""
-        return self._table(TRUTH_LINES)
+        return self._read_table(TRUTH_LINES)
 
     @cached_property
     def frame_table(self) -> pd.DataFrame:
         """What is known of each picture; the row number is the number of the picture."""
-        return self._table(FRAME_LINES)
+        return self._read_table(FRAME_LINES)
 
     @cached_property
     def pictures(self) -> tuple[RecordedPicture, ...]:
         """Where each picture stands, by its number."""
-        places = (recorded_picture(self.path, line) for line in self.lines("frames"))
+        places = (locate_picture(self.path, line) for line in self.lines("frames"))
         return tuple(place for place in places if place is not None)
 
     @cached_property
@@ -327,8 +326,8 @@ class Run:
         `final_frame` and the further fields of the two events. Of a trial that was begun again, the last
         beginning counts.
         """
-        rows = _joined_trials(self.lines("events"))
-        return _as_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
+        rows = _join_trial_rows(self.lines("events"))
+        return _make_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
 
     @cached_property
     def frames(self) -> "Frames":
@@ -358,9 +357,9 @@ class Run:
         RecordError
             When the run began with it and it is missing or was changed.
         """
-        relative = f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}"
+        relative = f"{CALIBRATION}/{require_name(name, 'the calibration file name')}"
         began_with_it = relative in recorded_sha256(self.manifest)
-        return self._unchanged(relative) if began_with_it else inside(self.path, relative)
+        return self._require_unchanged(relative) if began_with_it else inside(self.path, relative)
 
     def own(self, relative: str) -> Path:
         """Return the path of a file or folder of this run, which need not exist.
@@ -409,14 +408,14 @@ class Run:
 
     @cached_property
     def _lines(self) -> dict[str, Path]:
-        return _line_files(self.path)
+        return _find_line_files(self.path)
 
-    def _table(self, name: str) -> pd.DataFrame:
-        return _as_table(self.lines(name.removesuffix(".jsonl")), _COLUMNS[name], self.path / name)
+    def _read_table(self, name: str) -> pd.DataFrame:
+        return _make_table(self.lines(name.removesuffix(".jsonl")), _COLUMNS[name], self.path / name)
 
-    def _unchanged(self, relative: str) -> Path:
+    def _require_unchanged(self, relative: str) -> Path:
         path = inside(self.path, relative)
-        if sha256_of(path) != recorded_sha256(self.manifest).get(relative):
+        if hash_file(path) != recorded_sha256(self.manifest).get(relative):
             changed = "is not what the run began with: its SHA-256 does not fit the manifest"
             raise RecordError(f"{path} {changed}", COPY_HINT)
         return path
@@ -443,13 +442,13 @@ class Frames(Sequence[NDArray[np.uint8]]):
         return self._pictures[index].read()
 
 
-def _line_files(run: Path) -> dict[str, Path]:
+def _find_line_files(run: Path) -> dict[str, Path]:
     """Return the line files of a run by name; without a simulated world there is no truth."""
     files = {name: inside(run, name) for name in _COLUMNS}
     return {name: path for name, path in files.items() if name != TRUTH_LINES or path.exists()}
 
 
-def _as_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
+def _make_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
     """Make a table with at least these columns, in the order in which lines brought them."""
     names = dict.fromkeys((*columns, *(name for row in rows for name in row)))
     table = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
@@ -460,7 +459,7 @@ def _as_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], pa
         raise RecordError(f"{path}: {' or '.join(whole)} is no whole number: {error}", COPY_HINT) from error
 
 
-def _joined_trials(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:
+def _join_trial_rows(events: Iterable[dict[str, object]]) -> list[dict[str, object]]:
     trials: dict[object, dict[str, object]] = {}
     for event in events:
         fields = {key: value for key, value in event.items() if key not in {"kind", "t_s"}}

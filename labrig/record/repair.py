@@ -29,12 +29,12 @@ def repair_run(run: Path, ended: datetime) -> bool:
     if read_manifest(run).get("exit_status") != "incomplete":
         return False
     recorder = Recorder.reopen(run, "labrig runs check --repair")
-    exit_status, reason = _how_it_ended(run)
+    exit_status, reason = _find_ending(run)
     recorder.close(exit_status, reason, ended)
     return True
 
 
-def _how_it_ended(run: Path) -> tuple[str, str]:
+def _find_ending(run: Path) -> tuple[str, str]:
     """Return what the last event says of the end, where the run was killed between that and its closing."""
     last = (read_lines(run / EVENT_LINES) or [{}])[-1]
     exit_status = last.get("exit_status")

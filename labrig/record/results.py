@@ -17,7 +17,7 @@ def new_result_dir(run: Path) -> Path:
     parent = inside(run, ANALYSIS)
     with disk_errors(parent):
         parent.mkdir(exist_ok=True)
-        for number in count(max(_numbers(parent), default=0) + 1):
+        for number in count(max(_list_numbers(parent), default=0) + 1):
             folder = parent / f"{number:03d}"
             try:
                 folder.mkdir()
@@ -33,21 +33,21 @@ def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] |
     The lists at its top that are named in `without` are empty, which spares most of the time where they are long.
     """
     parent = inside(run, ANALYSIS)
-    for number in sorted(_numbers(parent), reverse=True):
+    for number in sorted(_list_numbers(parent), reverse=True):
         path = inside(run, f"{ANALYSIS}/{number:03d}/{_RESULT}")
         if path.exists():
             return _read_result(path, without)
     return None
 
 
-def _emptied(content: bytes, name: bytes) -> bytes:
+def _empty_list(content: bytes, name: bytes) -> bytes:
     """Return a document with a list at its top emptied, as `encode_document` indents it; any other as it is."""
     start = content.find(b'\n  "%s": [\n' % name)
     end = content.find(b"\n  ]", start)
     return content if min(start, end) < 0 else b'%s\n  "%s": [%s' % (content[:start], name, content[end:])
 
 
-def _numbers(parent: Path) -> list[int]:
+def _list_numbers(parent: Path) -> list[int]:
     folders = parent.iterdir() if parent.is_dir() else ()
     return [int(folder.name) for folder in folders if folder.name.isdecimal()]
 
@@ -56,7 +56,7 @@ def _read_result(path: Path, without: Iterable[str]) -> dict[str, object]:
     try:
         content = path.read_bytes()
         for name in without:
-            content = _emptied(content, name.encode())
+            content = _empty_list(content, name.encode())
         result = json.loads(content)
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error

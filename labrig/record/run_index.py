@@ -15,7 +15,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
-from labrig.record.condition import Condition, paths_for
+from labrig.record.condition import Condition, find_paths
 from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
@@ -73,7 +73,7 @@ class RunIndex:
         gone = [os.fsencode(name) for name in kept if name not in signatures]
         rows, fresh = {}, []
         for name, signature in signatures.items():
-            row = _intact(kept.get(name), signature)
+            row = _read_intact_row(kept.get(name), signature)
             if row is None:
                 line = encode_line(read(name))
                 fresh.append((os.fsencode(name), signature, line))
@@ -111,7 +111,7 @@ class RunIndex:
             self._index.executemany(
                 "INSERT INTO leaves VALUES (?, ?, ?)",
                 sorted(
-                    (path_numbers[path], run_numbers[key], _leaf(*values))
+                    (path_numbers[path], run_numbers[key], _encode_leaf(*values))
                     for key, leaves in fields.items()
                     for path, values in leaves.items()
                 ),
@@ -136,7 +136,7 @@ class RunIndex:
             [
                 (name, known[path], 0 if path == name else path.count("."))
                 for name in names
-                for path in paths_for(name, known)
+                for path in find_paths(name, known)
             ],
         )
         self._index.execute(_HELD)
@@ -165,7 +165,7 @@ def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
     places = () if path.is_symlink() else ((str(path), None), (str(path), None), (_MEMORY, path))
     for place, source in places:
         try:
-            with closing(_opened(place, source)) as index:
+            with closing(_open_index(place, source)) as index:
                 return ask(RunIndex(index))
         except sqlite3.OperationalError:
             # Another labrig writes it, or this account may not.
@@ -174,11 +174,11 @@ def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
             # What SQLite says of a spoilt file may hold bytes of it that are no text, and so may the file.
             with suppress(OSError):
                 path.unlink()
-    with closing(_opened(_MEMORY)) as index:
+    with closing(_open_index(_MEMORY)) as index:
         return ask(RunIndex(index))
 
 
-def _opened(place: str, source: Path | None = None) -> sqlite3.Connection:
+def _open_index(place: str, source: Path | None = None) -> sqlite3.Connection:
     """Open the index, made anew where it is of another format; with a source a copy of it. Raises `sqlite3.Error`."""
     index = sqlite3.connect(place, timeout=_BUSY_TIMEOUT_S)
     try:
@@ -191,7 +191,7 @@ def _opened(place: str, source: Path | None = None) -> sqlite3.Connection:
         index.execute("PRAGMA synchronous = OFF")  # a power cut may spoil it; it is a cache
         if index.execute("PRAGMA user_version").fetchone()[0] != _FORMAT:
             index.executescript(_TABLES)
-        index.create_function("shown", 2, _shown, deterministic=True)
+        index.create_function("shown", 2, _format_value, deterministic=True)
         index.create_function("casefold", 1, str.casefold, deterministic=True)
     except sqlite3.Error:
         index.close()
@@ -200,16 +200,16 @@ def _opened(place: str, source: Path | None = None) -> sqlite3.Connection:
 
 
 @lru_cache(maxsize=100_000, typed=True)  # most values are those of other runs too
-def _leaf(*values: Value) -> str:
+def _encode_leaf(*values: Value) -> str:
     return json.dumps(values, ensure_ascii=False)
 
 
-def _shown(value: Value, kind: str) -> str:
+def _format_value(value: Value, kind: str) -> str:
     """Return a value of a leaf as it is written in a condition; `kind` as SQLite's json_each says it."""
     return kind if kind in {"null", "true", "false"} else str(value)
 
 
-def _intact(row: tuple[str, bytes] | None, signature: str) -> Row | None:
+def _read_intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | None:
     """Return the summary of a row; None where there is none, or its signature or checksum does not fit."""
     if row is None or row[0] != signature:
         return None

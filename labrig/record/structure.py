@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labrig.errors import Problem
 from labrig.record.layout import EVENT_LINES, FRAME_LINES, RAW_PICTURES, TRUTH_LINES, picture_file
-from labrig.record.pictures import recorded_picture
+from labrig.record.pictures import locate_picture
 
 Lines = Sequence[tuple[int, dict[str, object]]]
 """Lines of a file, each with its number in it."""
@@ -14,7 +14,7 @@ Lines = Sequence[tuple[int, dict[str, object]]]
 _HINT = "take the file from a copy of the run; a record does not become like this by being interrupted"
 
 
-def clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
+def find_clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
     """Yield the lines whose rig time is none, or lies before that of the line before."""
     before_s = -math.inf
     for number, line in lines:
@@ -28,7 +28,7 @@ def clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
             before_s = t_s
 
 
-def frame_problems(frames: Lines) -> Iterator[Problem]:
+def find_frame_problems(frames: Lines) -> Iterator[Problem]:
     """Yield pictures with a number that is there twice, out of order or missing, or with another file's name."""
     expected = 0
     seen: set[int] = set()
@@ -41,28 +41,28 @@ def frame_problems(frames: Lines) -> Iterator[Problem]:
         else:
             if frame != expected:
                 yield Problem(
-                    where, f"frame is {frame}, expected {expected}: {_between(expected, frame)}", _HINT
+                    where, f"frame is {frame}, expected {expected}: {_describe_gap(expected, frame)}", _HINT
                 )
-            if recorded_picture(Path(), line) is None:
+            if locate_picture(Path(), line) is None:
                 expected_file = f"{picture_file(frame)!r}, or {RAW_PICTURES!r} with offset and shape"
                 yield Problem(where, f"file is {line.get('file')!r}, expected {expected_file}", _HINT)
             seen.add(frame)
             expected = frame + 1
 
 
-def _between(expected: int, frame: int) -> str:
+def _describe_gap(expected: int, frame: int) -> str:
     if frame < expected:
         return "it is out of order"
     missing = frame - expected
     return f"frame {expected} is missing" if missing == 1 else f"frames {expected} to {frame - 1} are missing"
 
 
-def trial_problems(events: Lines) -> Iterator[Problem]:
+def find_trial_problems(events: Lines) -> Iterator[Problem]:
     """Yield trials that begin twice, or end without having begun or more than once."""
     begun: set[object] = set()
     ended: set[object] = set()
     for number, event in events:
-        where, kind, trial = f"{EVENT_LINES}:{number}", event.get("kind"), _trial(event)
+        where, kind, trial = f"{EVENT_LINES}:{number}", event.get("kind"), _read_trial(event)
         if kind == "trial_start":
             if trial in begun:
                 yield Problem(where, f"trial {trial} begins a second time", _HINT)
@@ -74,25 +74,25 @@ def trial_problems(events: Lines) -> Iterator[Problem]:
             ended.add(trial)
 
 
-def reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
+def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
     """Yield events that name a missing picture or another trial's; pictures and truths of a trial that never began.
 
     Any event may name a picture of no trial: a search for the roll zero numbers its holes as trials. Only a trial's
     final picture has to be its own.
     """
-    trial_of = {str(line.get("frame")): _trial(line) for _, line in frames}
-    begun = {_trial(event) for _, event in events if event.get("kind") == "trial_start"}
+    trial_of = {str(line.get("frame")): _read_trial(line) for _, line in frames}
+    begun = {_read_trial(event) for _, event in events if event.get("kind") == "trial_start"}
     for number, event in events:
         for key in ("frame", "final_frame"):
             if (frame := event.get(key)) is not None:
-                yield from _frame_reference(f"{EVENT_LINES}:{number}", key, frame, event, trial_of)
+                yield from _check_frame_reference(f"{EVENT_LINES}:{number}", key, frame, event, trial_of)
     for name, lines in ((FRAME_LINES, frames), (TRUTH_LINES, truth)):
         for number, line in lines:
-            if (trial := _trial(line)) is not None and trial not in begun:
+            if (trial := _read_trial(line)) is not None and trial not in begun:
                 yield Problem(f"{name}:{number}", f"it is of trial {trial}, which never began", _HINT)
 
 
-def _frame_reference(
+def _check_frame_reference(
     where: str, key: str, frame: object, event: dict[str, object], trial_of: dict[str, int | str | None]
 ) -> Iterator[Problem]:
     if str(frame) not in trial_of:
@@ -100,11 +100,13 @@ def _frame_reference(
         return
     trial = trial_of[str(frame)]
     of_any_trial = trial is None and key == "frame"
-    if "trial" in event and not of_any_trial and trial != _trial(event):
-        yield Problem(where, f"{key} {frame} is of trial {trial}, the event of trial {_trial(event)}", _HINT)
+    if "trial" in event and not of_any_trial and trial != _read_trial(event):
+        yield Problem(
+            where, f"{key} {frame} is of trial {trial}, the event of trial {_read_trial(event)}", _HINT
+        )
 
 
-def _trial(line: dict[str, object]) -> int | str | None:
+def _read_trial(line: dict[str, object]) -> int | str | None:
     """Return which trial a line is of, in a form that can be compared whatever the line says."""
     trial = line.get("trial")
     return trial if trial is None or isinstance(trial, int) else str(trial)

@@ -17,7 +17,7 @@ _OF_THE_AXIS = ("position", "asked_position")
 _SPEED_OF_THE_AXIS = ("speed", "asked_speed")
 
 
-def with_axis_units(event: Mapping[str, object]) -> dict[str, object]:
+def add_axis_units(event: Mapping[str, object]) -> dict[str, object]:
     """Return an event with its axis' unit in the names of its positions and speeds."""
     unit = _AXIS_UNITS.get(str(event.get("axis")))
     if unit is None:
@@ -27,7 +27,7 @@ def with_axis_units(event: Mapping[str, object]) -> dict[str, object]:
     return {names.get(key, key): value for key, value in event.items()}
 
 
-def with_numbers_apart(table: pd.DataFrame) -> pd.DataFrame:
+def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
     """Return a table in which each vector of two or three numbers has a column a number.
 
     `tip_mm` becomes `tip_y_mm` and `tip_z_mm` (x before them where there are three), `tip_px` `tip_u_px` and
@@ -35,7 +35,7 @@ def with_numbers_apart(table: pd.DataFrame) -> pd.DataFrame:
     """
     columns: dict[str, Any] = {}
     for name in table.columns:
-        parts = _part_names(str(name), list(table[name]))
+        parts = _name_parts(str(name), list(table[name]))
         if not parts:
             columns[str(name)] = table[name]
             continue
@@ -45,7 +45,7 @@ def with_numbers_apart(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(columns, index=table.index)
 
 
-def _part_names(name: str, values: Sequence[object]) -> list[str]:
+def _name_parts(name: str, values: Sequence[object]) -> list[str]:
     vectors = [value for value in values if isinstance(value, list | tuple)]
     sizes = {len(vector) for vector in vectors}
     if not vectors and _INTERVAL in name and all(value is None for value in values):

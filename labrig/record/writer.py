@@ -20,13 +20,6 @@ from numpy.typing import NDArray
 
 from labrig.errors import DiskError, InputError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.beginning import (
-    make_run_directory,
-    manifest_document,
-    opening_manifest,
-    raw_texts,
-    write_beginning,
-)
 from labrig.record.durable import (
     disk_errors,
     free_bytes,
@@ -34,23 +27,30 @@ from labrig.record.durable import (
 )
 from labrig.record.events import Event
 from labrig.record.layout import (
+    ALWAYS_PRESENT,
     CAN_LOG,
     CAN_SUMS,
     EVENT_LINES,
     FRAME_LINES,
-    FROM_THE_BEGINNING,
     LOCK,
     MANIFEST,
     RESERVE,
     SHA256SUMS,
     STATE_LINES,
     TRUTH_LINES,
-    checked_name,
+    require_name,
     session_diff,
 )
 from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
-from labrig.record.pictures import Store, picture_writer
+from labrig.record.opening import (
+    collect_opening_files,
+    encode_manifest,
+    make_opening_manifest,
+    make_run_directory,
+    write_opening_files,
+)
+from labrig.record.pictures import Store, open_picture_writer
 from labrig.record.reopening import Before, Standing, reopen_files
 from labrig.record.syncing import Rounds, sync_in_order
 
@@ -155,25 +155,25 @@ class Recorder:
         DiskError
             When it cannot be written; nothing is left behind.
         """
-        texts = raw_texts(protocol_yaml, rig_yaml, calibration_files, code_diff)
+        texts = collect_opening_files(protocol_yaml, rig_yaml, calibration_files, code_diff)
         if not (math.isfinite(fsync_period_s) and fsync_period_s > 0):
             raise InputError(f"fsync_period_s is {fsync_period_s}; it must be finite and above 0")
-        path = runs_dir / checked_name(run_name, "the run name")
+        path = runs_dir / require_name(run_name, "the run name")
         sums = {name: hashlib.sha256(content).hexdigest() for name, content in texts.items()}
         recording = {
             "fsync_period_s": fsync_period_s,
             "least_free_bytes": least_free_bytes,
             "picture_store": picture_store,
         }
-        opening = opening_manifest(run_name, manifest, sums, recording)
-        document = manifest_document(opening)
+        opening = make_opening_manifest(run_name, manifest, sums, recording)
+        document = encode_manifest(opening)
         make_run_directory(path)
         try:
             with disk_errors(path):
                 lock = FileLock(path / LOCK).acquire("labrig run")
-                write_beginning(path, texts)
-                lines = {name: LineFile.create(path / name) for name in FROM_THE_BEGINNING}
-                pictures = picture_writer(path, picture_store, 0)
+                write_opening_files(path, texts)
+                lines = {name: LineFile.create(path / name) for name in ALWAYS_PRESENT}
+                pictures = open_picture_writer(path, picture_store, 0)
                 # Last of all, so that a folder with a manifest has everything else.
                 write_atomically(path / MANIFEST, document)
                 sync_directory(runs_dir)
@@ -225,20 +225,20 @@ class Recorder:
         """
         sessions = self._manifest.get("sessions", ())
         assert isinstance(sessions, list | tuple)
-        session = {"started": started, "t0_s": self._t0_s, **fields, **self._kept_diff(code_diff)}
+        session = {"started": started, "t0_s": self._t0_s, **fields, **self._write_session_diff(code_diff)}
         self._manifest = {**self._manifest, "sessions": [*sessions, session]}
-        with self._written(self.path):
-            write_atomically(self.path / MANIFEST, manifest_document(self._manifest))
+        with self._guard_disk(self.path):
+            write_atomically(self.path / MANIFEST, encode_manifest(self._manifest))
         return self._t0_s
 
-    def _kept_diff(self, code_diff: bytes) -> dict[str, str]:
+    def _write_session_diff(self, code_diff: bytes) -> dict[str, str]:
         """Write the code.diff of a later session, and return what the manifest says of it."""
         if not code_diff:
             return {}
         # A number is skipped where a process was killed before its manifest named the file.
         names = (session_diff(number) for number in count(2))
         name = next(name for name in names if not os.path.lexists(self.path / name))
-        with self._written(self.path):
+        with self._guard_disk(self.path):
             write_atomically(self.path / name, code_diff)
         self._sums[name] = hashlib.sha256(code_diff).hexdigest()
         return {"code_diff": name, "code_diff_sha256": self._sums[name]}
@@ -267,7 +267,7 @@ class Recorder:
         if clash:
             raise InputError(f"the recorder itself writes {', '.join(clash)}", "give the field another name")
         number = self._frames
-        with self._written(self.path):
+        with self._guard_disk(self.path):
             place = self._pictures.write(number, image)
         line = {"frame": number, **place, "t_s": self._t0_s + t_s, **fields}
         self._append(FRAME_LINES, t_s, line)
@@ -309,7 +309,7 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._require_open()
-        self._begin_file(TRUTH_LINES)
+        self._create_file(TRUTH_LINES)
         self._write_line(TRUTH_LINES, fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
@@ -334,18 +334,18 @@ class Recorder:
         if not lines:
             return
         self._require_open()
-        self._begin_file(CAN_LOG)
-        self._begin_file(CAN_SUMS)
-        with self._written(self.path / CAN_LOG), self._appending:
+        self._create_file(CAN_LOG)
+        self._create_file(CAN_SUMS)
+        with self._guard_disk(self.path / CAN_LOG), self._appending:
             length = self._lines[CAN_LOG].append_raw(lines)
         # Where the sums cannot be written, the next ones cover this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
         self._write_line(CAN_SUMS, {"bytes": length, "part_crc32": f"{self._can_crc32:08x}"})
         self._can_crc32 = 0
 
-    def _begin_file(self, name: str) -> None:
+    def _create_file(self, name: str) -> None:
         if name not in self._lines:
-            with self._written(self.path / name):
+            with self._guard_disk(self.path / name):
                 self._lines[name] = LineFile.create(self.path / name)
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
@@ -388,15 +388,15 @@ class Recorder:
             self._lock.release()
 
     def _finish(self, manifest: Mapping[str, object]) -> None:
-        with self._written(self.path):
+        with self._guard_disk(self.path):
             self._rounds.finish()
-            self._round()()
+            self._make_round()()
         self._release_reserve()
         sums = self._sums | self._pictures.sums(self._frames)
         sums |= {name: lines.sha256 for name, lines in self._lines.items()}
         text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
         write_atomically(self.path / SHA256SUMS, text.encode())
-        write_atomically(self.path / MANIFEST, manifest_document(manifest))
+        write_atomically(self.path / MANIFEST, encode_manifest(manifest))
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
         """Append a line that happened at `t_s`, and begin to fsync when that begins a new period."""
@@ -406,11 +406,11 @@ class Recorder:
         period = int((self._t0_s + t_s) // self._pace.fsync_period_s)
         if period > self._period:
             self._period = period
-            with self._written(self.path):
-                self._require_room()
-                self._rounds.begin(self._round())
+            with self._guard_disk(self.path):
+                self._require_free_space()
+                self._rounds.begin(self._make_round())
 
-    def _require_room(self) -> None:
+    def _require_free_space(self) -> None:
         """Refuse to go on before the disk is so full that nothing else on this computer can write either."""
         free, least = free_bytes(self.path), self._pace.least_free_bytes
         if free < least:
@@ -425,11 +425,11 @@ class Recorder:
 
     def _write_line(self, name: str, fields: Mapping[str, object]) -> None:
         self._require_open()
-        with self._written(self.path / name), self._appending:
+        with self._guard_disk(self.path / name), self._appending:
             self._lines[name].append(fields)
 
     @contextmanager
-    def _written(self, path: Path) -> Iterator[None]:
+    def _guard_disk(self, path: Path) -> Iterator[None]:
         """Turn a fault of the disk into a `DiskError`, and free the reserve for the last lines of the run."""
         try:
             with disk_errors(path):
@@ -438,7 +438,7 @@ class Recorder:
             self._release_reserve()
             raise
 
-    def _round(self) -> Callable[[], None]:
+    def _make_round(self) -> Callable[[], None]:
         """Return what makes all that is written durable; files that are begun meanwhile are for the next round."""
         return partial(sync_in_order, self._pictures, tuple(self._lines.values()), self._appending)
 

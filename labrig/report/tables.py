@@ -10,7 +10,7 @@ import pandas as pd
 
 from labrig.record.annotations import Annotations
 from labrig.record.reader import Run
-from labrig.record.tables import with_numbers_apart
+from labrig.record.tables import split_vectors
 
 Tables = dict[str, pd.DataFrame]
 _Known = Sequence[Mapping[str, object]]
@@ -50,7 +50,7 @@ def run_tables(run: Run, result: Mapping[str, Any] | None) -> Tables:
         tables |= _spread("truth", run.truth)
     if result is not None:
         tables |= _result_tables(result)
-    return {name: _flat(with_numbers_apart(table)) for name, table in tables.items()}
+    return {name: _flat(split_vectors(table)) for name, table in tables.items()}
 
 
 def is_unknown(value: object) -> bool:

@@ -15,7 +15,7 @@ from labrig.errors import (
 )
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import RunResume, RunStart, RunStop
-from labrig.record.journal import Journal
+from labrig.record.sink import RecordSink
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.session import Session
 from labrig.runner.stance import Stance
@@ -86,7 +86,7 @@ def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
 
 
 def _close(
-    recorder: Journal, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
+    recorder: RecordSink, clock: Clock, t_s: float, outcome: Outcome, **manifest_updates: object
 ) -> Outcome:
     try:
         stop = RunStop(exit_status=outcome.exit_status, reason=outcome.reason, fault=fault_of(outcome.error))
@@ -97,7 +97,7 @@ def _close(
     return outcome
 
 
-def conduct_without_rig(experiment: Experiment, recorder: Journal, clock: Clock) -> Outcome:
+def conduct_without_rig(experiment: Experiment, recorder: RecordSink, clock: Clock) -> Outcome:
     """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
     try:
         recorder.record_event(RunStart(experiment=experiment.name), 0.0)

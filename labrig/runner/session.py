@@ -10,8 +10,8 @@ from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.rig import Rig
 from labrig.errors import SafetyStopError
 from labrig.record.events import Event, Move, MoveDone, OperatorQuestion
-from labrig.record.journal import Journal
 from labrig.record.layout import picture_file
+from labrig.record.sink import RecordSink
 from labrig.runner.stance import Stance, stance_of
 from labrig.vision.picture import Picture
 
@@ -41,7 +41,7 @@ class Session:
     """The opened rig, the record of this run, and where progress is told."""
 
     rig: Rig
-    recorder: Journal
+    recorder: RecordSink
     progress: Progress
 
     def note(self, kind: str, **fields: object) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import LockedError, RecordError
-from labrig.record.check import Verdict, check_run
+from labrig.record.check import RunCheck, check_run
 from labrig.record.json_lines import decode_line, encode_line
 from labrig.record.lock import FileLock
 from labrig.record.pictures import Store
@@ -26,7 +26,7 @@ def edit_line(path: Path, number: int, **changes: object) -> None:
     path.write_bytes(b"\n".join(lines) + b"\n")
 
 
-def places(verdict: Verdict) -> list[str]:
+def places(verdict: RunCheck) -> list[str]:
     """Return where the damage is."""
     return [problem.where for problem in verdict.damage]
 

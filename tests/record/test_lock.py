@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from labrig.errors import DiskError, LockedError
-from labrig.record.lock import FileLock, lock_owner
+from labrig.record.lock import FileLock, read_lock_owner
 
 HOLDER = """
 import sys
@@ -38,12 +38,12 @@ def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
     """Another process, and another lock of this one, are told who holds it and what for."""
     path = tmp_path / "lock"
     with FileLock(path).acquire("labrig run"):
-        owner = lock_owner(path)
+        owner = read_lock_owner(path)
         assert owner is not None
         assert (owner.doing, owner.pid) == ("labrig run", os.getpid())
         with pytest.raises(LockedError, match=rf"in use by labrig run \(process {os.getpid()} on "):
             FileLock(path).acquire("labrig resume")
-    assert lock_owner(path) is None
+    assert read_lock_owner(path) is None
     assert list(tmp_path.iterdir()) == []
 
 
@@ -55,7 +55,7 @@ def test_the_lock_of_a_killed_owner_is_stale(tmp_path: Path) -> None:
             FileLock(path).acquire("labrig resume")
         holder.send_signal(signal.SIGKILL)
     assert path.exists()
-    assert lock_owner(path) is None
+    assert read_lock_owner(path) is None
     with FileLock(path).acquire("labrig resume") as lock:
         assert lock.stale is not None
         assert lock.stale.pid == holder.pid
@@ -65,7 +65,7 @@ def test_a_process_id_that_is_in_use_again_holds_nothing(tmp_path: Path) -> None
     """The kernel says whether a lock is held, not the process id in its text, which another process may have by now."""
     path = tmp_path / "lock"
     path.write_text(json.dumps({"doing": "labrig run", "pid": os.getppid(), "host": platform.node()}))
-    assert lock_owner(path) is None
+    assert read_lock_owner(path) is None
     with FileLock(path).acquire("labrig resume") as lock:
         assert lock.stale is not None
         assert lock.stale.pid == os.getppid()
@@ -93,7 +93,7 @@ def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     for text in (b"", b'{"pid": 1', b"[]", b'{"pid": "x"}', b"\xff\xfe"):
         path.write_bytes(text)
-        assert lock_owner(path) is None
+        assert read_lock_owner(path) is None
         with FileLock(path).acquire("labrig run") as lock:
             assert lock.stale is None
     assert not path.exists()

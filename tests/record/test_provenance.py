@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import labrig
-from labrig.record.provenance import _git_state, collect_code_diff, collect_provenance
+from labrig.record.provenance import _read_git_state, collect_code_diff, collect_provenance
 
 
 def test_provenance_names_code_packages_and_computer() -> None:
@@ -43,11 +43,11 @@ def test_a_changed_checkout_is_dirty(tmp_path: Path) -> None:
         subprocess.run(["git", "-C", tmp_path, *words], check=True)
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "run").write_text("")
-    state = _git_state(tmp_path)
+    state = _read_git_state(tmp_path)
     assert len(str(state["git_commit"])) == 40
     assert state["git_dirty"] is False
     code.write_text("2\n")
-    assert _git_state(tmp_path) == {**state, "git_dirty": True}
+    assert _read_git_state(tmp_path) == {**state, "git_dirty": True}
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
@@ -72,4 +72,4 @@ def test_what_the_code_differs_from_its_commit_can_be_applied(tmp_path: Path) ->
 
 def test_code_that_is_no_checkout_says_so(tmp_path: Path) -> None:
     """Installed code has no commit, which is null and not clean."""
-    assert _git_state(tmp_path) == {"git_commit": None, "git_dirty": None}
+    assert _read_git_state(tmp_path) == {"git_commit": None, "git_dirty": None}

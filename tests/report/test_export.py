@@ -11,7 +11,7 @@ import pytest
 
 from labrig.record.annotations import judge_run, note_on_run, tag_run
 from labrig.record.reader import Run, open_run
-from labrig.record.tables import with_numbers_apart
+from labrig.record.tables import split_vectors
 from labrig.report.export import FORMATS
 from labrig.report.tables import run_tables
 from tests.analysis.insertions import analysed, observations, recorded
@@ -166,7 +166,7 @@ def test_only_vectors_of_a_known_kind_are_taken_apart() -> None:
         "tip_mm": [[1.0, 2.0], None], "centre_mm": [[1.0, 2.0, 3.0]] * 2, "names": [["a", "b"]] * 2,
         "path_mm": [[1.0, 2.0], [1.0, 2.0, 3.0]], "n": [1, 2],
     })  # fmt: skip
-    apart = with_numbers_apart(table)
+    apart = split_vectors(table)
     assert list(apart.columns) == [
         "tip_y_mm", "tip_z_mm", "centre_x_mm", "centre_y_mm", "centre_z_mm", "names", "path_mm", "n"
     ]  # fmt: skip

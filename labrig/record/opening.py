@@ -16,13 +16,13 @@ from labrig.record.layout import (
     RESERVE,
     RIG,
     SCHEMA_VERSION,
-    checked_name,
+    require_name,
 )
 
 _RESERVE_BYTES = 2**20
 
 
-def raw_texts(
+def collect_opening_files(
     protocol_yaml: str,
     rig_yaml: str | None,
     calibration_files: Mapping[str, Path | bytes],
@@ -32,13 +32,13 @@ def raw_texts(
     rig = {} if rig_yaml is None else {RIG: rig_yaml.encode()}
     diff = {CODE_DIFF: code_diff} if code_diff else {}
     calibration = {
-        f"{CALIBRATION}/{checked_name(name, 'the calibration file name')}": _content(source)
+        f"{CALIBRATION}/{require_name(name, 'the calibration file name')}": _read_source(source)
         for name, source in calibration_files.items()
     }
     return {PROTOCOL: protocol_yaml.encode(), **rig, **diff, **calibration}
 
 
-def _content(source: Path | bytes) -> bytes:
+def _read_source(source: Path | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
     try:
@@ -49,7 +49,7 @@ def _content(source: Path | bytes) -> bytes:
         ) from error
 
 
-def opening_manifest(
+def make_opening_manifest(
     run_name: str, given: Mapping[str, object], sums: Mapping[str, str], recording: Mapping[str, object]
 ) -> dict[str, object]:
     """Return the manifest with which a run begins; refuses one that lacks what a list of runs needs."""
@@ -103,7 +103,7 @@ def make_run_directory(path: Path) -> None:
             raise OutputExistsError(f"{path} exists already", "give the run another name") from error
 
 
-def write_beginning(path: Path, texts: Mapping[str, bytes]) -> None:
+def write_opening_files(path: Path, texts: Mapping[str, bytes]) -> None:
     """Write what is known before anything moves, the manifest excepted."""
     (path / FRAMES).mkdir()
     (path / CALIBRATION).mkdir()
@@ -126,6 +126,6 @@ def make_reserve(path: Path) -> None:
         os.close(descriptor)
 
 
-def manifest_document(manifest: Mapping[str, object]) -> bytes:
+def encode_manifest(manifest: Mapping[str, object]) -> bytes:
     """Encode a manifest with its checksum."""
     return encode_document({**manifest, "crc32": checksum(manifest)})

@@ -32,7 +32,7 @@ def is_url(place: str | Path) -> bool:
     return _URL.match(str(place)) is not None
 
 
-def as_url(place: str | Path) -> str:
+def restore_url(place: str | Path) -> str:
     """Return a URL with the slashes that a Path made of it has taken away."""
     return _ONE_SLASH.sub(lambda found: f"{found[1]}://" + ("/" if found[1] == "file" else ""), str(place))
 
@@ -45,7 +45,7 @@ def require_local_run(run: Path) -> None:
     InputError
     """
     if is_url(run):
-        url = as_url(run)
+        url = restore_url(run)
         raise InputError(
             f"{url} is a URL, and this command writes into the run",
             f"copy it first: labrig export {url} --record --out data/runs/{PurePosixPath(url).name or 'NAME'}",
@@ -79,11 +79,11 @@ def fetch_run(url: str, into: Path) -> Path:
         When the store cannot be read.
     """
     with _StoreErrors("read", url):
-        files, root = _filesystem(url)
+        files, root = _open_filesystem(url)
         names = sorted(files.find(root))
         run = into / (PurePosixPath(root).name or "run")
         for name in names:
-            local = run / _relative(name, root, url)
+            local = run / _resolve_local_name(name, root, url)
             local.parent.mkdir(parents=True, exist_ok=True)
             files.get_file(name, str(local))
     if not names:
@@ -112,7 +112,7 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
     if remote:
         with tempfile.TemporaryDirectory(prefix="labrig-") as folder:
             yield Path(folder)
-            _put(Path(folder), out)
+            _upload(Path(folder), out)
         return
     target = Path(out)
     with disk_errors(target):
@@ -121,7 +121,7 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
     try:
         yield Path(folder)
         with disk_errors(target):
-            _move(Path(folder), target)
+            _move_files(Path(folder), target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -129,7 +129,7 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
 def _require_free(out: str, force: bool) -> None:
     if is_url(out):
         with _StoreErrors("look at", out):
-            files, root = _filesystem(out)
+            files, root = _open_filesystem(out)
             exists = files.exists(root)
     else:
         exists = Path(out).exists()
@@ -139,9 +139,9 @@ def _require_free(out: str, force: bool) -> None:
         raise OutputExistsError(f"{out} exists already", "name another, or replace its files with --force")
 
 
-def _put(folder: Path, url: str) -> None:
+def _upload(folder: Path, url: str) -> None:
     with _StoreErrors("write", url):
-        files, root = _filesystem(url)
+        files, root = _open_filesystem(url)
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 name = f"{root}/{path.relative_to(folder).as_posix()}"
@@ -149,7 +149,7 @@ def _put(folder: Path, url: str) -> None:
                 files.put_file(str(path), name)
 
 
-def _move(folder: Path, target: Path) -> None:
+def _move_files(folder: Path, target: Path) -> None:
     """Put files into their places, each by one rename; a link that stands there is replaced, not followed."""
     for path in sorted(folder.rglob("*")):
         place = target / path.relative_to(folder)
@@ -159,7 +159,7 @@ def _move(folder: Path, target: Path) -> None:
     sync_directory(target)
 
 
-def _filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
+def _open_filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
     try:
         files, root = fsspec.core.url_to_fs(url)
     except ImportError as error:
@@ -167,11 +167,11 @@ def _filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
             f"{url} cannot be used: {error}", "install what it names beside labrig, with pip"
         ) from error
     except ValueError as error:
-        raise InputError(f"{url} cannot be used: {error}", _near_protocol(url)) from error
+        raise InputError(f"{url} cannot be used: {error}", _suggest_protocol(url)) from error
     return files, str(root).rstrip("/")
 
 
-def _near_protocol(url: str) -> str:
+def _suggest_protocol(url: str) -> str:
     near = get_close_matches(url.partition(":")[0], fsspec.available_protocols(), 1)
     return (
         f"did you mean {near[0]}:? " if near else "s3:, gs:, sftp:, http: and zip: are some that fsspec knows"
@@ -206,7 +206,7 @@ class _StoreErrors:
             raise DiskError(f"{self._what}: {said}", self._hint) from error
 
 
-def _relative(name: str, root: str, url: str) -> Path:
+def _resolve_local_name(name: str, root: str, url: str) -> Path:
     """Return where a file of a remote run belongs in the local one; a name that leads elsewhere is refused."""
     relative = PurePosixPath(name.removeprefix(root).lstrip("/"))
     if not relative.parts or any(part in {"..", "."} or "\\" in part for part in relative.parts):

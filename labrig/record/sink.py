@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from labrig.record.events import Event
 
 
-class Journal(Protocol):
+class RecordSink(Protocol):
     """Takes frames, states, events, truths and CAN frames as they happen; see `Recorder`."""
 
     @property

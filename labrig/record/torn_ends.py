@@ -7,11 +7,11 @@ from pathlib import Path
 
 from labrig.posix import NO_LINKS, sync_directory
 from labrig.record.can_log import read_can_log
-from labrig.record.check import LINE_FILES, leftover_pictures
+from labrig.record.check import LINE_FILES, list_leftover_pictures
 from labrig.record.durable import disk_errors, write_and_rename
 from labrig.record.json_lines import read_lines, scan_lines
 from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
-from labrig.record.pictures import listed_raw_bytes, raw_pictures_bytes
+from labrig.record.pictures import measure_listed_pictures, measure_raw_pictures
 
 
 def set_aside(run: Path) -> tuple[str, ...]:
@@ -26,10 +26,10 @@ def set_aside(run: Path) -> tuple[str, ...]:
     """
     _finish_last_lines(run)
     ends = list(_torn_ends(run))
-    pictures = leftover_pictures(run, len(read_lines(run / FRAME_LINES)))
+    pictures = list_leftover_pictures(run, len(read_lines(run / FRAME_LINES)))
     if not ends and not pictures:
         return ()
-    folder = _folder(run)
+    folder = _make_folder(run)
     for name, keep_bytes in ends:
         _move_end(inside(run, name), keep_bytes, folder / f"{name}.end")
     for name in pictures:
@@ -56,8 +56,8 @@ def _torn_ends(run: Path) -> Iterator[tuple[str, int]]:
         path = inside(run, name)
         if path.exists() and (scan := scan_lines(path)).torn:
             yield name, scan.whole_bytes
-    listed = listed_raw_bytes(run, read_lines(run / FRAME_LINES))
-    if raw_pictures_bytes(run) > listed:
+    listed = measure_listed_pictures(run, read_lines(run / FRAME_LINES))
+    if measure_raw_pictures(run) > listed:
         yield RAW_PICTURES, listed
     log = read_can_log(run)
     if log.torn:
@@ -87,7 +87,7 @@ def _append(path: Path, content: bytes) -> None:
         os.close(descriptor)
 
 
-def _folder(run: Path) -> Path:
+def _make_folder(run: Path) -> Path:
     """Make the next of torn/001, 002 ..."""
     parent = inside(run, TORN)
     with disk_errors(parent):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
-from labrig.record.places import as_url, is_url, output_folder, require_local
 from labrig.record.reader import open_run
+from labrig.record.urls import is_url, output_folder, require_local, restore_url
 from tests.record.runs import closed_run, picture
 
 STORE = "memory://lab/runs/one"
@@ -128,7 +128,7 @@ def test_a_run_in_a_zip_file_is_read(tmp_path: Path) -> None:
 )
 def test_a_path_made_of_a_url_is_a_url_again(url: str) -> None:
     """A Path takes slashes away; they come back."""
-    assert as_url(Path(url)) == url
+    assert restore_url(Path(url)) == url
 
 
 def test_nothing_there_is_replaced_unasked(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:

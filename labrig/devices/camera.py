@@ -33,7 +33,7 @@ class Exposure:
     t_s : float or None
         Rig time [s] of the exposure; None where it is that of the call.
     t_bound_s : float or None
-        How far `t_s` may be wrong [s], to be told with it; None where it is that of the call.
+        How far `t_s` may be wrong [s], to be fields with it; None where it is that of the call.
     fraction : float or None
         Where the exposure lay between the encoder readings before and after it, 0 to 1, as a record says; None where
         that is still to be worked out.
@@ -91,8 +91,8 @@ class Frame:
 
     def time_fields(self) -> dict[str, float]:
         """Return what its line in the record says of its time beside `t_s`; nothing where that is exact."""
-        told = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
-        return {name: value for name, value in told.items() if value is not None}
+        fields = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
+        return {name: value for name, value in fields.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -219,11 +219,11 @@ def _negotiate(source: PictureSource, asked: Mapping[str, Setting]) -> CameraSet
     """Make every setting, then read all of them back: a later one may have changed an earlier one."""
     for name, value in asked.items():
         source.set(name, value)
-    readback = {name: _taken(source, name, value) for name, value in asked.items()}
+    readback = {name: _read_back(source, name, value) for name, value in asked.items()}
     return CameraSettings(asked, readback)
 
 
-def _taken(source: PictureSource, name: str, asked: Setting) -> Setting:
+def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:
     got = source.get(name)
     if got is None:
         raise CameraError(

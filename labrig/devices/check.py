@@ -121,10 +121,10 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
         if now is not None and path is not None and result.status is CheckStatus.PASS:
             yield _age_result(which, path, now, moves=rig.kind != ONLY_SIMULATED)
     for path in rig.mask_paths().values():
-        yield _calibration_result("mask", path, partial(_described_mask, rig), _DRAW_MASK)
+        yield _calibration_result("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
 
 
-def _described_mask(rig: RigDescription, path: Path) -> str:
+def _describe_mask(rig: RigDescription, path: Path) -> str:
     """Say which part of the camera's picture a mask takes away."""
     size = (rig.camera.height_px, rig.camera.width_px)
     masked = load_mask(path).masked("", np.zeros(size, np.uint8))

@@ -23,7 +23,7 @@ from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
 _MOST_SILENT = 8
-"""Callers that have connected and not yet said anything; of more, the oldest are forgotten."""
+"""Callers that have connected and not yet settings anything; of more, the oldest are forgotten."""
 
 _TAKEN_WITHIN_S = 1.0
 _DONE_WITHIN_S = 10.0
@@ -94,7 +94,7 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None
     """
     with ExitStack() as stack:
         for path in lock_paths(rig):
-            stack.enter_context(_locked(rig, path, doing))
+            stack.enter_context(_hold_lock(rig, path, doing))
         if rig.state_path is None:
             yield None
             return
@@ -108,10 +108,10 @@ def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
     own = () if rig.state_path is None else (_beside(rig.state_path, ".lock"),)
     if rig.can.interface == ONLY_SIMULATED:
         return own
-    said = (rig.can.interface, rig.can.channel, *map(str, sorted(rig.can.options.items())))
-    bus = "-".join("".join(filter(str.isalnum, word)) for word in said if word)
+    settings = (rig.can.interface, rig.can.channel, *map(str, sorted(rig.can.options.items())))
+    bus = "-".join("".join(filter(str.isalnum, word)) for word in settings if word)
     nodes = (node_id for _, axis in rig.axes.items() for node_id in axis.nodes)
-    return (*own, *(_folder_of_locks() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
+    return (*own, *(_find_lock_folder() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
 
 
 def find_owner(rig: RigDescription) -> str:
@@ -121,7 +121,7 @@ def find_owner(rig: RigDescription) -> str:
 
 
 @contextmanager
-def _locked(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
+def _hold_lock(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
     lock = FileLock(path)
     try:
         lock.acquire(doing)
@@ -134,7 +134,7 @@ def _locked(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
         yield
 
 
-def _folder_of_locks() -> Path:
+def _find_lock_folder() -> Path:
     """Return a folder that only this user can write, made when absent."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = (
@@ -155,14 +155,14 @@ def _beside(path: Path, ending: str) -> Path:
 
 @dataclass(frozen=True)
 class Reply:
-    """What the labrig that has a rig said when it was asked to stop.
+    """What the labrig that has a rig settings when it was asked to stop.
 
     Parameters
     ----------
     owner : str
         What it does and its process.
     failures : tuple of str or None
-        Axes not known to stand still, and why; None where it has not said in time.
+        Axes not known to stand still, and why; None where it has not settings in time.
     """
 
     owner: str
@@ -182,15 +182,15 @@ def ask_to_stop(rig: RigDescription) -> Reply | None:
         return None
     try:
         caller.say(_STOP)
-        taken = _document(caller.hear(_TAKEN_WITHIN_S))
-        done = _document(caller.hear(_DONE_WITHIN_S) if taken else None)
+        taken = _parse_reply(caller.hear(_TAKEN_WITHIN_S))
+        done = _parse_reply(caller.hear(_DONE_WITHIN_S) if taken else None)
     finally:
         caller.close()
     owner = f"{taken['taken_by']} (process {taken['pid']})" if taken else find_owner(rig)
     return Reply(owner, tuple(map(str, done["failures"])) if done else None)
 
 
-def _document(line: str | None) -> dict[str, Any]:
+def _parse_reply(line: str | None) -> dict[str, Any]:
     try:
         document = json.loads(line or "{}")
     except ValueError:

@@ -45,15 +45,15 @@ class DriverSection:
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
         """Return how a section is read and written."""
-        written = core_schema.plain_serializer_function_ser_schema(_plain, info_arg=True)
-        return core_schema.no_info_plain_validator_function(self._validated, serialization=written)
+        written = core_schema.plain_serializer_function_ser_schema(_dump_section, info_arg=True)
+        return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
 
     def __get_pydantic_json_schema__(self, _schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         """Return the schema of a section: one of those of the installed drivers."""
-        models = {plugin.name: _model_of(plugin).__pydantic_core_schema__ for plugin in self._usable()}
+        models = {plugin.name: _model_of(plugin).__pydantic_core_schema__ for plugin in self._find_usable()}
         return handler(core_schema.tagged_union_schema(dict(models), _KEY))
 
-    def _usable(self) -> Iterator[Plugin]:
+    def _find_usable(self) -> Iterator[Plugin]:
         for name in installed(self._group):
             try:
                 plugin = find_plugin(self._group, name)
@@ -62,7 +62,7 @@ class DriverSection:
                 continue
             yield plugin
 
-    def _validated(self, value: object) -> Model:
+    def _validate(self, value: object) -> Model:
         if isinstance(value, self._base):
             return value
         if not isinstance(value, dict):
@@ -95,5 +95,5 @@ def _model_of(plugin: Plugin) -> type[Model]:
     return settings
 
 
-def _plain(section: Model, info: core_schema.SerializationInfo) -> dict[str, object]:
+def _dump_section(section: Model, info: core_schema.SerializationInfo) -> dict[str, object]:
     return section.model_dump(mode=info.mode)

@@ -1,4 +1,4 @@
-"""What a rig is made of, real or simulated, as one `Hardware`; here, and only here, the rig file chooses."""
+"""The hardware of a rig, real or simulated. Only this file chooses between them, by the rig file."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -15,15 +15,15 @@ from labrig.devices.simulated.hardware import SimulatedHardware
 
 
 class Hardware(Protocol):
-    """Where bus, camera and clock of a rig come from."""
+    """Opens bus and camera of a rig, and has its clock and operator."""
 
     @property
     def clock(self) -> Clock:
-        """The clock in which everything of this rig happens."""
+        """The clock of the rig."""
 
     @property
     def operator(self) -> Operator | None:
-        """Whoever answers by itself; None where a person has to."""
+        """The operator that answers by itself; None if a person has to answer."""
 
     def open_link(self) -> CanLink:
         """Connect to the bus. Raises `BusError`."""
@@ -32,13 +32,13 @@ class Hardware(Protocol):
         """Open the camera. Raises `CameraError`."""
 
     def truth(self) -> tuple[dict[str, object], ...]:
-        """Return what is true of the present insertion, as far as anybody knows."""
+        """Return the truth of the present insertion, if it is known."""
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Take note of what was done before in the specimens that stand by; a world that is new knows nothing of it."""
+        """Make earlier insertions into the specimens known to a simulated world, which is new in every session."""
 
     def close(self) -> None:
-        """Let go of what neither link nor source holds."""
+        """Release what neither link nor source holds."""
 
 
 class BenchHardware:
@@ -47,7 +47,7 @@ class BenchHardware:
     Parameters
     ----------
     rig : RigDescription
-        Says which.
+        Names them.
     """
 
     operator: Operator | None = None
@@ -66,18 +66,18 @@ class BenchHardware:
         return find_camera_kind(self._rig.camera.driver).open(self._rig.camera, context)
 
     def truth(self) -> tuple[dict[str, object], ...]:
-        """Return nothing: nobody knows."""
+        """Return nothing: the truth of a bench is unknown."""
         return ()
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Do nothing: real gels remember by themselves."""
+        """Do nothing: real gels keep their tracks."""
 
     def close(self) -> None:
-        """Nothing is held beside link and source."""
+        """Nothing to release besides link and source."""
 
 
 def make_hardware(rig: RigDescription, seed: int) -> Hardware:
-    """Return what the rig file describes; nothing is opened yet.
+    """Return the hardware that the rig file describes; nothing is opened yet.
 
     Parameters
     ----------
@@ -89,6 +89,6 @@ def make_hardware(rig: RigDescription, seed: int) -> Hardware:
     Raises
     ------
     InputError
-        When entries are unknown that a simulated rig needs.
+        When entries that a simulated rig needs are unknown.
     """
     return BenchHardware(rig) if rig.world is None else SimulatedHardware(rig, rig.world, seed)

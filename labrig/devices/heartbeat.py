@@ -1,8 +1,8 @@
 """The computer's heartbeat: the drives stop by themselves when it stops.
 
-Each beat is one frame, sent by whoever lets rig time pass, and only while nothing is wrong. There is no timer
-and no thread: a labrig that hangs, is stopped or is killed does not beat. (python-can's periodic sending
-would go on beating from the kernel while the program is stopped.)
+Each heartbeat is one frame, sent while rig time passes, and only while nothing is wrong. There is no timer and no
+thread: a labrig that hangs, is stopped or is killed sends none. (With python-can's periodic sending the kernel would
+continue while the program is stopped.)
 """
 
 import math
@@ -17,14 +17,14 @@ _EARLY_S = 1e-6
 
 
 class HeartbeatClock:
-    """A clock that beats while it waits.
+    """A clock that sends heartbeats while it waits.
 
     Parameters
     ----------
     clock : Clock
         Rig time.
     link : CanLink
-        Where the beats go.
+        Where the heartbeats go.
     heartbeat : HeartbeatDescription
         How often, and as which node.
     """
@@ -35,7 +35,7 @@ class HeartbeatClock:
         self._period_s = heartbeat.period_ms / 1000
         self._can_id = 0x700 + heartbeat.computer_node_id
         self._last_s = -math.inf
-        self._let_go = False
+        self._is_silent = False
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
@@ -46,20 +46,20 @@ class HeartbeatClock:
         return self._clock.utc()
 
     def sleep(self, duration_s: float) -> None:
-        """Let rig time pass, beating meanwhile."""
+        """Let rig time pass, and send heartbeats meanwhile."""
         steps = max(1, math.ceil(duration_s / self._period_s - _EARLY_S))
         for _ in range(steps):
             self._clock.sleep(duration_s / steps)
             self.beat()
 
     def beat(self) -> None:
-        """Send a beat if one is due and the bus carries it. Raises `BusError`."""
+        """Send a heartbeat if one is due and the bus carries frames. Raises `BusError`."""
         now_s = self.now_s()
-        if self._let_go or not self._link.carries or now_s - self._last_s < self._period_s - _EARLY_S:
+        if self._is_silent or not self._link.carries or now_s - self._last_s < self._period_s - _EARLY_S:
             return
         self._last_s = now_s
         self._link.send(self._can_id, _OPERATIONAL)
 
-    def let_go(self) -> None:
-        """Beat no more, so that every drive stops by itself: the last resort when stopping is not known to work."""
-        self._let_go = True
+    def silence(self) -> None:
+        """Send no more heartbeats, so that every drive stops by itself: the last resort if stopping may have failed."""
+        self._is_silent = True

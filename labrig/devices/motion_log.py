@@ -64,7 +64,7 @@ class MotionLog:
         DiskError
             Before the block where the log cannot be written: nothing has moved.
         """
-        self._append("start", axis, what=what, doing=self._doing, by=_person())
+        self._append("start", axis, what=what, doing=self._doing, by=_find_person())
         try:
             yield
         except LabrigError as error:
@@ -112,7 +112,7 @@ def _position(axis: Axis) -> float | None:
         return None
 
 
-def _person() -> str:
+def _find_person() -> str:
     try:
         name = getpass.getuser()
     except (OSError, KeyError):

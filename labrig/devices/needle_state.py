@@ -108,7 +108,7 @@ class NeedleState:
 
     def update(self, **changes: object) -> None:
         """Change the state and put it on disk before returning. Raises `DiskError`."""
-        self.state = _without_void_roll_zero(replace(self.state, **changes))  # type: ignore[arg-type]
+        self.state = _drop_void_roll_zero(replace(self.state, **changes))  # type: ignore[arg-type]
         if self._path is not None:
             _save(self._path, self.state)
 
@@ -157,7 +157,7 @@ class NeedleState:
         self.update(roll_zero=roll_zero)
 
 
-def _without_void_roll_zero(state: RigState) -> RigState:
+def _drop_void_roll_zero(state: RigState) -> RigState:
     """Drop a roll zero that was told from another zero of the rotation axis than the present one, or from none."""
     return state if "rotation" in state.referenced else replace(state, roll_zero=None)
 
@@ -179,11 +179,11 @@ def _parse(document: dict[str, object]) -> RigState:
         raise ValueError("needle_in_tissue is neither true, false nor null")
     if not isinstance(referenced, list):
         raise TypeError("referenced is no list")
-    roll_zero = _roll_zero(document.get("roll_zero"))
+    roll_zero = _parse_roll_zero(document.get("roll_zero"))
     return RigState(needle, since, tuple(map(str, referenced)), str(document["note"]), roll_zero)
 
 
-def _roll_zero(document: object) -> RollZero | None:
+def _parse_roll_zero(document: object) -> RollZero | None:
     """Return the roll zero of a state file; files of earlier versions have none."""
     if document is None:
         return None

@@ -1,11 +1,11 @@
-"""What was done with a rig before, as far as a gel remembers it."""
+"""An insertion of an earlier session, which left a track in its gel."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class PastInsertion:
-    """An insertion of an earlier session, whose track is still in its specimen.
+    """An insertion of an earlier session, with its track still in the specimen.
 
     Attributes
     ----------
@@ -14,7 +14,7 @@ class PastInsertion:
     hole, hole_position_mm : int, float
         Where the needle went in.
     path : tuple of (float, float, float)
-        Where the axes stood meanwhile: insertion [mm], rotation [rad], linear [mm].
+        Positions of the axes during it: insertion [mm], rotation [rad], linear [mm].
     """
 
     specimen: str

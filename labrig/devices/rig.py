@@ -196,8 +196,8 @@ class Rig:
         """Return how the devices stand now, ready for JSON; of one that does not answer, why."""
         camera = self._camera
         return {
-            "axes": {axis.name: _answer_of(partial(_readback, axis)) for axis in self.axes},
-            "camera": None if camera is None else _answer_of(camera.read_settings),
+            "axes": {axis.name: _ask_device(partial(_read_axis, axis)) for axis in self.axes},
+            "camera": None if camera is None else _ask_device(camera.read_settings),
             "state": asdict(self.state),
         }
 
@@ -335,7 +335,7 @@ class Rig:
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
         if failures:
-            self._heartbeat.let_go()
+            self._heartbeat.silence()
             raise SafetyStopError(
                 "not known to stand still: " + "; ".join(dict.fromkeys(failures)),
                 "press the emergency stop, then see labrig devices check",
@@ -454,7 +454,7 @@ class Rig:
                     step(axis)
                 except MachineError as error:
                     failures.append(error)
-            failures += self._shared_cob_ids()
+            failures += self._find_shared_cob_ids()
             raise_together(failures)
         self._recall_references()
         for axis in self.axes:
@@ -479,7 +479,7 @@ class Rig:
             raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
         axis.drive.reset_fault()
 
-    def _shared_cob_ids(self) -> list[MachineError]:
+    def _find_shared_cob_ids(self) -> list[MachineError]:
         """Return an error for each COB-ID of process data that two drives would both send or both obey.
 
         A drive that does not tell is left out: it has failed otherwise, or will be found silent by the next step.
@@ -495,7 +495,7 @@ class Rig:
                 for cob_id in sorted(cob_ids):
                     other = owners.setdefault((way, cob_id), axis.name)
                     if other != axis.name:
-                        failures.append(_shared(cob_id, other, axis.name))
+                        failures.append(_shared_cob_id_error(cob_id, other, axis.name))
         return failures
 
     def _recall_references(self) -> None:
@@ -524,7 +524,7 @@ class Rig:
             )
 
 
-def _shared(cob_id: int, first: str, second: str) -> MachineError:
+def _shared_cob_id_error(cob_id: int, first: str, second: str) -> MachineError:
     return DriveError(
         f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
         "restore the default PDO COB-IDs of each drive (0x1011:05) in EPOS Studio, save, power it off and on",
@@ -542,13 +542,13 @@ def _try_each(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[st
     return failures
 
 
-def _readback(axis: Axis) -> dict[str, object]:
+def _read_axis(axis: Axis) -> dict[str, object]:
     read = axis.read()
     position = {f"position_{axis.unit}": read.position}
     return {**position, "statusword": read.statusword, "drive_state": read.state.name}
 
 
-def _answer_of(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
+def _ask_device(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
     """Return what a device answers; why, where it does not."""
     try:
         return ask()
@@ -613,12 +613,12 @@ def open_rig(
             opening=opening,
             doing=doing,
         )
-        stack.push(_closing(rig))
+        stack.push(_close_on_exit(rig))
         rig.connect()
         yield rig
 
 
-def _closing(rig: Rig) -> Callable[[object, BaseException | None, object], None]:
+def _close_on_exit(rig: Rig) -> Callable[[object, BaseException | None, object], None]:
     """Return an exit callback that closes a rig; an error that is on its way is the one that is told."""
 
     def close(_kind: object, error: BaseException | None, _traceback: object) -> None:

@@ -74,11 +74,11 @@ class SdoClient:
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object of at most four bytes. Raises as `upload`."""
-        self._exchange(_download(index, subindex, data))
+        self._exchange(_download_request(index, subindex, data))
 
     def post(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object without waiting for the answer, where every millisecond counts. Raises `BusError`."""
-        request = _download(index, subindex, data)
+        request = _download_request(index, subindex, data)
         with self._lock:
             self._posted.append(request)
             self._link.send(self._request_id, request)
@@ -89,7 +89,7 @@ class SdoClient:
                 self.retries += attempt
                 answer = self._ask(request)
                 if answer is not None:
-                    return _checked(answer)
+                    return _refuse_abort(answer)
         raise SdoSilenceError
 
     def _ask(self, request: bytes) -> bytes | None:
@@ -118,7 +118,7 @@ class SdoClient:
             self._posted.remove(posted)
 
 
-def _download(index: int, subindex: int, data: bytes) -> bytes:
+def _download_request(index: int, subindex: int, data: bytes) -> bytes:
     return _HEAD.pack(0x23 | (4 - len(data)) << 2, index, subindex) + data.ljust(4, b"\0")
 
 
@@ -130,7 +130,7 @@ def _answers(answer: bytes, request: bytes) -> bool:
     return answer[0] == _ABORTED or answer[0] & 0xE0 == expected
 
 
-def _checked(answer: bytes) -> bytes:
+def _refuse_abort(answer: bytes) -> bytes:
     if answer[0] == _ABORTED:
         raise SdoAbortedError(_ABORT.unpack_from(answer, 4)[0])
     return answer

@@ -50,7 +50,7 @@ def stop_rig(rig: RigDescription) -> StopReport:
     reply = ask_to_stop(rig)
     if reply is not None and reply.failures == ():
         return StopReport("run", (f"asked {reply.owner} to stop", "it has seen every axis stand still"))
-    before = _unstopped(rig, reply)
+    before = _explain_no_stop(rig, reply)
     if rig.can.interface == ONLY_SIMULATED:
         before = before if rig.state_path is not None else ()
         where = "its drives are simulated inside the labrig that runs them, Ctrl+C there stops them"
@@ -65,7 +65,7 @@ def stop_rig(rig: RigDescription) -> StopReport:
         return StopReport("bus", (*before, *stop_drives(rig, link, clock)))
 
 
-def _unstopped(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
+def _explain_no_stop(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
     """Say why the labrig that has the rig did not stop it; nothing where nobody has it."""
     if reply is None:
         owner = find_owner(rig)

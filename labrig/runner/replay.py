@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labrig.devices.replayed.comparison import Comparison, ReplayDifference
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
-from labrig.devices.replayed.recording import Recording, recording_without_rig, recordings
+from labrig.devices.replayed.recording import Recording, read_recordings, recording_without_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
@@ -79,7 +79,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
         _replay_without_rig(run, experiment, found)
         return found
     description = load_recorded_rig(run)
-    for recording in recordings(run, exact=description.kind == "simulated"):
+    for recording in read_recordings(run, exact=description.kind == "simulated"):
         _replay_session(_Replayed(run, experiment, protocol, description), recording, progress, found)
         if not found.identical:
             break
@@ -155,9 +155,9 @@ def _require_nothing_left(
     """Raise `ReplayDiffersError` where the record goes on and the procedure has ended."""
     command, line = hardware.bus.left(), journal.left()
     if command is not None:
-        comparison.differs("command", command, "nothing")
+        comparison.raise_difference("command", command, "nothing")
     if line is not None:
-        comparison.differs(line[0], line[1], "nothing")
+        comparison.raise_difference(line[0], line[1], "nothing")
 
 
 class ReplayedJournal:
@@ -185,7 +185,7 @@ class ReplayedJournal:
         line = {"frame": number, "t_s": self._t0_s + t_s, **fields}
         self._compare("frames", line, without=("file", "sha256", "offset", "bytes", "shape"))
         if fields.get("drawn") and not np.array_equal(image, self._run.read_frame(number)):
-            self._comparison.differs("frame", f"picture {number}", "another drawing")
+            self._comparison.raise_difference("frame", f"picture {number}", "another drawing")
         self._frame += 1
         return number
 
@@ -227,18 +227,20 @@ class ReplayedJournal:
         return None
 
     def _compare(self, stream: str, now: Mapping[str, object], without: tuple[str, ...] = ()) -> None:
-        self._comparison.require_going()
+        self._comparison.require_ongoing()
         what = _STREAMS[stream]
         plain = as_recorded(now)
         if not self._expected[stream]:
-            self._comparison.ends(what, str(plain))
+            self._comparison.raise_end(what, str(plain))
         recorded = self._expected[stream].popleft()
         left_out = {*without, *(() if self._recording.exact else ("t_s",))}
         for key in dict.fromkeys((*recorded, *plain)):
             if key not in left_out and recorded.get(key) != plain.get(key):
                 name = f"{recorded.get('kind', what)}: {key} = "
-                self._comparison.differs(what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}")
-        self._comparison.same(f"{what}s" if what != "truth" else what)
+                self._comparison.raise_difference(
+                    what, f"{name}{recorded.get(key)!r}", f"{name}{plain.get(key)!r}"
+                )
+        self._comparison.count_same(f"{what}s" if what != "truth" else what)
 
 
 def _in_microseconds(frames: Iterable[tuple[float, int, bytes, str]]) -> list[tuple[int, int, bytes, str]]:

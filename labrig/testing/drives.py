@@ -89,7 +89,7 @@ class _Bench:
         self.drive.start_move(position, self.speed)
         self.wait_until(lambda: self.drive.read().target_reached)
 
-    def set_going(self) -> float:
+    def start_moving(self) -> float:
         """Start a move forwards, wait until the axis has left where it stood, and return that place."""
         start = self.drive.position()
         self.drive.start_move(start + self.opened.distance, self.speed / 4)
@@ -176,7 +176,7 @@ class DriveConformance:
     def test_a_move_can_be_replaced_on_its_way(self) -> None:
         """The second target is where the axis ends, also backwards."""
         with self._ready() as bench:
-            start = bench.set_going()
+            start = bench.start_moving()
             bench.move_to(start)
             assert abs(bench.drive.position() - start) <= bench.window
 
@@ -193,7 +193,7 @@ class DriveConformance:
         """A stop that is only sent, and one that is answered: the axis stands still and can move again."""
         with self._ready() as bench:
             for stop in (bench.drive.send_stop, bench.drive.stop):
-                start = bench.set_going()
+                start = bench.start_moving()
                 stop()
                 bench.wait_until_still()
                 assert bench.drive.read().state is DriveState.OPERATION_ENABLED
@@ -202,7 +202,7 @@ class DriveConformance:
     def test_a_quick_stop_needs_enabling_again(self) -> None:
         """The axis stands still and refuses to move until then."""
         with self._ready() as bench:
-            start = bench.set_going()
+            start = bench.start_moving()
             bench.drive.quick_stop()
             bench.wait_until_still()
             assert _refuses(bench.drive.read)
@@ -212,8 +212,8 @@ class DriveConformance:
     def test_an_axis_that_moves_is_not_said_to_stand_still(self) -> None:
         """Standing still is read from the position."""
         with self._ready() as bench:
-            start = bench.set_going()
-            assert _refuses(lambda: list(_looks(bench, 0.0)))
+            start = bench.start_moving()
+            assert _refuses(lambda: list(_wait_until_still(bench, 0.0)))
             bench.move_to(start)
 
     def test_homing_here_sets_the_position(self) -> None:
@@ -300,7 +300,7 @@ class DriveConformance:
             assert _refuses(bench.drive.read)
 
 
-def _looks(bench: _Bench, within_s: float) -> Iterator[None]:
+def _wait_until_still(bench: _Bench, within_s: float) -> Iterator[None]:
     for _ in bench.drive.wait_until_still(within_s):
         bench.clock.sleep(STILL_LOOK_S)
         yield

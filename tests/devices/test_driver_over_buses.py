@@ -98,8 +98,8 @@ def _served(interface: str) -> Iterator[OnABus]:
 
 @contextmanager
 def _in_process() -> Iterator[OnABus]:
-    with one_drive() as one:
-        yield OnABus(one.driver, one.drive, one.clock, lambda action: action())
+    with one_drive() as bench:
+        yield OnABus(bench.driver, bench.drive, bench.clock, lambda action: action())
 
 
 @pytest.fixture(name="bare", params=["in-process", *INTERFACES])

@@ -37,45 +37,45 @@ SETTINGS = {
 COUNTS_PER_S_AT_120_RPM = 4000
 
 
-def _configure(one: OneDrive) -> None:
-    one.driver.hold_off()
-    one.driver.vouch((1, 2))
-    one.driver.write_settings(SETTINGS)
+def _configure(bench: OneDrive) -> None:
+    bench.driver.hold_off()
+    bench.driver.vouch((1, 2))
+    bench.driver.write_settings(SETTINGS)
 
 
-@pytest.fixture(name="one")
-def _one() -> Iterator[OneDrive]:
-    with one_drive() as one:
-        yield one
+@pytest.fixture(name="bench")
+def _bench() -> Iterator[OneDrive]:
+    with one_drive() as bench:
+        yield bench
 
 
 @pytest.fixture(name="ready")
-def _ready(one: OneDrive) -> OneDrive:
-    _configure(one)
-    one.driver.enable()
-    return one
+def _ready(bench: OneDrive) -> OneDrive:
+    _configure(bench)
+    bench.driver.enable()
+    return bench
 
 
-def _home_here(one: OneDrive) -> None:
-    one.driver.start_homing(Homing(HOMING_HERE))
-    while not one.driver.has_homed():
-        one.clock.sleep(0.005)
-    one.driver.finish_homing(Homing(HOMING_HERE))
+def _home_here(bench: OneDrive) -> None:
+    bench.driver.start_homing(Homing(HOMING_HERE))
+    while not bench.driver.has_homed():
+        bench.clock.sleep(0.005)
+    bench.driver.finish_homing(Homing(HOMING_HERE))
 
 
-def _run_until_done(one: OneDrive) -> float:
-    start_s = one.clock.now_s()
-    while not one.driver.statusword() & TARGET_REACHED:
-        one.clock.sleep(0.01)
-    return one.clock.now_s() - start_s
+def _run_until_done(bench: OneDrive) -> float:
+    start_s = bench.clock.now_s()
+    while not bench.driver.statusword() & TARGET_REACHED:
+        bench.clock.sleep(0.01)
+    return bench.clock.now_s() - start_s
 
 
 # Connecting
 
 
-def test_identity_is_read(one: OneDrive) -> None:
+def test_identity_is_read(bench: OneDrive) -> None:
     """Model, versions and serial number are what the drive says."""
-    identity = one.driver.read_identity()
+    identity = bench.driver.read_identity()
     assert identity.document() == {
         "model": "EPOS2 24/5",
         "hardware_version": 0x6220,
@@ -87,16 +87,16 @@ def test_identity_is_read(one: OneDrive) -> None:
 @pytest.mark.parametrize(("version", "name"), [(0x6210, "EPOS 24/5"), (0x6552, "unknown to labrig")])
 def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
     """An EPOS of the first generation, or one that nobody knows, is no EPOS2."""
-    with one_drive(hardware_version=version) as one, pytest.raises(DriveError, match=name):
-        one.driver.read_identity()
+    with one_drive(hardware_version=version) as bench, pytest.raises(DriveError, match=name):
+        bench.driver.read_identity()
 
 
-def test_a_wrong_encoder_is_refused_and_never_written(one: OneDrive) -> None:
+def test_a_wrong_encoder_is_refused_and_never_written(bench: OneDrive) -> None:
     """The drive's encoder resolution is compared with the rig file, and left alone."""
-    one.driver.section = epos2_axis(encoder_pulses_per_turn=512)
+    bench.driver.section = epos2_axis(encoder_pulses_per_turn=512)
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
-        one.driver.identify()
-    assert one.driver.upload(od.ENCODER_PULSES) == 500
+        bench.driver.identify()
+    assert bench.driver.upload(od.ENCODER_PULSES) == 500
 
 
 def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
@@ -104,15 +104,15 @@ def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
     assert {entry: ready.driver.upload(entry) for entry in SETTINGS} == SETTINGS
 
 
-def test_enabling_moves_nothing(one: OneDrive) -> None:
+def test_enabling_moves_nothing(bench: OneDrive) -> None:
     """A target left over from another program is not driven at: the actual position is the target, Halt is set."""
-    _configure(one)
-    one.driver.download(co.TARGET_POSITION, 1_000_000)
-    one.driver.enable()
-    assert one.driver.upload(co.TARGET_POSITION) == 0
-    assert one.driver.upload(co.CONTROLWORD) & HALT
-    one.clock.sleep(1.0)
-    assert one.drive.shaft_counts == 0
+    _configure(bench)
+    bench.driver.download(co.TARGET_POSITION, 1_000_000)
+    bench.driver.enable()
+    assert bench.driver.upload(co.TARGET_POSITION) == 0
+    assert bench.driver.upload(co.CONTROLWORD) & HALT
+    bench.clock.sleep(1.0)
+    assert bench.drive.shaft_counts == 0
 
 
 def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
@@ -171,12 +171,12 @@ def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
     assert decode_state(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
 
 
-def test_halting_a_drive_without_power_does_not_switch_it_on(one: OneDrive) -> None:
+def test_halting_a_drive_without_power_does_not_switch_it_on(bench: OneDrive) -> None:
     """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
-    _configure(one)
-    one.driver.go_to(TargetState.POWER_OFF)
-    one.driver.stop()
-    assert decode_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+    _configure(bench)
+    bench.driver.go_to(TargetState.POWER_OFF)
+    bench.driver.stop()
+    assert decode_state(bench.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
 def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
@@ -237,19 +237,19 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
 # Faults
 
 
-def test_a_refusal_names_object_value_and_reason(one: OneDrive) -> None:
+def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
     """An SDO abort becomes a sentence with maxon's code."""
     with pytest.raises(
         DriveError, match=r"profile velocity \(0x6081:00\) = 0: the value is too low .*0x06090032"
     ):
-        one.driver.download(co.PROFILE_VELOCITY, 0)
+        bench.driver.download(co.PROFILE_VELOCITY, 0)
 
 
-def test_a_silent_drive_is_named(one: OneDrive) -> None:
+def test_a_silent_drive_is_named(bench: OneDrive) -> None:
     """A node that has gone answers nothing; on this bus that is known at once."""
-    one.drive.unplug()
+    bench.drive.unplug()
     with pytest.raises(DriveError, match=r"drive of axis insertion \(node 1\) did not answer") as silence:
-        one.driver.statusword()
+        bench.driver.statusword()
     assert "node id" in silence.value.hint
 
 
@@ -319,13 +319,13 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
 
 
 @pytest.mark.parametrize("told", [[0x0140], [0x0140, 0x0121]], ids=["stuck", "to and fro"])
-def test_a_drive_that_obeys_no_command_is_told(one: OneDrive, told: list[int]) -> None:
+def test_a_drive_that_obeys_no_command_is_told(bench: OneDrive, told: list[int]) -> None:
     """It stays where it is, or comes back there again and again: a second, and no longer, is waited for it."""
     words = cycle(told)
-    one.drive.node.objects._live[co.STATUSWORD] = lambda: next(words)
+    bench.drive.node.objects._live[co.STATUSWORD] = lambda: next(words)
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
-        one.driver.go_to(TargetState.ENABLED)
-    assert one.clock.now_s() == pytest.approx(1.0, abs=0.05)
+        bench.driver.go_to(TargetState.ENABLED)
+    assert bench.clock.now_s() == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:

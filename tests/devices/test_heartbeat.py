@@ -128,4 +128,4 @@ def test_a_move_downwards_ends_from_below_where_there_is_backlash() -> None:
                 opened.rig.wait(0.05)
                 reached.append(_read(opened))
             assert reached[-1].position == target
-        assert min(one.position for one in reached) == pytest.approx(4.5, abs=0.05)
+        assert min(axis.position for axis in reached) == pytest.approx(4.5, abs=0.05)

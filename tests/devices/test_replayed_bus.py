@@ -8,7 +8,7 @@ import pytest
 
 from labrig.devices.needle_state import RigState
 from labrig.devices.replayed.bus import RecordedBus, ReplayedLink, attach
-from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording, Span
 from labrig.errors import RecordEndsError, ReplayDiffersError
@@ -52,7 +52,7 @@ class Bus:
             self.clock,
             heartbeat_id=0x77F,
             comparison=self.comparison,
-            words=CommandWords(simulated_rig()),
+            format_command=CommandFormatter(simulated_rig()),
         )
         self.link: ReplayedLink = attach(self.bus, self.clock, 0.2)
         self.answers: SimpleQueue[bytes] = SimpleQueue()

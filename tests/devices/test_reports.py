@@ -70,10 +70,10 @@ def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
 
 def test_a_drive_that_refuses_to_report_is_read_by_questions() -> None:
     """The refusal keeps nobody from going on."""
-    with one_drive() as one:
-        one.driver.hold_off()
-        one.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
-        one.driver.let_report()
-        one.driver.expect_report()
-        assert one.driver.report() == (one.drive._statusword(), 0)
-        assert one.driver.counts() == {"retries": 0, "strays": 0}
+    with one_drive() as bench:
+        bench.driver.hold_off()
+        bench.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
+        bench.driver.let_report()
+        bench.driver.expect_report()
+        assert bench.driver.report() == (bench.drive._statusword(), 0)
+        assert bench.driver.counts() == {"retries": 0, "strays": 0}

@@ -13,7 +13,7 @@ from labrig.devices.clocks import SimulatedClock
 from labrig.devices.operator import ShiftToHole
 from labrig.devices.replayed.comparison import ReplayDifference
 from labrig.devices.replayed.opening import load_recorded_rig
-from labrig.devices.replayed.recording import recordings
+from labrig.devices.replayed.recording import read_recordings
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.hinge_design.protocol import DesignProtocol
@@ -289,7 +289,7 @@ def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> Non
     assert {line["t_bound_s"] for line in seen} == {0.005}
     assert replay(run).first_difference is None
     late = Replay()
-    (exact,) = recordings(open_run(run.path), exact=False)
+    (exact,) = read_recordings(open_run(run.path), exact=False)
     frames = tuple(frame._replace(t_s=1.01 * frame.t_s) for frame in exact.can_frames)
     replayed = _Replayed(run, experiment_of(run), protocol_of(run), load_recorded_rig(run))
     _replay_session(replayed, replace(exact, can_frames=frames), Told(), late)
@@ -302,7 +302,7 @@ def test_a_record_of_real_time_is_identical_though_its_times_are_not_ours(
 ) -> None:
     """On a real rig every wait takes a little longer than asked, never twice the same: what was done is compared."""
     source = random.Random(3)
-    (exact,) = recordings(insertion, exact=False)
+    (exact,) = read_recordings(insertion, exact=False)
     late_s, frames = 0.0, []
     for frame in exact.can_frames:
         late_s += source.uniform(0.0, 0.0005) if frame.way == "T" else 0.0

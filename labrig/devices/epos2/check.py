@@ -41,14 +41,14 @@ def _configuration_result(
     name: str, axis: Epos2Axis, drive: Epos2, heartbeat: HeartbeatDescription
 ) -> CheckResult:
     """Compare the fingerprint in the drive (0x1020) with that of the settings of the rig file."""
-    found, said = drive.fingerprint(), axis.configuration_fingerprint
+    found, expected = drive.fingerprint(), axis.configuration_fingerprint
     check, value = f"configuration {name}", f"fingerprint 0x{found[0]:08X}:{found[1]} (0x1020)"
-    if found == (said or fingerprint(drive_settings(axis, heartbeat))):
+    if found == (expected or fingerprint(drive_settings(axis, heartbeat))):
         return CheckResult(check, CheckStatus.PASS, f"{value}, as the rig file has it")
-    if said is not None:
+    if expected is not None:
         solution = "power the drive off and on; else compare it in EPOS Studio and enter the new fingerprint"
         return CheckResult(
-            check, CheckStatus.FAIL, f"{value}, the rig file says 0x{said[0]:08X}:{said[1]}", solution
+            check, CheckStatus.FAIL, f"{value}, the rig file says 0x{expected[0]:08X}:{expected[1]}", solution
         )
     if found == (0, 0):
         return CheckResult(check, CheckStatus.PASS, "not set up since power on; a run does so when it begins")
@@ -83,14 +83,14 @@ def _limits_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
 
 
 def _encoder_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
-    found, said = drive.upload(od.ENCODER_PULSES), axis.encoder_pulses_per_turn
-    if said is None:
+    found, expected = drive.upload(od.ENCODER_PULSES), axis.encoder_pulses_per_turn
+    if expected is None:
         value = f"the drive is set to {found} pulses a turn, the rig file says nothing"
         return CheckResult(
             f"encoder {name}", CheckStatus.WARN, value, "compare with the encoder's data sheet"
         )
-    if found != said:
-        value = f"the drive is set to {found} pulses a turn, the rig file says {said}"
+    if found != expected:
+        value = f"the drive is set to {found} pulses a turn, the rig file says {expected}"
         return CheckResult(
             f"encoder {name}", CheckStatus.FAIL, value, "correct the rig file, or the drive in EPOS Studio"
         )

@@ -6,11 +6,11 @@ from pathlib import Path
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import CameraContext, CameraKind
 from labrig.devices.check_result import CheckResult, CheckStatus
-from labrig.devices.files.film import Film
 from labrig.devices.files.folder import PictureFolder, list_pictures, read_sidecar, require_rising
-from labrig.devices.files.played import PlayedSource, Reel
+from labrig.devices.files.playback import PlaybackSource, RecordedPictures
 from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource, open_stream
+from labrig.devices.files.video import VideoFile
 from labrig.errors import CameraError
 
 
@@ -20,43 +20,43 @@ class FilesCamera(CameraKind[FilesCameraDescription]):
     name = "files"
     settings = FilesCameraDescription
 
-    def open(self, section: FilesCameraDescription, context: CameraContext) -> PlayedSource | StreamSource:
+    def open(self, section: FilesCameraDescription, context: CameraContext) -> PlaybackSource | StreamSource:
         """Open the folder, the file or the stream.
 
         Raises
         ------
         CameraError
-            When it cannot be read, or its times do not rise.
+            When it cannot be read, or its times do not increase.
         """
         if section.is_stream:
             capture = open_stream(section.source, section.address)
             return StreamSource(capture, section.address, context.clock, latency_s=section.latency_s)
-        return PlayedSource(_reel(section, context.folder / section.source), context.clock, section.start_s)
+        return PlaybackSource(
+            _open_pictures(section, context.folder / section.source), context.clock, section.start_s
+        )
 
     def check(self, section: FilesCameraDescription, camera: Camera) -> Iterator[CheckResult]:
-        """Yield that pictures come, and that they are recorded ones."""
+        """Yield that pictures arrive, and that they are recorded."""
         height, width = camera.capture().image.shape[:2]
         value = f"{width}x{height} px, recorded pictures of {section.address}: they never steer"
         yield CheckResult("camera picture", CheckStatus.PASS, value)
 
 
-def _reel(section: FilesCameraDescription, path: Path) -> Reel:
+def _open_pictures(section: FilesCameraDescription, path: Path) -> RecordedPictures:
     if not path.is_dir():
         if section.times in {"sidecar", "modified"}:
             raise CameraError(
                 f"{path} is no folder, and times is {section.times}", "write times: null, or rate"
             )
-        return Film(path, section.rate_hz if section.times == "rate" else None)
+        return VideoFile(path, section.rate_hz if section.times == "rate" else None)
     paths = list_pictures(path)
-    times_s = _folder_times(section, path, paths)
+    times_s = _find_times(section, path, paths)
     if times_s is not None:
         require_rising(paths, times_s)
     return PictureFolder(path, paths, times_s)
 
 
-def _folder_times(
-    section: FilesCameraDescription, folder: Path, paths: tuple[Path, ...]
-) -> list[float] | None:
+def _find_times(section: FilesCameraDescription, folder: Path, paths: tuple[Path, ...]) -> list[float] | None:
     match section.times:
         case "rate":
             return [number / section.rate_hz for number in range(len(paths))]

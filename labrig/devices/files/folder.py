@@ -1,4 +1,4 @@
-"""A folder of pictures, in the order of the numbers in their names, and where their times come from."""
+"""A folder of pictures, in the order of the numbers in their names, and their times."""
 
 import csv
 import math
@@ -22,18 +22,18 @@ class PictureFolder:
     Parameters
     ----------
     folder : Path
-        Holds them; nothing out of it is read.
+        Holds them; nothing outside it is read.
     times_s : sequence of float or None
         Time of each picture [s], rising; None where they have none.
 
     Raises
     ------
     CameraError
-        When the folder is missing, holds no picture, or one that is no regular file.
+        When the folder is missing, holds no picture, or a picture is not a regular file.
     """
 
     def __init__(self, folder: Path, paths: Sequence[Path], times_s: Sequence[float] | None) -> None:
-        self.words = f"{len(paths)} recorded pictures of folder {folder}"
+        self.description = f"{len(paths)} recorded pictures of folder {folder}"
         self.passed = 0
         self._paths = paths
         self._times_s = times_s
@@ -43,7 +43,7 @@ class PictureFolder:
         return size_of(_read(self._paths[0]))
 
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
-        """Return the next picture, that of this time or later where they have times; None behind the last."""
+        """Return the next picture; if they have times, the next one of this time or later. None after the last."""
         while self.passed < len(self._paths):
             index = self.passed
             self.passed += 1
@@ -53,7 +53,7 @@ class PictureFolder:
         return None
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 def list_pictures(folder: Path) -> tuple[Path, ...]:
@@ -62,7 +62,7 @@ def list_pictures(folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     CameraError
-        When the folder cannot be read, holds none, or one that is a link or no file.
+        When the folder cannot be read or holds no picture, or a picture is a link or not a file.
     """
     try:
         with os.scandir(folder) as entries:
@@ -87,7 +87,7 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
     Raises
     ------
     CameraError
-        When the file cannot be read, a picture has no time or two, or one is named that the folder does not hold.
+        When the file cannot be read, a picture has no time or two, or the folder does not hold a named picture.
     """
     file, names = folder / SIDECAR, {path.name for path in paths}
     try:

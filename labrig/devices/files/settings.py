@@ -19,7 +19,7 @@ STREAMS = ("http", "https", "rtsp", "rtmp")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(//[^\s/?#]+)?")
 
 
-def _checked(source: str) -> str:
+def _check_source(source: str) -> str:
     if source.startswith("-"):
         raise ValueError("a name that starts with - is taken for an option; write ./ before it")
     if " ! " in source:
@@ -44,7 +44,7 @@ class FilesCameraDescription(CameraDescription):
     source: Annotated[
         str,
         Field(min_length=1, max_length=1000, repr=False),
-        AfterValidator(_checked),
+        AfterValidator(_check_source),
         PlainSerializer(mask_passwords, when_used="json"),
     ] = Field(
         description="Folder of pictures or video file, relative to the rig file; or a stream, http, https, rtsp or "

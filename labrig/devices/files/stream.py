@@ -1,4 +1,4 @@
-"""A network stream: a thread takes the pictures as they arrive, and keeps the newest two."""
+"""A network stream: a thread receives the pictures and keeps the newest two."""
 
 import time
 from collections import deque
@@ -21,7 +21,7 @@ _QUEUED_PICTURES = 2
 
 
 class StreamCapture(Protocol):
-    """What of `cv2.VideoCapture` is used."""
+    """The part of `cv2.VideoCapture` that is used."""
 
     def read(self) -> tuple[bool, Any]:
         """Return the next picture; False where the stream has ended or timed out."""
@@ -34,12 +34,12 @@ class StreamCapture(Protocol):
 
 
 def open_stream(url: str, address: str) -> cv2.VideoCapture:
-    """Open a stream, by FFmpeg and nothing else.
+    """Open a stream with FFmpeg and nothing else.
 
     Parameters
     ----------
     url, address : str
-        The stream with its password, and as messages name it.
+        The stream with its password, and its name in messages.
 
     Raises
     ------
@@ -68,15 +68,15 @@ class StreamSource:
     Parameters
     ----------
     capture : StreamCapture
-        The opened stream; the thread alone uses it, and closes it.
+        The opened stream; only the thread uses and closes it.
     address : str
-        What messages name it.
+        Its name in messages.
     clock : Clock
         Rig time.
     latency_s : float
-        The longest that a picture is on its way [s].
+        The longest time that a picture takes to arrive [s].
     timeout_s : float
-        How long a picture is waited for [s].
+        The longest wait for a picture [s].
     monotonic_s : callable
         The computer's monotonic time [s].
     """
@@ -91,7 +91,7 @@ class StreamSource:
         timeout_s: float = TIMEOUT_S,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.words = f"recorded pictures of stream {address}"
+        self.description = f"recorded pictures of stream {address}"
         self.exposures = 0
         self.dropped = 0
         self._size = {
@@ -110,14 +110,14 @@ class StreamSource:
         self._thread.start()
 
     def set(self, name: str, value: Setting) -> None:
-        """Nothing can be set."""
+        """Do nothing: a stream has no settings."""
 
     def get(self, name: str) -> Setting | None:
-        """Return what the pictures have."""
+        """Return the width or height of the pictures."""
         return self._size.get(name) or None
 
     def read(self) -> Exposure:
-        """Return a picture that arrived so long after this call that it was taken after it.
+        """Return a picture that arrived late enough after this call to have been taken after it.
 
         Raises
         ------
@@ -132,14 +132,14 @@ class StreamSource:
             found, is_over = self._newest_since(asked_s), self._is_over
         if found is None:
             how = "has ended" if is_over else f"gave no picture within {self._timeout_s:g} s"
-            raise CameraError(f"{self.words}: it {how}, after {self.exposures}", "check the other end")
+            raise CameraError(f"{self.description}: it {how}, after {self.exposures}", "check the other end")
         arrived_s, image = found
         age_s = self._monotonic_s() - arrived_s
-        # Simulated time has stood still meanwhile.
+        # Simulated time does not pass during the wait.
         return Exposure(image, max(self._clock.now_s() - age_s, asked_rig_s), self._latency_s)
 
     def _newest_since(self, asked_s: float) -> tuple[float, Picture] | None:
-        return next((each for each in self._queue if each[0] >= asked_s + self._latency_s), None)
+        return next((picture for picture in self._queue if picture[0] >= asked_s + self._latency_s), None)
 
     def _receive(self) -> None:
         """Keep the newest pictures until the stream ends or is closed; older ones are dropped and counted."""
@@ -157,7 +157,7 @@ class StreamSource:
         self._capture.release()
 
     def close(self) -> None:
-        """End the thread, which a read of the stream may hold up until its time is over."""
+        """End the thread; a read of the stream may delay that until its timeout."""
         with self._changed:
             self._is_over = True
         self._thread.join(self._timeout_s + 1.0)

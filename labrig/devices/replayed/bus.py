@@ -10,7 +10,7 @@ from labrig.devices.bus import BusNetwork, CanLink
 from labrig.devices.canopen_objects import CONTROLWORD
 from labrig.devices.cia402_states import HALT
 from labrig.devices.replayed.clock import ReplayedClock
-from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.record.can_log import CanFrame
@@ -40,20 +40,20 @@ class _Entry:
 
 
 class RecordedBus:
-    """Goes through a record frame by frame.
+    """Follows a record frame by frame.
 
     Parameters
     ----------
     frames : sequence of CanFrame
         What passed, in order, in rig time of the session.
     clock : ReplayedClock
-        Taken along.
+        Advanced with the record.
     heartbeat_id : int
         COB-ID of the computer's own heartbeat, which is no command.
     comparison : Comparison
-        Told of every command.
-    words : CommandWords
-        Says what a command is in words.
+        Counts commands that agree, and ends the replay at the first that does not.
+    format_command : CommandFormatter
+        Describes a command in words.
     """
 
     def __init__(
@@ -63,17 +63,17 @@ class RecordedBus:
         *,
         heartbeat_id: int,
         comparison: Comparison,
-        words: CommandWords,
+        format_command: CommandFormatter,
     ) -> None:
         self.network = BusNetwork(clock)
         self._clock = clock
         self._comparison = comparison
-        self._words = words
+        self._format_command = format_command
         self._heartbeat_id = heartbeat_id
         self._entries = [
-            _Entry(round(one.t_s * 1e6), one.can_id, one.data, one.way == "T")
-            for one in frames
-            if one.way == "R" or one.can_id != heartbeat_id
+            _Entry(round(frame.t_s * 1e6), frame.can_id, frame.data, frame.way == "T")
+            for frame in frames
+            if frame.way == "R" or frame.can_id != heartbeat_id
         ]
         self._next = 0
         self._answers: dict[tuple[int, bytes], bytes] = {}
@@ -92,7 +92,7 @@ class RecordedBus:
         RecordEndsError
             When a record that was cut short has nothing more.
         """
-        self._comparison.require_going()
+        self._comparison.require_ongoing()
         if can_id == self._heartbeat_id:
             return
         now = _Entry(self._clock.now_us, can_id, data, sent=True)
@@ -102,7 +102,7 @@ class RecordedBus:
             return
         self._consume(place)
         if not now.is_read:
-            self._comparison.same("commands")
+            self._comparison.count_same("commands")
         self._arrive_until(self._clock.now_us)
 
     def _place_of(self, now: _Entry) -> int | None:
@@ -113,12 +113,12 @@ class RecordedBus:
                 return place
             if entry.sent and not entry.is_read:
                 if not now.is_read:
-                    self._comparison.differs("command", self._said(entry), self._said(now))
+                    self._comparison.raise_difference("command", self._describe(entry), self._describe(now))
                 return None
-        return self._comparison.ends("command", self._said(now))
+        return self._comparison.raise_end("command", self._describe(now))
 
     def _consume(self, place: int) -> None:
-        """Go on behind a frame that was sent; what had arrived before it arrives now, answers to skipped reads not."""
+        """Continue after a sent frame. Deliver what arrived before it, except answers to skipped reads."""
         skips = any(entry.sent for entry in self._entries[self._next : place])
         for entry in self._entries[self._next : place]:
             if not entry.sent and not (skips and entry.is_answer):
@@ -127,7 +127,7 @@ class RecordedBus:
         self._next = place + 1
 
     def _answer_again(self, read: _Entry) -> None:
-        """Answer a read that the record has not, with what the drives answered last."""
+        """Answer a read that the record does not have with the last answer of the drives."""
         if read.can_id == _SYNC:
             answers = dict(self._reports)
         else:
@@ -135,14 +135,14 @@ class RecordedBus:
             last = self._answers.get((answer_id, read.data[1:4]))
             answers = {} if last is None else {answer_id: last}
         if not answers:
-            self._comparison.differs("command", "no such read so far", self._said(read))
+            self._comparison.raise_difference("command", "no such read so far", self._describe(read))
         for can_id, data in answers.items():
             self.network.notify(can_id, bytearray(data), 0.0)
 
     # What arrives
 
     def arrive_next(self, until_us: int) -> bool:
-        """Deliver the next frame that arrived by then, before anything else was sent; tell whether there is one."""
+        """Deliver the next frame that arrived by then, before anything else was sent; tell whether there was one."""
         entry = self._entries[self._next] if self._next < len(self._entries) else None
         if entry is None or entry.sent or entry.t_us > until_us:
             return False
@@ -162,10 +162,10 @@ class RecordedBus:
             self._reports[entry.can_id] = entry.data
         self.network.notify(entry.can_id, bytearray(entry.data), 0.0)
 
-    # Where the record stands
+    # The position in the record
 
     def next_is_halt(self, within_us: int) -> bool:
-        """Return whether the next that the record sends is a halt, as by a signal, at this time."""
+        """Return whether the next frame that the record sends is a halt, as after a signal, at this time."""
         for entry in self._entries[self._next :]:
             if entry.sent:
                 is_halt = entry.data[1:4] == _CONTROLWORD and bool(
@@ -175,14 +175,14 @@ class RecordedBus:
         return False
 
     def left(self) -> str | None:
-        """Return the next command of the record in words; None where it has come to its end."""
+        """Return the next command of the record in words; None at its end."""
         for entry in self._entries[self._next :]:
             if entry.sent and not entry.is_read:
-                return self._said(entry)
+                return self._describe(entry)
         return None
 
-    def _said(self, entry: _Entry) -> str:
-        return self._words(entry.can_id, entry.data)
+    def _describe(self, entry: _Entry) -> str:
+        return self._format_command(entry.can_id, entry.data)
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class ReplayedLink(CanLink):
 
 
 class _RecordedWire(InProcessWire):
-    """A wire at whose other end stands a record."""
+    """A wire with a record at its other end."""
 
     def __init__(self, bus: RecordedBus) -> None:
         super().__init__()

@@ -8,8 +8,8 @@ from labrig.devices.rig_file import RigDescription
 _POSITIONS = (TARGET_POSITION, LOWER_LIMIT, UPPER_LIMIT)
 
 
-class CommandWords:
-    """Says what a CAN frame means on a rig.
+class CommandFormatter:
+    """Describes what a CAN frame means on a rig.
 
     Parameters
     ----------

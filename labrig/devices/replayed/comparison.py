@@ -1,4 +1,4 @@
-"""Where a replay leaves its record: the first difference, with both values and the picture at which it happens."""
+"""The first difference between a replay and its record, with both values and the picture at which it occurs."""
 
 from dataclasses import dataclass
 from typing import NoReturn
@@ -10,14 +10,14 @@ from labrig.errors import LabrigError, RecordEndsError, ReplayDiffersError
 
 @dataclass(frozen=True)
 class ReplayDifference:
-    """The first thing in which a replay is not its record.
+    """The first difference between a replay and its record.
 
     Attributes
     ----------
     what : str
         `command`, `question`, `event`, `state`, `frame` or `truth`.
     recorded, now : str
-        What the record has, and what the replay did; "nothing" where one of them had come to its end.
+        What the record has, and what the replay did; "nothing" when one of them had ended.
     t_s : float
         Rig time of the record [s].
     frame : int or None
@@ -35,7 +35,7 @@ class ReplayDifference:
 
 
 class Comparison:
-    """What has been compared so far, and where it was; once something differs, nothing goes on.
+    """What has been compared so far, and where. Nothing continues after the first difference.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Comparison:
     frame, trial : int or None
         The last picture, the insertion.
     counts : dict
-        How many things of each kind were the same.
+        How many items of each kind were the same.
     found : ReplayDifference or None
         The first difference.
     """
@@ -63,32 +63,32 @@ class Comparison:
         self._recording = recording
         self._over: LabrigError | None = None
 
-    def same(self, what: str) -> None:
-        """Count one more thing that was the same."""
+    def count_same(self, what: str) -> None:
+        """Count an item that was the same."""
         self.counts[what] = self.counts.get(what, 0) + 1
 
-    def require_going(self) -> None:
-        """Raise again what ended the replay: a procedure that is ended stops its axes, which is no part of it."""
+    def require_ongoing(self) -> None:
+        """Raise again what ended the replay: a procedure that ends stops its axes, which is not part of the replay."""
         if self._over is not None:
             raise self._over
 
     def difference(self, what: str, recorded: str, now: str) -> ReplayDifference:
-        """Return a difference that stands here."""
+        """Return a difference at the present position."""
         t_s = self._recording.span.t0_s + self.clock.now_s()
         return ReplayDifference(what, recorded, now, t_s, self.frame, self.trial)
 
-    def differs(self, what: str, recorded: str, now: str) -> NoReturn:
+    def raise_difference(self, what: str, recorded: str, now: str) -> NoReturn:
         """End the replay with `ReplayDiffersError`, which carries the difference."""
-        self.require_going()
+        self.require_ongoing()
         self.found = self.difference(what, recorded, now)
         self._over = ReplayDiffersError(f"{what}: the record has {recorded}; the replay has {now}")
         raise self._over
 
-    def ends(self, what: str, now: str) -> NoReturn:
-        """Take note that the record has nothing more of a kind: an end for one that was cut, else a difference."""
-        self.require_going()
+    def raise_end(self, what: str, now: str) -> NoReturn:
+        """End the replay when the record has nothing more of a kind: an end if it was cut short, else a difference."""
+        self.require_ongoing()
         if self._recording.to_the_end:
-            self.differs(what, "nothing", now)
+            self.raise_difference(what, "nothing", now)
         t0_s = self._recording.span.t0_s
         self._over = RecordEndsError(
             f"the session that began at t = {t0_s:.3f} s was interrupted at t = {t0_s + self.clock.now_s():.3f} s"

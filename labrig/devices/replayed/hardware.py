@@ -1,4 +1,4 @@
-"""What stands where a rig has its hardware when a record is replayed."""
+"""What takes the place of the hardware when a record is replayed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from labrig.devices.camera_settings import Setting
 from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
-from labrig.devices.replayed.commands import CommandWords
+from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig_file import RigDescription
@@ -28,7 +28,7 @@ class ReplayedHardware:
     recording : Recording
         The session.
     comparison : Comparison
-        Told of what is the same, and of what is not.
+        Counts what is the same, and ends the replay at the first difference.
     """
 
     def __init__(self, rig: RigDescription, recording: Recording, comparison: Comparison) -> None:
@@ -40,7 +40,7 @@ class ReplayedHardware:
             self.clock,
             heartbeat_id=0x700 + rig.can.heartbeat.computer_node_id,
             comparison=comparison,
-            words=CommandWords(rig),
+            format_command=CommandFormatter(rig),
         )
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self._recording = recording
@@ -55,25 +55,25 @@ class ReplayedHardware:
         return ReplayedSource(self._recording, self._comparison)
 
     def truth(self) -> tuple[dict[str, object], ...]:
-        """Return what the record has next of the simulated world; nothing of a bench."""
-        told = next(self._truth, None)
-        return () if told is None else (told,)
+        """Return the next truth of the simulated world in the record; nothing for a bench."""
+        truth = next(self._truth, None)
+        return () if truth is None else (truth,)
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
         """Do nothing: the pictures have been taken."""
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
     def interrupted(self) -> str | None:
-        """Return the signal that ended the session, where the record goes on with nothing but stopping."""
+        """Return the signal that ended the session once the record holds nothing more than stopping."""
         slack_us = 0 if self._recording.exact else _REAL_SLACK_US
         stops = self._recording.stopped_by is not None and self.bus.next_is_halt(slack_us)
         return self._recording.stopped_by if stops else None
 
 
 class ReplayedSource:
-    """The camera of a record: takes the settings that were taken then, and gives its pictures in order."""
+    """The camera of a record: accepts the recorded settings and gives the recorded pictures in order."""
 
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self.exposures = 0
@@ -82,19 +82,19 @@ class ReplayedSource:
         self._comparison = comparison
 
     def set(self, name: str, value: Setting) -> None:
-        """Nothing is set: what was asked is compared with what the record's camera read back."""
+        """Do nothing: what is asked is compared with what the recorded camera read back."""
 
     def get(self, name: str) -> Setting | None:
-        """Return what the record's camera read back."""
+        """Return what the recorded camera read back."""
         return self._settings.get(name)
 
     def read(self) -> Exposure | None:
         """Return the next picture; its SHA-256 is verified."""
-        self._comparison.require_going()
+        self._comparison.require_ongoing()
         self.exposures += 1
         number, exposure = next(self._pictures, (None, None))
         if number is None:
-            self._comparison.ends("frame", "one more picture")
+            self._comparison.raise_end("frame", "one more picture")
         self._comparison.frame = number
         if exposure is None or exposure.t_s is None:
             return exposure
@@ -102,11 +102,11 @@ class ReplayedSource:
         return replace(exposure, t_s=max(exposure.t_s, self._comparison.clock.now_s()))
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 class ReplayedOperator:
-    """Whoever answered then: the question has to be the recorded one, the answer is."""
+    """The operator of a record: the question must be the recorded one, and gets the recorded answer."""
 
     def __init__(self, recording: Recording, comparison: Comparison) -> None:
         self._questions = iter(recording.questions)
@@ -114,24 +114,24 @@ class ReplayedOperator:
         self._comparison = comparison
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
-        """Compare a question, let the time pass that its answer took, and return that."""
-        self._comparison.require_going()
+        """Compare a question, let the time pass that its answer took, and return the answer."""
+        self._comparison.require_ongoing()
         now = f"{type(request).__name__}: {request.text}"
         question = next(self._questions, None)
         if question is None:
-            self._comparison.ends("question", now)
+            self._comparison.raise_end("question", now)
         if (question.request, _plain(question.details)) != (
             type(request).__name__,
             _plain(request_details(request, self._run)),
         ):
-            self._comparison.differs("question", f"{question.request} {dict(question.details)}", now)
-        self._comparison.same("questions")
+            self._comparison.raise_difference("question", f"{question.request} {dict(question.details)}", now)
+        self._comparison.count_same("questions")
         self._comparison.clock.pass_until(round(question.t_s * 1e6))
         return question.answer
 
 
 def _plain(value: object) -> object:
-    """Return a value as a record has it: tuples are lists there."""
+    """Return a value as a record holds it: tuples become lists."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

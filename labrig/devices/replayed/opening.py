@@ -46,14 +46,14 @@ def load_recorded_rig(run: Run) -> RigDescription:
 def open_replayed(
     description: RigDescription, recording: Recording, comparison: Comparison
 ) -> Iterator[tuple[Rig, ReplayedHardware]]:
-    """Open the rig of a recorded session; nothing outside of the process is touched, and no state file.
+    """Open the rig of a recorded session; nothing outside the process is touched, not even a state file.
 
-    It is not stopped when the block is left: what was sent to close it is no part of the record.
+    Leaving the block does not stop it: what was sent to close it is not part of the record.
 
     Raises
     ------
     ReplayDiffersError, RecordEndsError
-        When connecting already differs, or the record ends in it.
+        When connecting differs already, or the record ends while connecting.
     """
     hardware = ReplayedHardware(description, recording, comparison)
     with closing(hardware.open_link()) as link:

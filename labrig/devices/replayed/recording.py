@@ -1,4 +1,4 @@
-"""One session of a recorded run, as devices see it: from when a rig was opened until it was closed."""
+"""One session of a recorded run, as devices see it: from opening a rig to closing it."""
 
 import math
 import re
@@ -28,7 +28,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Span:
-    """From when, and until when (exclusive), a session stands in the record [s]."""
+    """Start and end (exclusive) of a session in the record [s]."""
 
     t0_s: float
     end_s: float
@@ -52,27 +52,27 @@ class Recording:
     started : datetime
         Calendar time.
     span : Span
-        Where it stands in the record.
+        Its place in the record.
     can_frames, questions, truth : tuple
-        What passed on the bus, what the operator was asked, what was told of the simulated world.
+        What passed on the bus, what the operator was asked, and what was true of the simulated world.
     pictures : iterable of (int, Exposure)
-        What the camera saw, each with its number; read when it is asked for.
+        What the camera saw, each picture with its number; read on demand.
     first_frame : int
-        Number of the first picture, be it of the camera or drawn.
+        Number of the first picture, taken or drawn.
     camera : Mapping
-        What the camera said that it is set to.
+        The settings that the camera read back.
     state : RigState
-        What the rig knew of itself when it was opened.
+        The state of the rig when it was opened.
     stopped_by : str or None
         The signal that ended it.
     exact : bool
-        Whether its time was simulated, so that everything comes again to the last bit.
+        Whether its time was simulated, so that everything repeats to the last bit.
     to_the_end : bool
-        Whether it came to a successful end.
+        Whether it ended in success.
     is_first : bool
         Whether it began the run; the others resumed it.
     trials : frozenset of int
-        The insertions that were begun in it.
+        The trials that began in it.
     """
 
     run: Path
@@ -92,7 +92,7 @@ class Recording:
     trials: frozenset[int]
 
 
-def recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
+def read_recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
     """Return the sessions of a run in order: the first, and one for each time that it was resumed.
 
     Raises
@@ -101,7 +101,7 @@ def recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
         When the record is damaged, or does not say what devices it had.
     """
     sessions = [run.manifest, *run.sessions]
-    starts_s = [0.0, *(float(one["t0_s"]) for one in run.sessions)]
+    starts_s = [0.0, *(float(session["t0_s"]) for session in run.sessions)]
     frames = tuple(run.can_frames)
     return tuple(
         _session(run, session, Span(start_s, end_s), frames, exact=exact)
@@ -146,7 +146,7 @@ def _of_devices(
         run=run.path,
         started=datetime.fromisoformat(str(session["started"])),
         span=span,
-        can_frames=tuple(one._replace(t_s=one.t_s - span.t0_s) for one in frames if one.t_s in span),
+        can_frames=tuple(frame._replace(t_s=frame.t_s - span.t0_s) for frame in frames if frame.t_s in span),
         questions=tuple(_question(event, span.t0_s) for event in events if event["kind"] == "operator"),
         truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
         pictures=((int(line["frame"]), _exposure(run, line, span.t0_s)) for line in seen),
@@ -162,7 +162,7 @@ def _of_devices(
 
 
 def _exposure(run: Run, line: Mapping[str, Any], t0_s: float) -> Exposure:
-    """Return a picture with its time as its camera told it; without where that was the time of the call."""
+    """Return a picture with the time that its camera gave; without one if the time was that of the call."""
     image, bound_s = run.read_frame(int(line["frame"])), line.get("t_bound_s")
     if bound_s is None:
         return Exposure(image)
@@ -181,7 +181,7 @@ def _question(event: Mapping[str, Any], t0_s: float) -> Question:
 
 
 def _truth(line: Mapping[str, Any]) -> dict[str, object]:
-    """Return what the world told; the trial was added by the procedure."""
+    """Return what the world wrote; the procedure added the trial."""
     return {key: value for key, value in line.items() if key != "trial"}
 
 

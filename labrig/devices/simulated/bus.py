@@ -8,13 +8,13 @@ from labrig.clock import Clock
 from labrig.devices.bus import BusNetwork, CanLink
 
 _BUS_OFF_ID, _CONTROLLER_ID = 0x040, 0x004
-"""COB-IDs of the error frames by which SocketCAN tells of bus off, and of the state of the controller."""
+"""Ids of SocketCAN's error frames for bus off and for the state of the controller."""
 
 _PASSIVE = bytes([0, 0x20, 0, 0, 0, 0, 0, 0])
 
 
 class InProcessWire:
-    """What the endpoints of one bus share, and what can go wrong on the way between them."""
+    """The medium that the endpoints of a bus share, and the faults on it."""
 
     def __init__(self) -> None:
         self.endpoints: list[InProcessBus] = []
@@ -25,24 +25,24 @@ class InProcessWire:
         self._dead = self._unplugged = False
 
     def lose(self, frames: int) -> None:
-        """Let the next frames vanish."""
+        """Lose the next frames."""
         self._losses += frames
 
     def duplicate(self, frames: int) -> None:
-        """Let each of the next frames arrive twice."""
+        """Deliver each of the next frames twice."""
         self._copies += frames
 
     def delay(self, frames: int, delay_s: float) -> None:
-        """Let the next frames arrive late, and so perhaps behind later ones."""
+        """Delay the next frames, possibly behind later ones."""
         self._delays, self._delay_s = self._delays + frames, delay_s
 
     def bus_off(self) -> None:
-        """Let nothing pass any more; the adapter tells by an error frame."""
+        """Block every frame from now on; the adapter reports it by an error frame."""
         self._dead = True
         self._tell_adapters(_BUS_OFF_ID, bytes(8))
 
     def bus_passive(self) -> None:
-        """Let the adapter tell that it has counted many errors; frames still pass."""
+        """Let the adapter report error passive; frames still pass."""
         self._tell_adapters(_CONTROLLER_ID, _PASSIVE)
 
     def _tell_adapters(self, can_id: int, data: bytes) -> None:
@@ -52,21 +52,21 @@ class InProcessWire:
                 endpoint.take(frame)
 
     def unplug(self) -> None:
-        """Pull the adapter: its sends fail, and nothing reaches it."""
+        """Unplug the adapter: sending fails, and it receives nothing."""
         self._unplugged = True
 
     def restore(self) -> None:
-        """Mend the bus."""
+        """Restore the bus."""
         self._dead = self._unplugged = False
         self._losses = self._copies = self._delays = 0
 
     def carry(self, sender: "InProcessBus", message: can.Message) -> None:
-        """Take a frame from one endpoint to all others.
+        """Carry a frame from one endpoint to all others.
 
         Raises
         ------
         can.CanOperationError
-            When the sender is an adapter that has been unplugged.
+            When the sender is an unplugged adapter.
         """
         if self._unplugged and sender.is_adapter:
             raise can.CanOperationError("the adapter has been unplugged")
@@ -107,9 +107,9 @@ class InProcessBus(can.BusABC):
     wire : InProcessWire
         The wire.
     receive : callable
-        Takes each frame that another endpoint sends, while that one is sending.
+        Takes each frame of another endpoint, during its send.
     is_adapter : bool
-        Whether this is the computer's end, which notices bus off and can be unplugged.
+        Whether this is the computer's adapter, which reports bus off and can be unplugged.
     """
 
     channel_info = "bus inside the process"
@@ -135,7 +135,7 @@ class InProcessBus(can.BusABC):
 
 
 def attach(wire: InProcessWire, clock: Clock, answer_timeout_s: float) -> CanLink:
-    """Return a link to an in-process wire; while it awaits a late answer, it lets the time of `clock` pass."""
+    """Return a link to an in-process wire; time of `clock` passes while it waits for a late answer."""
     network = BusNetwork(clock)
 
     def receive(message: can.Message) -> None:

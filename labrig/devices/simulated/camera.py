@@ -1,4 +1,4 @@
-"""The simulated camera: draws what the world shows, with the exposure and gain that it has been set to."""
+"""The simulated camera: draws what the world shows, with its exposure and gain."""
 
 from typing import ClassVar, Literal
 
@@ -28,7 +28,7 @@ _POWER_ON: dict[str, Setting] = {
 
 
 class SimulatedSource:
-    """Takes every setting, but for those that the world's description says it ignores.
+    """Takes every setting except those that the world's description lists as ignored.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class SimulatedSource:
         self._settings = dict(_POWER_ON)
 
     def set(self, name: str, value: Setting) -> None:
-        """Make a setting, or ignore it without a word."""
+        """Make a setting, or ignore it silently."""
         if name not in self._world.description.ignores:
             self._settings[name] = value
 
@@ -58,7 +58,7 @@ class SimulatedSource:
         return Exposure(self._world.picture(light))
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 class SimulatedCameraDescription(ControlledCameraDescription):
@@ -75,7 +75,7 @@ class SimulatedCamera(CameraKind[SimulatedCameraDescription]):
     name = "simulated"
     settings = SimulatedCameraDescription
 
-    def open(self, section: SimulatedCameraDescription, context: CameraContext) -> SimulatedSource:  # noqa: ARG002 - the world says it all
+    def open(self, section: SimulatedCameraDescription, context: CameraContext) -> SimulatedSource:  # noqa: ARG002 - the context holds the world
         """Return a camera that sees the world."""
         if context.world is None:
             raise CameraError(

@@ -24,7 +24,7 @@ _WATCH_ENTRIES = frozenset({co.CONSUMER_HEARTBEAT, co.CONSUMER_HEARTBEAT_2, co.P
 
 
 class NmtState(IntEnum):
-    """State of a node as its heartbeat tells it; OFF stands for no power or still booting."""
+    """State of a node, as in its heartbeat; OFF means no power or still booting."""
 
     OFF = -1
     STOPPED = 4
@@ -33,7 +33,7 @@ class NmtState(IntEnum):
 
 
 class CanopenNode:
-    """What of a simulated drive is on the bus; what it does stands in the folder of its kind.
+    """The CANopen node of a simulated drive; the folder of its kind holds what the drive does.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class CanopenNode:
     table, fixed, live, written, is_powered
         As `ObjectDictionary` takes them.
     on_nmt : callable
-        Told each NMT command for this node.
+        Called with each NMT command for this node.
     on_silence : callable
-        Told the instant at which a heartbeat was missed.
+        Called with the instant at which a heartbeat was missed.
     on_pdo_error : callable
-        Told the error code of a PDO of a wrong length.
+        Called with the error code when a PDO has the wrong length.
     before_frame : callable
-        Called before each frame that concerns this node.
+        Called before each frame for this node.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class CanopenNode:
         self._aborts: deque[tuple[int, int | None]] = deque()
         self._ignored = 0
         self._clock = clock
-        self._written_further = written
+        self._on_written = written
         self._on_nmt_command = on_nmt
         self._before_frame = before_frame
         self.objects = ObjectDictionary(
@@ -86,7 +86,7 @@ class CanopenNode:
             node_id,
             fixed,
             live,
-            self._written,
+            self._on_write,
             is_powered=is_powered,
             is_pre_operational=lambda: self.state is NmtState.PRE_OPERATIONAL,
         )
@@ -109,7 +109,7 @@ class CanopenNode:
             self.send(0x080 + self.node_id, struct.pack("<HB5x", code, register))
 
     def boot(self) -> None:
-        """Take the communication settings of power on, announce the node, and be pre-operational."""
+        """Load the communication settings of power on, announce the node, and become pre-operational."""
         self.state = NmtState.PRE_OPERATIONAL
         self.pdo.configure()
         self.send(0x700 + self.node_id, b"\0")
@@ -122,7 +122,7 @@ class CanopenNode:
         self.state = state
 
     def tick(self, now_s: float) -> None:
-        """Send what has become due."""
+        """Send what is due."""
         self._wire.tick(now_s)
         if self.state is NmtState.OFF:
             return
@@ -131,15 +131,15 @@ class CanopenNode:
             self.pdo.send_changes(now_s)
 
     def mute(self, frames: int | None) -> None:
-        """Send nothing of the next frames, or for good."""
+        """Drop the next frames that this node sends, or all of them."""
         self._mute_frames = math.inf if frames is None else frames
 
     def deafen(self) -> None:
-        """Hear nothing."""
+        """Receive nothing."""
         self._deaf = True
 
     def recover(self) -> None:
-        """Hear and speak again."""
+        """Receive and send again."""
         self._mute_frames, self._deaf = 0, False
 
     def abort_next(self, code: int, index: int | None) -> None:
@@ -147,22 +147,22 @@ class CanopenNode:
         self._aborts.append((code, index))
 
     def ignore_next(self, requests: int) -> None:
-        """Leave the next SDO requests without answer or effect."""
+        """Ignore the next SDO requests."""
         self._ignored += requests
 
     def leave(self) -> None:
-        """Leave the bus without a word."""
+        """Leave the bus silently."""
         self._bus.shutdown()
 
     def _send_state(self, toggle: int) -> None:
         self.send(0x700 + self.node_id, bytes([self.state | toggle]))
 
-    def _written(self, entry: Entry, value: int, before: int) -> None:
+    def _on_write(self, entry: Entry, value: int, before: int) -> None:
         if entry in _WATCH_ENTRIES:
             self.error_control.configure(self._clock.now_s())
         elif entry in _PDO_ENTRIES:
             self.pdo.configure()
-        self._written_further(entry, value, before)
+        self._on_written(entry, value, before)
 
     def _on_frame(self, message: can.Message) -> None:
         if self._deaf or self.state is NmtState.OFF or message.is_extended_id or message.is_error_frame:

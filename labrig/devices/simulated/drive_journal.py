@@ -1,4 +1,4 @@
-"""What a simulated drive did and when, in its own words: tests assert on this, not on the computer's clock."""
+"""What a simulated drive did, and when. Tests assert on this, not on the computer's clock."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -9,18 +9,18 @@ _KEPT = 10_000
 
 @dataclass(frozen=True)
 class DriveEvent:
-    """Something that happened to a drive.
+    """An event of a drive.
 
     Parameters
     ----------
     t_s : float
-        The instant, exact: not that of the tick that noticed it.
+        The exact instant, not that of the tick that noticed it.
     kind : str
         boot, nmt, state, emergency, set-point, brake, still or homing.
     text : str
-        State entered, error code, and the like.
+        The state entered, the error code, or similar.
     shaft_counts : float
-        Where the shaft stood.
+        Position of the shaft.
     """
 
     t_s: float

@@ -1,4 +1,4 @@
-"""How a simulated drive shows that it lives, and notices that its master does not (CiA 301)."""
+"""Error control of a simulated drive (CiA 301): its own heartbeat, and the loss of its master's."""
 
 import math
 from collections.abc import Callable
@@ -15,9 +15,9 @@ class ErrorControl:
     objects : ObjectDictionary
         Holds the times.
     answer : callable
-        Sends the one byte of a heartbeat or a guarding answer: takes what is added to the NMT state.
+        Sends the byte of a heartbeat or a guarding answer; its argument is added to the NMT state.
     lost : callable
-        Told the instant at which the master was given up.
+        Called with the instant at which the master was lost.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class ErrorControl:
         self.configure(0.0)
 
     def configure(self, now_s: float) -> None:
-        """Take the times from the object dictionary again; watching starts with the next beat."""
+        """Read the times from the object dictionary again; monitoring starts with the next heartbeat."""
         values = self._objects.values
         watched = (values[co.CONSUMER_HEARTBEAT], values[co.CONSUMER_HEARTBEAT_2])
         self._consumed = {value >> 16 & 0x7F: (value & 0xFFFF) / 1000 for value in watched if value & 0xFFFF}
@@ -43,13 +43,13 @@ class ErrorControl:
         self._next_beat_s = now_s if values[co.PRODUCER_HEARTBEAT] else math.inf
 
     def start(self, now_s: float) -> None:
-        """Begin afresh, as after a boot-up."""
+        """Start again, as after a boot-up."""
         self._heard_s.clear()
         self._guarded_s, self._toggle = None, 0
         self.configure(now_s)
 
     def hear(self, node_id: int, now_s: float) -> None:
-        """Take the heartbeat of another node."""
+        """Receive the heartbeat of another node."""
         if node_id in self._consumed:
             self._heard_s[node_id] = now_s
 
@@ -62,7 +62,7 @@ class ErrorControl:
         self._toggle ^= 0x80
 
     def tick(self, now_s: float) -> None:
-        """Send the beats that are due, and give up a master that has been silent for too long."""
+        """Send the heartbeats that are due, and report a master that has been silent for too long."""
         while self._next_beat_s <= now_s:
             period_s = self._objects.values[co.PRODUCER_HEARTBEAT] / 1000
             self._next_beat_s = round(self._next_beat_s + period_s, 6)

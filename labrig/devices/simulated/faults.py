@@ -1,4 +1,4 @@
-"""Carrying out the faults that a rig file or a test scripts."""
+"""Injects the faults that a rig file or a test scripts."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -11,7 +11,7 @@ _NEGATIVE, _POSITIVE = 0x0001, 0x0002
 
 
 class FaultScript:
-    """Lets each fault happen when it is due.
+    """Injects each fault when it is due.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class FaultScript:
     clock : Clock
         Rig time; `tick` is to be called whenever it advances.
     faults : iterable of FaultDescription
-        What is to happen.
+        The faults.
     """
 
     def __init__(
@@ -37,11 +37,11 @@ class FaultScript:
         self._clock = clock
         self._waiting = list(faults)
         self.happened: list[tuple[float, FaultDescription]] = []
-        """What has happened, each with its rig time."""
+        """Faults injected so far, each with its rig time."""
         self.tick()
 
     def tick(self) -> None:
-        """Let happen what is due."""
+        """Inject what is due."""
         if not self._waiting:
             return
         due = [fault for fault in self._waiting if self._is_due(fault)]
@@ -50,12 +50,12 @@ class FaultScript:
             self.inject(fault)
 
     def inject(self, fault: FaultDescription) -> None:
-        """Let a fault happen now."""
+        """Inject a fault now."""
         self.happened.append((self._clock.now_s(), fault))
         if fault.axis is None:
-            self._of_bus(fault)[fault.fault]()
+            self._bus_actions(fault)[fault.fault]()
         else:
-            self._of_drive(fault, self._drives[fault.axis])[fault.fault]()
+            self._drive_actions(fault, self._drives[fault.axis])[fault.fault]()
 
     def _is_due(self, fault: FaultDescription) -> bool:
         if self._clock.now_s() < fault.at_s:
@@ -66,7 +66,7 @@ class FaultScript:
         doing = "homing" if drive.is_homing else "moving" if drive.is_moving else "idle"
         return fault.once == doing
 
-    def _of_bus(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
+    def _bus_actions(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
         wire = self._wire
         return {
             "bus-off": wire.bus_off,
@@ -77,7 +77,9 @@ class FaultScript:
             "unplugged": wire.unplug,
         }
 
-    def _of_drive(self, fault: FaultDescription, drive: SimulatedNode) -> dict[str, Callable[[], object]]:
+    def _drive_actions(
+        self, fault: FaultDescription, drive: SimulatedNode
+    ) -> dict[str, Callable[[], object]]:
         return {
             "silent": drive.mute,
             "deaf": drive.deafen,

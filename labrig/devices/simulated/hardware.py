@@ -1,4 +1,4 @@
-"""The simulated rig: drives on a bus, their shafts coupled to the world, all in one simulated time."""
+"""The simulated rig: drives on a bus, with their shafts coupled to the world, all in one simulated time."""
 
 from collections.abc import Sequence
 
@@ -19,11 +19,11 @@ from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 
 _STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
-"""How far beyond the limits of an axis that travels its hard stops and limit switches stand [mm]."""
+"""Distance of the hard stops and limit switches beyond the limits of a travelling axis [mm]."""
 
 
 class SimulatedHardware:
-    """What stands where a bench has its hardware.
+    """What takes the place of the hardware of a bench.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class SimulatedHardware:
     Raises
     ------
     InputError
-        When the rig file has unknown entries, or a drive that cannot be simulated.
+        When entries of the rig file are unknown, or a drive cannot be simulated.
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
@@ -46,7 +46,7 @@ class SimulatedHardware:
         self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.world = World(world, seed)
-        self.operator = SimulatedOperator(self.world, self._where)
+        self.operator = SimulatedOperator(self.world, self._true_positions)
         self.wire = InProcessWire()
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self.drives = {
@@ -76,12 +76,12 @@ class SimulatedHardware:
         return (self.world.truth(),)
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Let the world, which is new, have the tracks that the record tells of, and bring the instrument out again."""
-        for one in insertions:
-            self.world.place_specimen(one.specimen, one.gelatin_percent)
-            self.world.shift_to_hole(one.specimen, one.hole, one.hole_position_mm)
+        """Give the new world the tracks in the record, and bring the instrument out again."""
+        for insertion in insertions:
+            self.world.place_specimen(insertion.specimen, insertion.gelatin_percent)
+            self.world.shift_to_hole(insertion.specimen, insertion.hole, insertion.hole_position_mm)
             here = tuple(self._positions[name] for name in ("insertion", "rotation", "linear"))
-            for insertion_mm, rotation_rad, linear_mm in (*one.path, here):
+            for insertion_mm, rotation_rad, linear_mm in (*insertion.path, here):
                 self.world.advance(insertion_mm, rotation_rad, linear_mm)
 
     def close(self) -> None:
@@ -90,21 +90,21 @@ class SimulatedHardware:
             drive.unplug()
 
     def _move_world(self) -> None:
-        """Take the world to where the shafts stand; all of them stand at zero when the rig is new."""
-        where = self._where()
+        """Move the world to where the shafts are; in a new rig all of them are at zero."""
+        where = self._true_positions()
         if where != self._positions:
             self._positions = where
             self.world.advance(where["insertion"], where["rotation"], where["linear"])
 
-    def _where(self) -> dict[str, float]:
-        """Return where each axis truly stands [mm or rad]."""
+    def _true_positions(self) -> dict[str, float]:
+        """Return the true position of each axis [mm or rad]."""
         return {
             name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
         }
 
 
 def _mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
-    """Return the stops and switches of an axis, whose shaft stands at zero when the rig is new; none if it turns."""
+    """Return the stops and switches of an axis, whose shaft is at zero in a new rig; none for a rotating axis."""
     if axis.unit == "rad":
         return Mechanics()
     low, high = axis.limits

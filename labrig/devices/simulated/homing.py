@@ -1,6 +1,6 @@
-"""Homing methods of a simulated drive, each as the stretches that the shaft travels.
+"""Homing methods of a simulated drive, each as a sequence of moves of the shaft.
 
-Those below zero are maxon's, with its signs: -1 and -3 go with positive speed into the upper stop, -2 and
+Methods below zero belong to manufacturers: -1 and -3 go with positive speed into the upper stop, -2 and
 -4 with negative speed into the lower one; 1, 2, 7, 11, 33, 34, -1 and -2 end at the encoder's index.
 """
 
@@ -15,16 +15,16 @@ _FOR_EVER = 1e12
 
 @dataclass(frozen=True)
 class HomingMove:
-    """A part of homing.
+    """A move of a homing sequence.
 
     Parameters
     ----------
     target : float
         Counter to go to.
     slow : bool
-        At the speed for the index, not that for the switch.
+        At the speed for the index, not for the switch.
     to_stop : bool
-        Ends where the shaft runs against something; the target is only a direction.
+        Ends at a stop; the target gives only the direction.
     """
 
     target: float
@@ -35,7 +35,7 @@ class HomingMove:
 def plan_homing(
     method: int, shaft: MotorShaft, quadcounts_per_turn: int, offset: float
 ) -> tuple[HomingMove, ...]:
-    """Return the stretches of a method from where the shaft stands, the home offset last."""
+    """Return the moves of a method from where the shaft is, the home offset last."""
     if method in {0, 35, 37}:
         return ()
     if method in {33, 34}:

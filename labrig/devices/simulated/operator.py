@@ -1,4 +1,4 @@
-"""The simulated operator: does to the world what a person would do to the bench, and always says yes."""
+"""The simulated operator: does to the world what a person does at the bench, and always agrees."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -30,13 +30,13 @@ class SimulatedOperator:
     ----------
     world : World
         What it moves.
-    where : callable
-        Returns where each axis truly stands [mm or rad], as a scale beside it would show.
+    true_positions : callable
+        Returns the true position of each axis [mm or rad], as a scale beside it would show.
     """
 
-    def __init__(self, world: World, where: Callable[[], Mapping[str, float]]) -> None:
+    def __init__(self, world: World, true_positions: Callable[[], Mapping[str, float]]) -> None:
         self._world = world
-        self._where = where
+        self._true_positions = true_positions
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:  # noqa: ARG002 - never waits
         """Do what is asked.
@@ -44,23 +44,23 @@ class SimulatedOperator:
         Raises
         ------
         InputError
-            When the world cannot be moved so, such as a gel shifted with a needle in it.
+            When the world cannot do this, such as shifting a gel with a needle in it.
         """
-        return self._answered(request) or self._done(request)
+        return self._answer(request) or self._act(request)
 
-    def _answered(self, request: OperatorRequest) -> Answer | None:
-        """Return the answer to what is asked for a number or a place; None to anything else."""
+    def _answer(self, request: OperatorRequest) -> Answer | None:
+        """Return the answer to a request for a number or a pixel; None for other requests."""
         match request:
             case PickTarget():
                 return Answer(confirmed=True, note=_WHO, pixel=self._world.target_mark_px())
             case ReadScale(axis, unit):
-                truly = self._where()[axis]
+                truly = self._true_positions()[axis]
                 return Answer(
                     confirmed=True, note=_WHO, reading=math.degrees(truly) if unit == "deg" else truly
                 )
         return None
 
-    def _done(self, request: OperatorRequest) -> Answer:
+    def _act(self, request: OperatorRequest) -> Answer:
         match request:
             case MountNeedle(needle_id):
                 self._world.mount_needle(needle_id)
@@ -80,5 +80,5 @@ class SimulatedOperator:
             case ClearBench():
                 self._world.clear_bench()
             case _:
-                pass  # what a person only confirms is so here: the world is new, and the axes stand at zero
+                pass  # a confirmation is always true here: the world is new, and the axes are at zero
         return Answer(confirmed=True, note=_WHO)

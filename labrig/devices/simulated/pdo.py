@@ -22,7 +22,7 @@ class PdoEngine:
     send : callable
         Takes (COB-ID, data).
     fail : callable
-        Takes the error code of a PDO of a wrong length.
+        Called with the error code when a PDO has the wrong length.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class PdoEngine:
         self.configure()
 
     def configure(self) -> None:
-        """Take COB-IDs and types from the object dictionary again."""
+        """Read COB-IDs and types from the object dictionary again."""
         values = self._objects.values
         self._receive_ids = {
             values[entry] & 0x7FF: n
@@ -55,16 +55,16 @@ class PdoEngine:
         self._watched = tuple(n for n in valid if values[co.TPDO_TYPES[n]] not in {_SYNCHRONOUS, _ON_REQUEST})
 
     def start(self) -> None:
-        """Begin afresh, as on entering OPERATIONAL: what is sent on change is sent once."""
+        """Start again, as on entering OPERATIONAL: PDOs that are sent on change are sent once."""
         self._waiting.clear()
         self._sent.clear()
 
     def listens_to(self, can_id: int) -> bool:
-        """Tell whether a frame is a PDO of ours."""
+        """Tell whether a frame is one of our receive PDOs."""
         return can_id in self._receive_ids
 
     def take(self, can_id: int, data: bytes) -> None:
-        """Take a PDO of ours."""
+        """Take a receive PDO."""
         n = self._receive_ids[can_id]
         if len(data) < sum(entry.size for entry in self._mapped(co.RPDO_MAPS[n])):
             self._fail(_WRONG_LENGTH_ERROR)
@@ -74,13 +74,13 @@ class PdoEngine:
             self._apply(n, data)
 
     def request(self, can_id: int) -> None:
-        """Answer a remote frame if it asks for a PDO of ours that may be asked for."""
+        """Answer a remote frame that asks for a transmit PDO which allows it."""
         n = self._request_ids.get(can_id)
         if n is not None:
             self._transmit(n)
 
     def sync(self) -> None:
-        """Take what has waited for SYNC, and send what is due at it."""
+        """Apply what waited for SYNC, and send what is due at SYNC."""
         waiting, self._waiting = self._waiting, {}
         for n, data in waiting.items():
             self._apply(n, data)
@@ -90,7 +90,7 @@ class PdoEngine:
                 self._transmit(n)
 
     def send_changes(self, now_s: float) -> None:
-        """Send the PDOs whose content has changed, each not before its inhibit time is over."""
+        """Send the PDOs whose content has changed, once their inhibit time is over."""
         for n in self._watched:
             last, sent_s = self._sent.get(n, (b"", -1e9))
             inhibit_s = max(_WATCH_EVERY_S, self._objects.values[co.TPDO_INHIBITS[n]] * 1e-4)

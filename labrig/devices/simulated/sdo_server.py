@@ -6,7 +6,7 @@ from collections.abc import Callable
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<BHBI")
 _LONGEST = 64
-"""No object that can be written is longer [bytes]."""
+"""The longest object that can be written [bytes]."""
 
 TOGGLE = 0x05030000
 COMMAND_UNKNOWN = 0x05040001
@@ -29,7 +29,7 @@ NMT_STATE = 0x0F00FFC0
 
 
 class SdoAbortError(Exception):
-    """A transfer that the server refuses, with the code that the client is told."""
+    """A transfer that the server refuses, with its abort code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"0x{code:08X}")
@@ -56,7 +56,7 @@ class SdoServer:
         self._toggle = 0
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response to a request; None where the client wants none."""
+        """Return the response to a request; None if the client expects none."""
         if len(request) != 8:
             return None
         command, index, subindex = _HEAD.unpack_from(request)
@@ -108,7 +108,7 @@ class SdoServer:
         return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"
 
     def _size(self) -> int:
-        """Return how long the object is, for a client that did not say how much it sends."""
+        """Return the length of the object, for a client that did not state how much it sends."""
         return min(4, len(self._read(*self._place)))
 
     def _download_segment(self, command: int, request: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Simulated drives on a bus that other programs use: python-can's interfaces, and our own slcan adapter."""
+"""Simulated drives on a bus that other programs can join, through python-can or a simulated slcan adapter."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -26,7 +26,7 @@ _BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_0
 
 @dataclass(frozen=True)
 class ServedBus:
-    """Which bus simulated drives are to stand on.
+    """The bus on which simulated drives are served.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ServedBus:
         Raises
         ------
         InputError
-            For an interface that no other program could join, or that python-can does not know.
+            For an interface that no other program can join or that python-can does not know.
         BusError
             When it cannot be opened.
         """
@@ -81,16 +81,16 @@ class ServedBus:
 
 
 class ServedDrives:
-    """Simulated drives on a bus, in the computer's time.
+    """Simulated drives on a bus, in real time.
 
     Parameters
     ----------
     bus : can.BusABC
-        The bus; closing it is the caller's.
+        The bus; the caller closes it.
     node_ids : iterable of int
         A drive for each.
     mechanics : Mechanics
-        What each shaft can run against.
+        Stops and switches of each shaft.
     driver : str
         Kind of the drives.
     """
@@ -115,7 +115,7 @@ class ServedDrives:
         }
 
     def serve(self, until: Callable[[], object]) -> None:
-        """Let drives and bus exchange frames until `until` says something else than nothing.
+        """Let drives and bus exchange frames until `until` returns something true.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class ServedDrives:
             self._gate.shutdown()
 
     def events(self) -> list[tuple[int, DriveEvent]]:
-        """Return what all drives did, with their node ids, in the order of time."""
+        """Return the events of all drives with their node ids, in order of time."""
         noted = [(node_id, event) for node_id, drive in self.drives.items() for event in drive.journal]
         return sorted(noted, key=lambda pair: pair[1].t_s)
 
@@ -151,7 +151,7 @@ def serve_drives(
     ready: Callable[[str], None],
     journal: Path | None = None,
 ) -> None:
-    """Serve simulated drives until `until` says something else than nothing.
+    """Serve simulated drives until `until` returns something true.
 
     Parameters
     ----------
@@ -160,11 +160,11 @@ def serve_drives(
     node_ids : iterable of int
         A drive for each.
     until : callable
-        Asked some hundred times a second.
+        Called some hundred times a second.
     ready : callable
-        Told the channel by which other programs reach the drives, once they do.
+        Called with the channel by which other programs reach the drives, once they can.
     journal : Path or None
-        Where to write what the drives did, a JSON line an event, at the end.
+        File for the events of the drives, a JSON line for each, written at the end.
 
     Raises
     ------

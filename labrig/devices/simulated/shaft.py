@@ -1,23 +1,30 @@
-"""The motor's shaft of a simulated drive: its profile, what it runs against, and the counter that counts it."""
+"""The motor shaft of a simulated drive: its profile, its mechanical stops, and its counter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from labrig.devices.simulated.trapezoid import Limits, Profile, at_rest, braking, moving, running
+from labrig.devices.simulated.trapezoid import (
+    Limits,
+    Profile,
+    brake_profile,
+    move_profile,
+    rest_profile,
+    run_profile,
+)
 
 _HALVINGS = 40
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """What the shaft can run against, in quadcounts of the shaft; None for what is not there.
+    """Stops and switches of the shaft, in counts of the drive; None if absent.
 
     Parameters
     ----------
     lower_stop, upper_stop : float or None
         Hard stops.
     negative_switch, positive_switch : float or None
-        Limit switches: active at or below the one, at or above the other.
+        Limit switches: the negative one is active at or below its place, the positive one at or above.
     home_switch : float or None
         Active at or above this.
     """
@@ -30,36 +37,36 @@ class Mechanics:
 
 
 class MotorShaft:
-    """Where the shaft is asked to be, where it is, and what its counter says.
+    """Where the shaft should be, where it is, and what its counter reads.
 
     Parameters
     ----------
     mechanics : Mechanics
-        What it can run against.
+        Its stops and switches.
     now_s, position : float
-        Where it stands; the counter starts at zero whatever this is.
+        Where it is; the counter starts at zero in any case.
     """
 
     def __init__(self, mechanics: Mechanics, now_s: float, position: float) -> None:
         self.mechanics = mechanics
         self.zero = position
-        self.profile: Profile = at_rest(now_s, 0.0)
+        self.profile: Profile = rest_profile(now_s, 0.0)
         self.demand = self.actual = self.velocity = 0.0
         self.ticked_s = now_s
         self._jam: float | None = None
 
     @property
     def position(self) -> float:
-        """Where the shaft stands, whatever the counter has been set to [quadcounts]."""
+        """Where the shaft is, independent of the counter [counts]."""
         return self.actual + self.zero
 
     @property
     def stuck(self) -> bool:
-        """Whether something keeps the shaft from where it is asked to be."""
+        """Whether something blocks the shaft."""
         return self.demand != self.actual
 
     def jam(self) -> None:
-        """Block the shaft where it stands."""
+        """Block the shaft where it is."""
         self._jam = self.position
 
     def free(self) -> None:
@@ -76,7 +83,7 @@ class MotorShaft:
         return demand, self._held(demand)
 
     def tick(self, now_s: float) -> None:
-        """Go to where the profile is by now."""
+        """Follow the profile to this time."""
         self.demand, self.velocity = self.profile.at(now_s)
         self.actual = self._held(self.demand)
         self.ticked_s = now_s
@@ -92,7 +99,7 @@ class MotorShaft:
         return counter
 
     def first_time(self, is_past: Callable[[float, float], bool], now_s: float) -> float:
-        """Return the instant since the last tick at which (demand, actual) got past something."""
+        """Return the instant since the last tick at which (demand, actual) passed a condition."""
         before_s, after_s = self.ticked_s, now_s
         for _ in range(_HALVINGS):
             middle_s = (before_s + after_s) / 2
@@ -105,26 +112,26 @@ class MotorShaft:
     def go(self, t_s: float, target: float, limits: Limits) -> None:
         """Start a profile to a target."""
         position, velocity = self.profile.at(t_s)
-        self.profile = moving(t_s, position, velocity, target, limits)
+        self.profile = move_profile(t_s, position, velocity, target, limits)
 
     def run(self, t_s: float, speed: float, limits: Limits) -> None:
         """Start a profile to a velocity."""
         position, velocity = self.profile.at(t_s)
-        self.profile = running(t_s, position, velocity, speed, limits)
+        self.profile = run_profile(t_s, position, velocity, speed, limits)
 
     def brake(self, t_s: float, deceleration: float) -> None:
         """Come to rest."""
         position, velocity = self.profile.at(t_s)
-        self.profile = braking(t_s, position, velocity, deceleration)
+        self.profile = brake_profile(t_s, position, velocity, deceleration)
 
     def hold(self, t_s: float) -> None:
-        """Stand still where the shaft is: power has come or gone, and friction holds it."""
+        """Stand still where the shaft is: power was switched, and friction holds it."""
         actual = self.at(t_s)[1]
-        self.profile = at_rest(t_s, actual)
+        self.profile = rest_profile(t_s, actual)
         self.tick(max(t_s, self.ticked_s))
 
     def count_from(self, t_s: float, counter: float) -> None:
-        """Set the counter where the shaft stands."""
+        """Set the counter at the present position."""
         self.zero = self.position - counter
-        self.profile = at_rest(t_s, counter)
+        self.profile = rest_profile(t_s, counter)
         self.tick(max(t_s, self.ticked_s))

@@ -31,12 +31,12 @@ _ERROR_PASSIVE = 0x20
 
 
 class SlcanAdapter(can.BusABC):
-    """The bus side of the adapter: what clients send comes out of `recv`, what is sent goes to them.
+    """The bus side of the adapter: `recv` returns what clients send, and `send` sends to them.
 
     Parameters
     ----------
     bitrate : int
-        Of the bus that it is plugged into.
+        Bit rate of its bus.
     """
 
     channel_info = "simulated slcan adapter"
@@ -63,19 +63,19 @@ class SlcanAdapter(can.BusABC):
         }
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - never waits
-        """Give a frame of the bus to the client."""
+        """Pass a frame of the bus to the client."""
         if self._terminal is None or not self._on_bus or msg.is_error_frame:
             return
         self._terminal.write(format_frame(msg))
 
     def unplug(self) -> None:
-        """Pull the plug: the serial port is gone."""
+        """Unplug the adapter: the serial port disappears."""
         if self._terminal is not None:
             self._terminal.close()
             self._terminal = None
 
     def shutdown(self) -> None:
-        """Take the terminal away."""
+        """Close the terminal."""
         super().shutdown()
         self.unplug()
 

@@ -53,12 +53,12 @@ class Profile:
         return self.end_position, 0.0
 
 
-def at_rest(t_s: float, position: float) -> Profile:
+def rest_profile(t_s: float, position: float) -> Profile:
     """Return the profile that stands still."""
     return Profile((), t_s, position)
 
 
-def braking(t_s: float, position: float, velocity: float, deceleration: float) -> Profile:
+def brake_profile(t_s: float, position: float, velocity: float, deceleration: float) -> Profile:
     """Return the profile that comes to rest as soon as the deceleration allows."""
     duration = abs(velocity) / deceleration
     return _chain(t_s, position, velocity, [(duration, -math.copysign(deceleration, velocity))], None)
@@ -73,7 +73,7 @@ class Limits:
     deceleration: float
 
 
-def moving(t_s: float, position: float, velocity: float, target: float, limits: Limits) -> Profile:
+def move_profile(t_s: float, position: float, velocity: float, target: float, limits: Limits) -> Profile:
     """Return the fastest profile to a target within limits.
 
     Parameters
@@ -88,24 +88,24 @@ def moving(t_s: float, position: float, velocity: float, target: float, limits: 
     away = target - position
     stopping = velocity * abs(velocity) / (2 * limits.deceleration)
     if velocity * away < 0 or abs(stopping) > abs(away):
-        first = braking(t_s, position, velocity, limits.deceleration)
-        rest = moving(first.end_s, first.end_position, 0.0, target, limits)
+        first = brake_profile(t_s, position, velocity, limits.deceleration)
+        rest = move_profile(first.end_s, first.end_position, 0.0, target, limits)
         return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
     direction = math.copysign(1.0, away)
     phases = _phases(abs(away), abs(velocity), limits)
     return _chain(t_s, position, velocity, [(duration, direction * a) for duration, a in phases], target)
 
 
-def running(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
+def run_profile(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
     """Return the profile that changes to a velocity, `speed` with its sign, and keeps it for ever.
 
     It ends at infinity; its last segment starts when the velocity is reached.
     """
     if speed == 0.0:
-        return braking(t_s, position, velocity, limits.deceleration)
+        return brake_profile(t_s, position, velocity, limits.deceleration)
     if velocity * speed < 0:
-        first = braking(t_s, position, velocity, limits.deceleration)
-        rest = running(first.end_s, first.end_position, 0.0, speed, limits)
+        first = brake_profile(t_s, position, velocity, limits.deceleration)
+        rest = run_profile(first.end_s, first.end_position, 0.0, speed, limits)
         return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
     faster = abs(speed) >= abs(velocity)
     rate = math.copysign(limits.acceleration if faster else limits.deceleration, speed - velocity)

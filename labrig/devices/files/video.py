@@ -1,4 +1,4 @@
-"""A video file, its pictures by their own times."""
+"""A video file, with the times of its pictures."""
 
 from pathlib import Path
 
@@ -11,20 +11,20 @@ from labrig.errors import CameraError
 _HEAD_BYTES = 4096
 
 
-class Film:
+class VideoFile:
     """The pictures of a video file, each taken once.
 
     Parameters
     ----------
     path : Path
-        The file; regular, and no list of other files.
+        The file: a regular file, not a list of other files.
     rate_hz : float or None
-        A picture every 1 / rate_hz; None: by the times that the file has.
+        A picture every 1 / rate_hz; None takes the times in the file.
 
     Raises
     ------
     CameraError
-        When it is missing, or no video.
+        When it is missing or not a video.
     """
 
     def __init__(self, path: Path, rate_hz: float | None) -> None:
@@ -34,7 +34,7 @@ class Film:
             raise CameraError(
                 f"{path} is no video that OpenCV opens", "convert it to MJPEG in .avi, or to .mp4"
             )
-        self.words = f"recorded pictures of video {path}"
+        self.description = f"recorded pictures of video {path}"
         self.passed = 0
         self._path = path
         self._rate_hz = rate_hz
@@ -48,7 +48,7 @@ class Film:
         )
 
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
-        """Return the first picture of this time or later that is still to come; None behind the last."""
+        """Return the next picture of this time or later; None after the last."""
         while self._capture.grab():
             time_s = self._time_s()
             self.passed += 1
@@ -75,7 +75,7 @@ class Film:
 
 
 def _require_video(path: Path) -> None:
-    """Refuse what is no regular file, and lists of other files, which are text. Raises `CameraError`."""
+    """Refuse a file that is not regular, and lists of other files, which are text. Raises `CameraError`."""
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)

@@ -1,4 +1,4 @@
-"""Recorded pictures as a source: each look takes the next one, or by their times the one that is due."""
+"""Recorded pictures as a source: each read takes the next picture, or the one that is due by its time."""
 
 from typing import Protocol
 
@@ -9,21 +9,21 @@ from labrig.errors import CameraError
 
 _MICROSECOND_S = 1e-6
 _LONGEST_GAP_S = 5.0
-"""The longest that a picture is waited for; a network stream is given as long."""
+"""The longest wait for a picture; a network stream gets the same."""
 
 
-class Reel(Protocol):
+class RecordedPictures(Protocol):
     """Recorded pictures in their order, each taken once.
 
     Attributes
     ----------
-    words : str
-        What they are, for messages.
+    description : str
+        Names them in messages.
     passed : int
-        Pictures that were taken or passed over.
+        Pictures that were taken or skipped.
     """
 
-    words: str
+    description: str
     passed: int
 
     def size_px(self) -> tuple[int, int]:
@@ -33,63 +33,63 @@ class Reel(Protocol):
         """Return the next picture that is not older than this [s after the first], and its time; None at the end."""
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
 
 
-class PlayedSource:
-    """Pictures of a reel, in the rig's time from the first look on.
+class PlaybackSource:
+    """Recorded pictures, played in rig time from the first read on.
 
     Parameters
     ----------
-    reel : Reel
+    pictures : RecordedPictures
         The pictures.
     clock : Clock
         Rig time.
     start_s : float
-        Time of the first look, since the first picture [s].
+        Time of the first read, since the first picture [s].
     """
 
-    def __init__(self, reel: Reel, clock: Clock, start_s: float) -> None:
-        self._reel = reel
+    def __init__(self, pictures: RecordedPictures, clock: Clock, start_s: float) -> None:
+        self._pictures = pictures
         self._clock = clock
         self._start_s = start_s
         self._zero_s: float | None = None
         self._last_s: float | None = None
-        self._size = dict(zip(("width_px", "height_px"), map(float, reel.size_px()), strict=True))
+        self._size = dict(zip(("width_px", "height_px"), map(float, pictures.size_px()), strict=True))
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """What is played."""
-        return self._reel.words
+        return self._pictures.description
 
     @property
     def exposures(self) -> int:
-        """Pictures taken or passed over."""
-        return self._reel.passed
+        """Pictures taken or skipped."""
+        return self._pictures.passed
 
     def set(self, name: str, value: Setting) -> None:
-        """Nothing can be set: the pictures were taken."""
+        """Do nothing: recorded pictures have no settings."""
 
     def get(self, name: str) -> Setting | None:
-        """Return what the pictures have."""
+        """Return the width or height of the pictures."""
         return self._size.get(name)
 
     def read(self) -> Exposure:
-        """Return the next picture, that of now or later where they have times.
+        """Return the next picture; if they have times, the first one not older than now.
 
         Raises
         ------
         CameraError
-            When there is none left, or the next is of seconds later.
+            When none is left, or the next one is seconds later.
         """
         now_s = self._clock.now_s()
         if self._zero_s is None:
             self._zero_s = now_s - self._start_s
         from_s = now_s - self._zero_s - _MICROSECOND_S
-        taken = self._reel.take(from_s)
+        taken = self._pictures.take(from_s)
         if taken is None:
             raise CameraError(
-                f"the pictures have ended: {self._reel.words}, {self._reel.passed} taken or passed over{self._until()}",
+                f"the pictures have ended: {self.description}, {self.exposures} taken or passed over{self._until()}",
                 "record more of them, or ask for fewer: labrig check PROTOCOL says how many a run takes",
             )
         image, self._last_s = taken
@@ -97,7 +97,7 @@ class PlayedSource:
             return Exposure(image)
         if self._last_s - from_s > _LONGEST_GAP_S:
             raise CameraError(
-                f"{self._reel.words}: the next picture is of {self._last_s:.3f} s, one of {from_s:.3f} s was asked for",
+                f"{self.description}: the next picture is of {self._last_s:.3f} s, one of {from_s:.3f} s was asked for",
                 f"pictures are waited for at most {_LONGEST_GAP_S:g} s",
             )
         return Exposure(image, self._zero_s + self._last_s, t_bound_s=0.0)
@@ -106,5 +106,5 @@ class PlayedSource:
         return "" if self._last_s is None else f", the last one taken of {self._last_s:.3f} s"
 
     def close(self) -> None:
-        """Let go of the file."""
-        self._reel.close()
+        """Close the file."""
+        self._pictures.close()

@@ -4,17 +4,24 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 
 - `cli` parses, chooses the rig, calls, prints; alone prints, prompts and exits
 - `testing` holds the tests that every driver passes, ours and a lab's own
-- `experiments` are the procedures that move the rig, and the record of those that move nothing
-- `devices` are the axes, the camera, the clock and the operator, and the rig that holds them
+- `experiments` has a folder for each experiment, and the registry that finds them
+- `runner` is what every run needs: the interface of an experiment, the session, plan, resume, replay, withdrawal
+- `devices` are the axes, the camera, the clock and the operator, the rig that holds them, and a folder for each driver
 - `simulation` is the world that simulated devices live in, and knows none of our models of it
 - `report` draws and writes what others computed
 - `analysis` turns a run into a result, with uncertainty
 - `record` is a run on disk
 - `protocol` turns YAML into frozen, validated protocols
-- `needle` is what the needle is: the design of its hinges
+- `steering` plans a path, estimates the pose of the tip, and joins the two in a step
+- `needle` is what the needle is: the design of its hinges, and what it can reach
 - `vision` turns pixels into mm
 - `geometry` holds frames, signs, units, and circle fits
-- `errors` and `clock` are the error tree and what a clock is
+- `posix` is what the operating system must give
+- `plugins` finds the experiments, drives and cameras of installed packages
+- `errors`, `clock` and `text` are the error tree, what a clock is, and how numbers are written
+
+Beside them, `manual` holds the manual, and in `manual/example` a package of a lab's own to copy; it is imported by
+nothing.
 
 A name is imported from the file that defines it, so that a command loads what it needs: `labrig runs` lists thousands
 of runs without pandas or OpenCV. The `__init__` of a room holds its docstring, and the names of the documented Python

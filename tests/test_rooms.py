@@ -3,18 +3,32 @@
 import ast
 import importlib
 import json
+import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
+import labrig
+
 ROOT = Path(__file__).parents[1] / "labrig"
+PROJECT = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))
+CONTRACTS = {each["name"]: each for each in PROJECT["tool"]["importlinter"]["contracts"]}
 ROOMS = sorted(door.parent.name for door in ROOT.glob("*/__init__.py"))
 ANALYSES = [
     "labrig.analysis.batch",
     *(f"labrig.experiments.{path.parent.name}.analysis" for path in ROOT.glob("experiments/*/analysis.py")),
 ]
+RECORDS = ROOT.parent / "tests" / "records"
+INSIDE = {
+    "The bus stays inside devices": {"devices"},
+    "Pages and the rerun view stay inside report and the experiments' pages": {"report"},
+    "The command line stays inside cli": {"cli"},
+}
+"""Contract -> the rooms that are not on its list."""
 DOCUMENTED = {
     "experiments": {"ExperimentDeclaration"},
     "geometry": {"fit_circle"},
@@ -31,7 +45,7 @@ def _loaded_by(code: str, packages: tuple[str, ...]) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
-    loaded: list[str] = json.loads(done.stdout)
+    loaded: list[str] = json.loads(done.stdout.splitlines()[-1])
     return loaded
 
 
@@ -64,3 +78,45 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
 def test_what_is_not_asked_for_is_not_loaded(modules: str, unneeded: tuple[str, ...]) -> None:
     """A file brings the packages that it needs, and not those of its neighbours."""
     assert _loaded_by(f"import {modules}", unneeded) == []
+
+
+def test_a_list_of_runs_loads_no_experiment(tmp_path: Path) -> None:
+    """`labrig runs` reads what records say, whatever their experiments are."""
+    folder = shutil.copytree(RECORDS, tmp_path / "runs")
+    code = f"from labrig.cli.main import run_command; run_command(['runs', '--runs-dir', {str(folder)!r}])"
+    assert _loaded_by(code, ("labrig.experiments", "labrig.runner", "can", "canopen", "pandas", "cv2")) == []
+
+
+def test_every_room_is_named_where_labrig_says_what_it_is() -> None:
+    """The docstring of the package has a line for each room, and for each file beside them."""
+    files = {path.stem for path in ROOT.glob("*.py")} - {"__init__", "__main__"}
+    lines = [line for line in (labrig.__doc__ or "").splitlines() if line.startswith("- ")]
+    named = {name for line in lines for name in re.findall(r"`(\w+)`", line)}
+    assert named == {*ROOMS, *files}
+
+
+def test_every_room_is_on_every_list_of_the_import_linter() -> None:
+    """What stays inside a room is forbidden to each of the others; a new room cannot be forgotten."""
+    top = {path.stem for path in ROOT.glob("*.py")} - {"__init__", "__main__"} | set(ROOMS)
+    for name, inside in INSIDE.items():
+        listed = {module.split(".")[1] for module in CONTRACTS[name]["source_modules"]}
+        assert (name, listed) == (name, top - inside)
+    layers = CONTRACTS["A room imports only what stands below it"]["layers"]
+    assert {room.strip("( )") for layer in layers for room in layer.split("|")} >= top
+
+
+def test_the_simulated_world_shares_no_model_with_what_measures_it() -> None:
+    """Nor with what steers by the measurements."""
+    (contract,) = (each for name, each in CONTRACTS.items() if name.startswith("The simulated world"))
+    barred = {"labrig.steering", "labrig.vision", "labrig.geometry", "labrig.needle"}
+    assert set(contract["forbidden_modules"]) >= barred
+
+
+def test_every_experiment_is_on_the_lists_of_the_import_linter() -> None:
+    """None imports another, and the parts that compute reach nothing that moves, by the names that parts have."""
+    folders = {path.parent.name for path in ROOT.glob("experiments/*/__init__.py")} - {"shared"}
+    independent = CONTRACTS["No experiment imports another"]["modules"]
+    assert {module.rpartition(".")[2] for module in independent} == folders
+    computing = CONTRACTS["What computes never reaches what moves"]["source_modules"]
+    parts = {"analysis", "events", "page", "protocol", "result", "summary"}
+    assert set(computing) >= {f"labrig.experiments.*.{part}" for part in parts}

@@ -1,4 +1,4 @@
-"""Equations (1) to (3) of the paper, their inverses, and how far a radius follows its causes."""
+"""Equations (1) to (3) of the paper, their inverses, and the tolerance of a radius."""
 
 import math
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ def rotation_for_radius_deg(radius_mm: float, link_length_mm: float) -> float:
     Raises
     ------
     InputError
-        When two links would have to turn by more than a right angle, or the radius is beyond 10 m.
+        If two links would have to turn by more than a right angle, or the radius exceeds 10 m.
     """
     smallest = 4 * link_length_mm / math.pi
     require_within(
@@ -49,7 +49,7 @@ class RotationPlane:
     c : float
         Degrees.
     rmse_deg : float
-        Root mean square of what the plane leaves of the searched rotations.
+        Root mean square of the residuals of the searched rotations.
     """
 
     a: float
@@ -67,7 +67,7 @@ class RotationPlane:
         Raises
         ------
         AnswerIsNoError
-            When the clearance alone lets the hinges turn further.
+            If the clearance alone lets the hinges turn further.
         """
         beta_cut_deg = (beta_rot_deg - self.b * clearance_mm - self.c) / self.a
         if beta_cut_deg < 0:
@@ -79,12 +79,12 @@ class RotationPlane:
         return beta_cut_deg
 
     def clearance_mm(self, beta_rot_deg: float, beta_cut_deg: float) -> float:
-        """Return the clearance that explains a rotation: the effective clearance of a needle that was measured.
+        """Return the clearance that explains a rotation: the effective clearance of a measured needle.
 
         Raises
         ------
         AnswerIsNoError
-            When the inclination alone lets the hinges turn further.
+            If the inclination alone lets the hinges turn further.
         """
         clearance_mm = (beta_rot_deg - self.a * beta_cut_deg - self.c) / self.b
         if clearance_mm < 0:
@@ -101,7 +101,7 @@ EQUATION_3 = RotationPlane(a=1.09, b=296.0, c=-0.433, rmse_deg=0.1608)
 
 @dataclass(frozen=True)
 class RadiusTolerance:
-    """How a radius follows clearance and inclination.
+    """The sensitivity of a radius to clearance and inclination, and its worst cases.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class RadiusTolerance:
     per_degree_mm : float
         Slope, mm of radius for a degree of inclination; negative.
     low_mm, high_mm : float
-        The radius where both tolerances add up. `high_mm` is None when the hinges might not turn at all.
+        The radius if both tolerances add up. `high_mm` is None if the hinges might not turn at all.
     """
 
     per_clearance: float
@@ -129,13 +129,13 @@ def radius_tolerance(
 ) -> RadiusTolerance:
     """Return the slopes of the radius at a rotation, and its worst cases within the tolerances.
 
-    With r = 2 H / beta_rot a slope is -r / beta_rot times that of the plane. The worst cases are exact for
-    the plane: the radius falls with both.
+    With r = 2 H / beta_rot a slope is -r / beta_rot times the slope of the plane. The worst cases are exact for
+    the plane, because the radius decreases with both.
 
     Raises
     ------
     InputError
-        When a tolerance is negative or too large to be one.
+        If a tolerance is negative or implausibly large.
     """
     require_within("clearance tolerance", clearance_tolerance_mm, (0.0, 0.05), "no laser cuts worse")
     require_within(
@@ -152,16 +152,16 @@ def radius_tolerance(
     )
 
 
-def links_in(tip_length_mm: float, link_length_mm: float) -> int:
-    """Return how many whole links fit a tip of this length.
+def count_links(tip_length_mm: float, link_length_mm: float) -> int:
+    """Return how many whole links fit into a tip of this length.
 
     Raises
     ------
     InputError
-        When not one pair of links fits: equation (1) speaks of two.
+        If not even one pair of links fits, because equation (1) needs two.
     """
     require_within(
         "tip length", tip_length_mm, (2 * link_length_mm, 1000.0), "a tip bends between two links at least"
     )
-    # A length that is a whole number of links on paper must not lose one to rounding.
+    # A length that is exactly a whole number of links must not lose a link to rounding.
     return math.floor(tip_length_mm / link_length_mm + 1e-9)

@@ -1,4 +1,4 @@
-"""The contour of a hinge, as polygons: our own, because figure 2 of the paper is not in its text.
+"""Our own contour of a hinge as polygons, because figure 2 of the paper is not in its text.
 
 **In the view along the pin** (hinge a in the plane in which the needle bends) the lower link ends in a round
 knuckle that lies in a socket of the upper one. The pin is the origin, x lateral, z along the needle::
@@ -13,25 +13,25 @@ knuckle that lies in a socket of the upper one. The pin is the origin, x lateral
 
 What is decided:
 
-- The knuckle is drawn as wide as the bore, radius R = D_i / 2, so that the cut passes the whole wall.
-- The neck is drawn as wide as R: the lips reach round the knuckle to 30 degrees from the axis.
-- The stop faces of the socket link are drawn square to the axis at the height of the lips, and then turned about the
-  pin by beta_cut, to both sides. So at d -> 0 hinge a turns by beta_cut exactly. The turn shortens the lips.
-- The drawn line is the edge of the socket link before that turn, and the laser takes d beside it: the knuckle
+- The knuckle is drawn as wide as the bore, with radius R = D_i / 2, so that the cut passes through the whole wall.
+- The neck is drawn with width R: the lips reach round the knuckle to 30 degrees from the axis.
+- The stop faces of the socket link are drawn square to the axis at the height of the lips, then turned about the
+  pin by beta_cut, to both sides. So for d -> 0 hinge a turns by exactly beta_cut. The turn shortens the lips.
+- The drawn line is the edge of the socket link before that turn, and the laser removes d beside it: the knuckle
   link is everything at a distance of at least d.
 
-R and the neck are round numbers, not fitted ones; the text gives neither. They matter: lips to 25 degrees give a
+R and the neck are round numbers, not fits; the text gives neither. They matter: lips to 25 degrees give a
 plane of 1.08, 326 and -0.55 (RMSE 0.10), lips to 35 degrees 1.13, 361 and -0.84 (0.16), and a knuckle of 0.45 mm
 with lips to 30 degrees 1.09, 327 and -0.57 (0.11).
 
 **In the view square to the pin** (hinge b in the same plane) the two walls of the tube are seen edge-on. A
-motion in this plane keeps every section parallel to it to itself, so the links are free when they are in
-every such section. Two sections decide: the one through the axis, where the knuckle is nearest to the
-socket's crown, and the one just inside a lip, where the socket is nearest to the knuckle's underside. They
-are cut from the view along the pin, as if the laser cut along the pin. It really cuts towards the axis; the
-tapered pieces then hold each other along the pin, and that is all we keep of the taper (`Reach.lateral_mm`).
+motion in this plane maps every section parallel to it onto itself, so the links are free if they are free in
+every such section. Two sections decide: the section through the axis, where the knuckle is nearest to the
+socket's crown, and the section just inside a lip, where the socket is nearest to the knuckle's underside. They
+are cut from the view along the pin, as if the laser cut along the pin. In fact it cuts towards the axis, and the
+tapered pieces hold each other along the pin. The model keeps only this effect of the taper (`SearchBox.lateral_mm`).
 
-Side views and not the unrolled surface, because lever arms are those of the side view.
+These are side views and not the unrolled surface, because the lever arms are those of the side view.
 """
 
 import math
@@ -49,10 +49,10 @@ from labrig.needle.limits import require_within
 from labrig.needle.tube import Tube
 
 _NECK_HALF_ANGLE_RAD = math.radians(30.0)
-# Chords of an arc. With 120, the sum of both rotations is within 0.01 degrees of that with 480.
+# Chords of an arc. With 120, the sum of both rotations is within 0.01 degrees of the sum with 480.
 _CHORDS = 120
 _CORNER_CHORDS = 24
-# How far inside the lip its section is taken: enough to be a polygon, and worth 0.0003 degrees.
+# How far inside the lip its section is taken: enough for a polygon, at a cost of 0.0003 degrees.
 _INSIDE_LIP_MM = 1e-4
 # Thinnest kerf: the waist of a focused laser.
 _THINNEST_CLEARANCE_MM = 0.001
@@ -60,15 +60,15 @@ _THINNEST_CLEARANCE_MM = 0.001
 
 @dataclass(frozen=True)
 class LinkPair:
-    """Two links in one plane, at rest: `knuckle` stays, `socket` is moved."""
+    """Two links in one plane, at rest: `knuckle` stays, `socket` moves."""
 
     knuckle: Polygon | MultiPolygon
     socket: Polygon | MultiPolygon
 
 
 @dataclass(frozen=True)
-class Reach:
-    """The box that is searched: rotation from 0, translations to both sides."""
+class SearchBox:
+    """The search box: rotation from 0, translations to both sides."""
 
     rotation_deg: float
     lateral_mm: float
@@ -77,10 +77,10 @@ class Reach:
 
 @dataclass(frozen=True)
 class HingeView:
-    """A hinge in the plane of bending: the sections that have to stay free of interference, and the box."""
+    """A hinge in the plane of bending: the sections that must stay free of interference, and the search box."""
 
     sections: tuple[LinkPair, ...]
-    reach: Reach
+    box: SearchBox
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Hinge:
     Raises
     ------
     InputError
-        When the knuckle would slip out of its socket, or the link is too short for a hinge at each end.
+        If the knuckle would slip out of its socket, or the link is too short for a hinge at each end.
     """
 
     tube: Tube
@@ -115,12 +115,8 @@ class Hinge:
 
     def _require_room_for_both_ends(self) -> None:
         tube = self.tube
-        needed_mm = (
-            self.knuckle_radius_mm
-            + self.lip_depth_mm
-            + self.clearance_mm
-            + (tube.outer_diameter_mm - tube.inner_diameter_mm) / 2
-        )
+        wall_mm = (tube.outer_diameter_mm - tube.inner_diameter_mm) / 2
+        needed_mm = self.knuckle_radius_mm + self.lip_depth_mm + self.clearance_mm + wall_mm
         if tube.link_length_mm < needed_mm:
             raise InputError(
                 f"link length is {tube.link_length_mm:g} mm, and has to be at least {needed_mm:.3g} mm: "
@@ -146,7 +142,7 @@ class Hinge:
 
     @property
     def lip_half_width_mm(self) -> float:
-        """Half the opening between the lips, beta_cut being cut."""
+        """Half the opening between the lips after the cut of beta_cut."""
         return self.knuckle_radius_mm * math.sin(self._lip_angle_rad)
 
     @property
@@ -155,7 +151,7 @@ class Hinge:
 
     @property
     def pull_out_mm(self) -> float:
-        """How far the links can be pulled apart along the axis until the knuckle meets both lips."""
+        """Distance by which the links can be pulled apart along the axis until the knuckle meets both lips."""
         across = self.lip_half_width_mm
         radius = self.knuckle_radius_mm
         return math.sqrt(radius**2 - across**2) - math.sqrt((radius - self.clearance_mm) ** 2 - across**2)
@@ -169,23 +165,22 @@ class Hinge:
         """Return the hinge whose pin is square to the plane of bending."""
         play_mm = self.clearance_mm + self.pull_out_mm
         rotation_deg = self.beta_cut_deg + math.degrees(play_mm / (self.tube.outer_diameter_mm / 2))
-        return HingeView((self.links,), Reach(2 * rotation_deg, 2 * self.pull_out_mm, 2 * self.pull_out_mm))
+        box = SearchBox(2 * rotation_deg, 2 * self.pull_out_mm, 2 * self.pull_out_mm)
+        return HingeView((self.links,), box)
 
     def hinge_b(self) -> HingeView:
         """Return the hinge whose pin lies in the plane of bending.
 
-        Along the pin nothing in the plane holds the links. The laser cuts towards the tube's axis, so the
-        pieces taper by R / (D_o / 2) at the knuckle's sides, and hold each other after d D_o / (2 R).
+        Nothing in the plane holds the links along the pin. The laser cuts towards the tube's axis, so the pieces
+        taper by R / (D_o / 2) at the knuckle's sides and hold each other after d D_o / (2 R).
         """
         outer_mm = self.tube.outer_diameter_mm / 2
         lever_mm = outer_mm + math.sqrt(outer_mm**2 - self.lip_half_width_mm**2)
         rotation_deg = math.degrees((self.clearance_mm + self.pull_out_mm) / lever_mm)
         lateral_mm = self.clearance_mm * outer_mm / self.knuckle_radius_mm
         depths_mm = (0.0, self.lip_half_width_mm + _INSIDE_LIP_MM)
-        return HingeView(
-            tuple(self.section(depth_mm) for depth_mm in depths_mm),
-            Reach(2 * rotation_deg, lateral_mm, 2 * self.pull_out_mm),
-        )
+        sections = tuple(self.section(depth_mm) for depth_mm in depths_mm)
+        return HingeView(sections, SearchBox(2 * rotation_deg, lateral_mm, 2 * self.pull_out_mm))
 
     def section(self, depth_mm: float) -> LinkPair:
         """Return both links in a plane parallel to the pin, at this distance from the needle's axis."""
@@ -197,14 +192,9 @@ class Hinge:
         outer_mm = math.sqrt((self.tube.outer_diameter_mm / 2) ** 2 - depth_mm**2)
         reach_mm = self.tube.link_length_mm
         cut = shapely.intersection(link, LineString([(depth_mm, -reach_mm), (depth_mm, reach_mm)]))
-        stretches = [part.bounds for part in shapely.get_parts(cut) if part.length > 0]
-        return MultiPolygon(
-            [
-                shapely.box(left, low, right, high)
-                for _, low, _, high in stretches
-                for left, right in ((inner_mm, outer_mm), (-outer_mm, -inner_mm))
-            ]
-        )
+        bounds = [part.bounds for part in shapely.get_parts(cut) if part.length > 0]
+        walls = ((inner_mm, outer_mm), (-outer_mm, -inner_mm))
+        return MultiPolygon([shapely.box(a, low, b, high) for _, low, _, high in bounds for a, b in walls])
 
     def _socket_link(self) -> Polygon:
         outer_mm, top_mm = self.tube.outer_diameter_mm / 2, self.tube.link_length_mm / 2
@@ -219,19 +209,14 @@ class Hinge:
         shoulder_mm = -self.lip_depth_mm - self.clearance_mm
         knuckle = _arc(self.knuckle_radius_mm - self.clearance_mm, _NECK_HALF_ANGLE_RAD)
         corner = self._neck_corner()
-        body = [
-            (-outer_mm, shoulder_mm),
-            (-outer_mm, bottom_mm),
-            (outer_mm, bottom_mm),
-            (outer_mm, shoulder_mm),
-        ]
-        return Polygon([*knuckle[1:-1], *(corner * (-1, 1)), *body, *corner[::-1]])
+        left = [(-outer_mm, shoulder_mm), (-outer_mm, bottom_mm)]
+        right = [(outer_mm, bottom_mm), (outer_mm, shoulder_mm)]
+        return Polygon([*knuckle[1:-1], *(corner * (-1, 1)), *left, *right, *corner[::-1]])
 
     def _neck_corner(self) -> FloatArray:
         """Return the arc at distance d round the drawn right lip, from the knuckle down to the shoulder."""
-        lip = self.knuckle_radius_mm * np.array(
-            [math.sin(_NECK_HALF_ANGLE_RAD), -math.cos(_NECK_HALF_ANGLE_RAD)]
-        )
+        direction = [math.sin(_NECK_HALF_ANGLE_RAD), -math.cos(_NECK_HALF_ANGLE_RAD)]
+        lip = self.knuckle_radius_mm * np.array(direction)
         angles = np.linspace(math.pi / 2 + _NECK_HALF_ANGLE_RAD, 1.5 * math.pi, _CORNER_CHORDS + 1)
         return lip + self.clearance_mm * _directions(angles)
 
@@ -239,8 +224,8 @@ class Hinge:
 def widest_clearance_mm(tube: Tube, beta_cut_deg: float) -> float:
     """Return the widest clearance at which the knuckle stays in its socket.
 
-    Under the knuckle the lips have to reach by a clearance; along the pin the play must not be more than
-    half the wall, or the knuckle slips into the bore.
+    The lips must reach under the knuckle by a clearance. Along the pin the play must not exceed half the wall, or
+    the knuckle slips into the bore.
     """
     lip_angle_rad = _NECK_HALF_ANGLE_RAD + math.radians(beta_cut_deg)
     by_lips_mm = tube.inner_diameter_mm / 4 * (1 - math.sin(lip_angle_rad))

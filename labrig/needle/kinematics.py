@@ -2,7 +2,7 @@
 
 A path is its configuration psi, an array (..., n, 2) with columns (theta_i, delta_i): the angle of the i-th arc
 [rad], which is its length over the radius (equation 4), and the roll before it [rad], relative to {ib}.
-Leading axes are paths. Positions are in {1b}, the frame in which the path starts, unless said otherwise.
+Leading axes are paths. Unless stated otherwise, positions are in {1b}, the frame at the start of the path.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Frames:
+class ArcFrames:
     """The frames {1b}, {2b}, ... {nb}, {ne} of a path in {1b}; {ie} is {(i+1)b}.
 
     Parameters
@@ -62,7 +62,7 @@ def arc_pose(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> tup
     return _arc_points(angle_rad, roll_rad, radius_mm), rotation_z(roll_rad) @ rotation_x(angle_rad)
 
 
-def path_frames(psi: FloatArray, radius_mm: float) -> Frames:
+def path_frames(psi: FloatArray, radius_mm: float) -> ArcFrames:
     """Return the frames along paths, equations (7) and (8).
 
     Parameters
@@ -81,11 +81,11 @@ def path_frames(psi: FloatArray, radius_mm: float) -> Frames:
         base = rotations[..., i, :, :]
         positions[..., i + 1, :] = positions[..., i, :] + _apply(base, steps[..., i, :])
         rotations[..., i + 1, :, :] = base @ turns[..., i, :, :]
-    return Frames(positions, rotations)
+    return ArcFrames(positions, rotations)
 
 
 def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
-    """Return J_vi, (..., 3, 2): how the arc's tip moves in {ib} with theta and delta, equation (9)."""
+    """Return J_vi, (..., 3, 2), the derivative of the arc's tip in {ib} by theta and delta, equation (9)."""
     theta, delta = np.broadcast_arrays(np.asarray(angle_rad, float), np.asarray(roll_rad, float))
     versine = 2.0 * np.sin(theta / 2.0) ** 2
     jacobian = np.zeros((*theta.shape, 3, 2))
@@ -96,7 +96,7 @@ def arc_jacobian(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) ->
 
 
 def path_jacobian(psi: FloatArray, radius_mm: float) -> FloatArray:
-    """Return J_v, (..., 3, 2n): how the path's tip moves in {1b} with psi_1, ... psi_n, equation (10)."""
+    """Return J_v, (..., 3, 2n), the derivative of the path's tip in {1b} by psi_1, ... psi_n, equation (10)."""
     frames = path_frames(psi, radius_mm)
     blocks = _arc_blocks(psi, radius_mm, frames, frames.positions_mm[..., None, -1, :])[..., 0, :, :, :]
     return _side_by_side(blocks)
@@ -117,7 +117,7 @@ def control_points(psi: FloatArray, radius_mm: float, points: int) -> FloatArray
 
 
 def control_jacobians(psi: FloatArray, radius_mm: float, points: int) -> FloatArray:
-    """Return J_a_ij, (..., n, m, 3, 2n): how each control point moves with psi, equation (15).
+    """Return J_a_ij, (..., n, m, 3, 2n), the derivative of each control point by psi, equation (15).
 
     As printed, the block of the point's own arc (k = i) takes J_v at theta_i; the point lies at f theta_i,
     f = j / m, so the block is J_v(f theta_i) with its theta column times f (errata, equation 15).
@@ -142,7 +142,7 @@ def _fractions(points: int) -> FloatArray:
 
 
 def _arc_points(angle_rad: ArrayLike, roll_rad: ArrayLike, radius_mm: float) -> FloatArray:
-    """Return equation (5), (..., 3); 1 - cos is written by the half angle, so that tiny arcs keep their digits."""
+    """Return equation (5), (..., 3); 1 - cos is written with the half angle, so that tiny arcs keep their digits."""
     theta, delta = np.broadcast_arrays(np.asarray(angle_rad, float), np.asarray(roll_rad, float))
     versine = 2.0 * np.sin(theta / 2.0) ** 2
     return radius_mm * np.stack((np.sin(delta) * versine, -np.cos(delta) * versine, np.sin(theta)), axis=-1)
@@ -152,10 +152,10 @@ def _apply(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray((rotations @ vectors[..., None])[..., 0])
 
 
-def _arc_blocks(psi: FloatArray, radius_mm: float, frames: Frames, places: FloatArray) -> FloatArray:
+def _arc_blocks(psi: FloatArray, radius_mm: float, frames: ArcFrames, places: FloatArray) -> FloatArray:
     """Return Lambda_k of equations (10) and (15), (..., q, n, 3, 2), for places (..., q, 3) beyond every arc k.
 
-    -(R v)^ J_omega is J_omega x (R v), and a rotation may be taken out of a cross product: so the block is
+    -(R v)^ J_omega is J_omega x (R v), and a rotation can be moved out of a cross product: so the block is
     R_kb J_vk + (R_kb J_omega_k) x (p - p_ke), with all vectors in {1b}.
     """
     bases = frames.rotations[..., :-1, :, :]

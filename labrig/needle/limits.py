@@ -1,4 +1,4 @@
-"""Limits on what is asked of a needle, and the hint when the unit was mistaken."""
+"""Limits on the parameters of a needle, with a hint if the unit was probably mistaken."""
 
 import math
 
@@ -11,18 +11,18 @@ def require_within(name: str, value: float, limits: tuple[float, float], why: st
     Parameters
     ----------
     name : str
-        What the value is, as the message names it.
+        Of the value, as the message states it.
     value : float
         In `unit`.
     limits : (float, float)
-        Lowest and highest that is allowed.
+        Lowest and highest allowed value.
     why : str
         What happens beyond the limit.
 
     Raises
     ------
     InputError
-        With the value, the limit it breaks, why, and the unit that was probably meant.
+        With the value, its limit, the reason, and the unit that was probably meant.
     """
     lowest, highest = limits
     if lowest <= value <= highest:

@@ -1,4 +1,4 @@
-"""The tube that a needle's tip is cut from, and the needle of table I."""
+"""The tube from which a needle's tip is cut, and the needle of table I."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ class Tube:
     Raises
     ------
     InputError
-        When a length is not one of a needle, or the inner diameter is not below the outer one.
+        If a length is implausible for a needle, or the inner diameter is not below the outer diameter.
     """
 
     outer_diameter_mm: float = 1.2
@@ -36,7 +36,7 @@ class Tube:
 
 @dataclass(frozen=True)
 class PaperNeedle:
-    """What table I of the paper prints."""
+    """The needle of table I of the paper."""
 
     tube: Tube
     clearance_mm: float

@@ -1,21 +1,21 @@
-"""simulation: the world that simulated devices live in: gel, needle, sheath, light and lens; it knows no device.
+"""simulation: the world behind the simulated devices: gel, needle, sheath, light and lens; it imports no device.
 
 What is decided here
 --------------------
-- The world shares no model with what measures it: it has its own projection, its own path and its own
-  frames, so that it can contradict `vision` and `geometry`. import-linter forbids the import.
-- Every draw comes from the seed and from what it is for (specimen, hole, needle, picture of the hole), never
-  from what was drawn before: hole 7 has the same radius whether or not holes 0 to 6 were used.
+- The world shares no model with the code that measures it: it has its own projection, path and frames, so that it
+  can contradict `vision` and `geometry`. import-linter forbids the import.
+- Every draw depends on the seed and its purpose (specimen, hole, needle, picture of the hole), never on earlier
+  draws: hole 7 has the same radius whether or not holes 0 to 6 were used.
 - Frames are those of the steering plane: z along the insertion (right in the picture), y up, x away from the
-  camera. The origin is seen at `lens.origin_px`; the sheath's tip stands there, but for the sheath's play,
+  camera. The origin is seen at `lens.origin_px`; the sheath's tip is there, apart from the sheath's play,
   when the linear axis is at `sheath_tip_at_origin_linear_mm`. At linear axis 0 it touches the gel's surface.
 - A needle of a known design draws its radius once, uniformly within the design's tolerance, by seed and needle_id; the
-  gels' radii, which are those of the paper's needle, are scaled by it over 30 mm. What the hinges do is not simulated.
-- A phantom is a block with obstacles cast in, for one insertion; there, and only there unless the description says
-  otherwise, the path is disturbed: the curvature wanders, the tip turns by itself, cavities let it go straight.
-- The path is followed in space: at a roll other than 0 and pi it leans out of the plane. Pictures show its projection
-  along the plane's normal: a millimetre out of the plane would be seen half a percent smaller.
+  gels' radii, which apply to the paper's needle, are scaled by it over 30 mm. The hinges themselves are not simulated.
+- A phantom is a block with obstacles cast in, for one insertion. Unless the description states otherwise, only there
+  is the path disturbed: the curvature wanders, the tip turns by itself, and in cavities it goes straight.
+- The path is computed in space: at a roll other than 0 and pi it leans out of the plane. Pictures show its projection
+  along the plane's normal: a millimetre out of the plane would appear half a percent smaller.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
-  made from the one holds for the other), depth of field, motion blur, friction and wind-up of the needle.
+  made from the paper holds for the needle), depth of field, motion blur, friction and wind-up of the needle.
 """

@@ -1,4 +1,4 @@
-"""Which pixels lie near a path, and where: the ground on which strokes are drawn."""
+"""The pixels near a path and their coordinates along it, on which strokes are drawn."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ Indexes = npt.NDArray[np.intp]
 Pixels = tuple[Indexes, Indexes]
 
 HALO_MM = 1.6  # how far from its centre line a stroke may change the picture
-_CHAMFER_RIM_PX = 8  # so that a path that leaves the picture still has its nearest node on the canvas
+_CHAMFER_RIM_PX = 8  # a path that leaves the picture still has its nearest node on the canvas
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,16 @@ class Region:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Return the index of the region in a picture."""
+        """The index of the region in a picture."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     @property
-    def empty(self) -> bool:
-        """Return whether no pixel lies in it."""
+    def is_empty(self) -> bool:
+        """Whether the region has no pixel."""
         return self.bottom <= self.top or self.right <= self.left
 
 
-def region_around(pixels: Floats, margin_px: float, lens: LensDescription) -> Region:
+def find_region(pixels: Floats, margin_px: float, lens: LensDescription) -> Region:
     """Return the part of the picture within a margin of pixels (N, 2)."""
     left, top = np.floor(pixels.min(axis=0) - margin_px).astype(int).tolist()
     right, bottom = (np.ceil(pixels.max(axis=0) + margin_px).astype(int) + 1).tolist()
@@ -48,7 +48,7 @@ def region_around(pixels: Floats, margin_px: float, lens: LensDescription) -> Re
 class Band:
     """The pixels near a centre line.
 
-    region : where they lie; inside : their rows and columns (N,) in the region; lateral_mm (N,) : distance to
+    region : the rectangle around them; inside : their rows and columns (N,) in it; lateral_mm (N,) : distance to
     the line, positive on its +y side; arc_mm (N,) : arc length at the foot; heading_rad (N,) : heading there.
     """
 
@@ -59,13 +59,13 @@ class Band:
     heading_rad: Field32
 
 
-def band_along(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band | None:
-    """Return the pixels within `HALO_MM` of a path, or None where the path is out of view.
+def find_band(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band | None:
+    """Return the pixels within `HALO_MM` of a path, or None if the path is out of view.
 
     Parameters
     ----------
     table : (N, 5) array
-        Columns arc, y, z, heading, curvature, spaced `NODE_MM` in arc, as `Track.table` gives them.
+        Columns arc, y, z, heading, curvature, spaced `NODE_MM` in arc, as from `Track.table`.
     lens : LensDescription
         The camera.
     margin_px : int
@@ -74,18 +74,18 @@ def band_along(table: Floats, lens: LensDescription, margin_px: int = 0) -> Band
     plane = pixel_plane(lens)
     pixels = plane_to_pixels(table[:, 1:3], lens)
     halo_px = HALO_MM / plane.mm_per_px
-    region = region_around(pixels, halo_px + margin_px, lens)
-    if region.empty:
+    region = find_region(pixels, halo_px + margin_px, lens)
+    if region.is_empty:
         return None
-    nearest, inside = _nearest_nodes(pixels - (region.left, region.top), region, halo_px)
+    nearest, inside = _find_nearest_nodes(pixels - (region.left, region.top), region, halo_px)
     if nearest.size == 0:
         return None
     y, z = plane.y_mm[region.slices][inside], plane.z_mm[region.slices][inside]
-    return Band(region, inside, *_feet(table.astype(np.float32), nearest, y, z))
+    return Band(region, inside, *_find_feet(table.astype(np.float32), nearest, y, z))
 
 
-def _nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:
-    """Return, for each pixel near the path, a node at most a few nodes from the nearest, and the pixel."""
+def _find_nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Indexes, Pixels]:
+    """Return each pixel near the path, and for each a node at most a few nodes from the nearest."""
     height, width = region.bottom - region.top, region.right - region.left
     pad = int(halo_px) + _CHAMFER_RIM_PX
     canvas = np.full((height + 2 * pad, width + 2 * pad), 255, np.uint8)
@@ -101,10 +101,10 @@ def _nearest_nodes(pixels: Floats, region: Region, halo_px: float) -> tuple[Inde
     return node_of_label[labels[core][rows, columns]], (rows, columns)
 
 
-def _feet(table: Field32, nearest: Indexes, y: Field32, z: Field32) -> tuple[Field32, Field32, Field32]:
+def _find_feet(table: Field32, nearest: Indexes, y: Field32, z: Field32) -> tuple[Field32, Field32, Field32]:
     """Return lateral distance, arc length and heading at each point's foot.
 
-    The foot is that on the osculating circle of the nearest node; a first round finds which node that is.
+    The foot is on the osculating circle of the nearest node; a first round finds that node.
     """
     arcs, ys, zs, headings, curvatures = table.T
     sines, cosines = np.sin(headings), np.cos(headings)

@@ -1,4 +1,4 @@
-"""What the simulated world is made of: the `world:` section of a rig file."""
+"""The simulated world: the `world:` section of a rig file."""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -8,7 +8,7 @@ from pydantic import Field
 
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PixelUv, PositiveMm
 
-_SAFE_SDS = 6  # a radius that many standard deviations below its mean must still be a radius
+_SAFE_SDS = 6  # a radius this many standard deviations below its mean must still be positive
 
 
 class GelDescription(Model):
@@ -23,7 +23,7 @@ class GelDescription(Model):
     )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield a spread so wide that a drawn radius could be nothing."""
+        """Yield a spread so wide that a drawn radius could be zero or less."""
         if _SAFE_SDS * self.radius_sd_mm >= self.radius_mean_mm:
             limit = self.radius_mean_mm / _SAFE_SDS
             message = f"{self.radius_sd_mm:g} mm; must be below {limit:g} mm, a sixth of radius_mean_mm"
@@ -31,7 +31,7 @@ class GelDescription(Model):
 
 
 GELS_DESIGN_RADIUS_MM = 30.0
-"""Radius that the needle was designed for whose radii the gels tell: the paper's."""
+"""Design radius of the paper's needle, to which the gels' radii apply."""
 
 
 class DesignDescription(Model):
@@ -41,7 +41,7 @@ class DesignDescription(Model):
     radius_high_mm: PositiveMm = Field(description="Largest radius within the laser's tolerances [mm].")
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield an interval that holds nothing."""
+        """Yield an empty interval."""
         if self.radius_low_mm > self.radius_high_mm:
             message = f"{self.radius_low_mm:g} mm; must be at most radius_high_mm, {self.radius_high_mm:g} mm"
             yield Conflict("radius_low_mm", message)
@@ -158,7 +158,7 @@ class DisturbancesDescription(Model):
     cavity_mm: tuple[float, float] = Field((6.0, 10.0), description="Shortest and longest cavity [mm].")
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield lengths of cavities that are none."""
+        """Yield invalid lengths of cavities."""
         shortest, longest = self.cavity_mm
         if not 0 < shortest <= longest:
             yield Conflict(

@@ -1,7 +1,7 @@
 """Specimens: gel with its radii, bubbles and clouds, and the holes made in it.
 
-A specimen is described in gel coordinates (lateral, z): a point of the gel stands at y = lateral + position
-once the operator has shifted it to that position.
+A specimen has gel coordinates (lateral, z): a point of the gel is at y = lateral + position once the operator has
+shifted the gel to that position.
 """
 
 import math
@@ -15,21 +15,21 @@ from labrig.simulation.description import GELS_DESIGN_RADIUS_MM, GelDescription,
 from labrig.simulation.lens import Field32, Floats
 from labrig.simulation.seeds import stream
 from labrig.simulation.track import Track
-from labrig.simulation.unevenness import Unevenness, even, uneven
+from labrig.simulation.unevenness import Unevenness, draw_unevenness, no_unevenness
 
 LAST_POSITION_MM = 240.0  # holes lie between 0 and here
-_LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # what comes into view from any hole
+_LATERAL_MM = (-LAST_POSITION_MM - 30.0, 50.0)  # the part that is visible from some hole
 _Z_MM = (-20.0, 130.0)
 _CLOUD_GRID_MM = 0.5
 
 
-def radius_law_mm(gels: tuple[GelDescription, ...], gelatin_percent: float) -> tuple[float, float]:
-    """Return mean and standard deviation of the radius in a gel, interpolated between the known ones.
+def interpolate_radius_mm(gels: tuple[GelDescription, ...], gelatin_percent: float) -> tuple[float, float]:
+    """Return mean and standard deviation of the radius in a gel, interpolated between the described gels.
 
     Raises
     ------
     InputError
-        For a gel softer or stiffer than any that is described: nothing is known there.
+        For a gel softer or stiffer than every described gel.
     """
     percents = [gel.gelatin_percent for gel in gels]
     if not percents[0] <= gelatin_percent <= percents[-1]:
@@ -43,10 +43,10 @@ def radius_law_mm(gels: tuple[GelDescription, ...], gelatin_percent: float) -> t
     return float(mean), float(sd)
 
 
-def needle_scale(world: WorldDescription, seed: int, needle_id: str | None) -> float:
-    """Return how much wider than the paper's a needle steers: its own radius, drawn once, over 30 mm.
+def draw_needle_scale(world: WorldDescription, seed: int, needle_id: str | None) -> float:
+    """Return the scale of a needle's radii: its own radius, drawn once, over the paper's 30 mm.
 
-    A design's tolerance is a worst case, so the draw is uniform between its ends. Without a design it is 1.
+    A design's tolerance is a worst case, so the draw is uniform between its ends. Without a design the scale is 1.
     """
     design = world.needle.design
     if design is None:
@@ -57,9 +57,9 @@ def needle_scale(world: WorldDescription, seed: int, needle_id: str | None) -> f
 
 @dataclass
 class Hole:
-    """One place where the sheath enters, what was drawn for it, and what has been cut there so far.
+    """A place where the sheath enters, what was drawn for it, and what has been cut there so far.
 
-    number, position_mm : as the operator counts; radius_mm : of the needle's path; play_mm, heading_rad : of
+    number, position_mm : the operator's; radius_mm : of the needle's path; play_mm, heading_rad : of
     the sheath; patchiness (N,) : how dark the cut looks at each mm; unevenness : what disturbs the path;
     track : the needle's path, from the time the needle first left the sheath, with the linear axis at
     track_linear_mm; sheath_reach_mm : the linear axis' farthest position.
@@ -71,21 +71,19 @@ class Hole:
     play_mm: float
     heading_rad: float
     patchiness: Field32
-    unevenness: Unevenness = field(default_factory=even)
+    unevenness: Unevenness = field(default_factory=no_unevenness)
     track: Track | None = None
     track_linear_mm: float = 0.0
     sheath_reach_mm: float = 0.0
 
     def sheath_point_mm(self, beyond_origin_mm: float) -> tuple[float, float]:
-        """Return the point (y, z) of the sheath's axis that far beyond the plane's origin."""
-        return (
-            self.play_mm + beyond_origin_mm * math.sin(self.heading_rad),
-            beyond_origin_mm * math.cos(self.heading_rad),
-        )
+        """Return the point (y, z) of the sheath's axis this far beyond the plane's origin."""
+        y_mm = self.play_mm + beyond_origin_mm * math.sin(self.heading_rad)
+        return y_mm, beyond_origin_mm * math.cos(self.heading_rad)
 
 
-def no_gel() -> Hole:
-    """Return what lies before the sheath on an empty bench: the needle goes straight and leaves nothing."""
+def make_empty_hole() -> Hole:
+    """Return the hole of an empty bench: the needle goes straight and leaves no cut."""
     return Hole(None, 0.0, math.inf, 0.0, 0.0, np.zeros(1, np.float32))
 
 
@@ -107,10 +105,10 @@ class Ball:
 
 
 @dataclass
-class Specimen:
-    """A block of gel with everything that is fixed to it; holes by the operator's number and position.
+class GelBlock:
+    """A block of gel with its bubbles, clouds and obstacles, and its holes by the operator's number and position.
 
-    A phantom is a block with obstacles cast in, none or some, for one insertion.
+    A phantom is a block for one insertion, in which obstacles may be cast.
     """
 
     name: str
@@ -129,7 +127,7 @@ class Specimen:
         return np.asarray(clouds, np.float32)
 
 
-def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent: float) -> Specimen:
+def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent: float) -> GelBlock:
     """Return a fresh specimen; the same name, gelatin and seed give the same one.
 
     Raises
@@ -137,8 +135,8 @@ def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent
     InputError
         For a gelatin that the world does not describe.
     """
-    radius_law_mm(world.gels, gelatin_percent)
-    return Specimen(
+    interpolate_radius_mm(world.gels, gelatin_percent)
+    return GelBlock(
         name,
         gelatin_percent,
         _cast_bubbles(world.bubbles_per_specimen, stream(seed, "bubbles", name)),
@@ -149,33 +147,29 @@ def cast_specimen(world: WorldDescription, seed: int, name: str, gelatin_percent
 def make_hole(
     world: WorldDescription,
     seed: int,
-    specimen: Specimen,
+    specimen: GelBlock,
     place: tuple[int | None, float],
     needle_id: str | None,
 ) -> Hole:
-    """Return an unused hole at a place (number, position) with all that is drawn for it and the needle."""
+    """Return an unused hole at a place (number, position) with everything drawn for it and the needle."""
     purpose = (specimen.name, place[0], needle_id)
     random = stream(seed, "hole", *purpose)
-    scale = needle_scale(world, seed, needle_id)
-    mean, sd = radius_law_mm(world.gels, specimen.gelatin_percent)
+    scale = draw_needle_scale(world, seed, needle_id)
+    mean, sd = interpolate_radius_mm(world.gels, specimen.gelatin_percent)
     radius, play, angle = random.standard_normal(3).tolist()
+    disturbed, path = specimen.is_phantom or world.disturbances.in_every_gel, stream(seed, "path", *purpose)
     return Hole(
         *place,
         radius_mm=scale * (mean + sd * radius),
         play_mm=world.sheath.lateral_play_sd_mm * play,
         heading_rad=math.radians(world.sheath.angle_play_sd_deg * angle),
-        patchiness=_patchiness(random),
-        unevenness=_unevenness(world, specimen, stream(seed, "path", *purpose)),
+        patchiness=_draw_patchiness(random),
+        unevenness=draw_unevenness(world.disturbances, path) if disturbed else no_unevenness(),
     )
 
 
-def _unevenness(world: WorldDescription, specimen: Specimen, random: np.random.Generator) -> Unevenness:
-    disturbed = specimen.is_phantom or world.disturbances.in_every_gel
-    return uneven(world.disturbances, random) if disturbed else even()
-
-
-def _patchiness(random: np.random.Generator) -> Field32:
-    """Return how dark a cut looks along its way, every millimetre: air stays in it in places only."""
+def _draw_patchiness(random: np.random.Generator) -> Field32:
+    """Return the darkness of a cut at every millimetre: air stays in it only in places."""
     slow = np.convolve(random.standard_normal(128), np.ones(5) / math.sqrt(5), mode="same")
     return np.clip(0.075 + 0.05 * slow, 0.015, 0.20).astype(np.float32)
 
@@ -190,12 +184,12 @@ def _cast_bubbles(count: int, random: np.random.Generator) -> tuple[Bubble, ...]
 def _cast_clouds(random: np.random.Generator) -> Field32:
     """Return the relative brightness of the gel on a grid: broad clouds and a finer grain."""
     shape = tuple(int((high - low) / _CLOUD_GRID_MM) for low, high in (_LATERAL_MM, _Z_MM))
-    broad = _smooth_noise(random, shape, 7.0 / _CLOUD_GRID_MM) * 0.030
-    fine = _smooth_noise(random, shape, 0.9 / _CLOUD_GRID_MM) * 0.008
+    broad = _draw_smooth_noise(random, shape, 7.0 / _CLOUD_GRID_MM) * 0.030
+    fine = _draw_smooth_noise(random, shape, 0.9 / _CLOUD_GRID_MM) * 0.008
     return (broad + fine).astype(np.float32)
 
 
-def _smooth_noise(random: np.random.Generator, shape: tuple[int, ...], sigma: float) -> Floats:
+def _draw_smooth_noise(random: np.random.Generator, shape: tuple[int, ...], sigma: float) -> Floats:
     """Return Gaussian noise of unit standard deviation, correlated over `sigma` samples."""
     noise = np.asarray(cv2.GaussianBlur(random.standard_normal(shape), (0, 0), sigma), np.float64)
     smooth: Floats = noise / noise.std()

@@ -1,4 +1,4 @@
-"""The world's own camera: pinhole with Brown-Conrady distortion, standing over the steering plane.
+"""The world's own camera: a pinhole with Brown-Conrady distortion above the steering plane.
 
 The camera frame has X to the right, Y down and Z along the optical axis. In the steering plane frame z runs
 along the insertion (right in the picture), y up and x away from the camera.
@@ -17,8 +17,8 @@ from labrig.simulation.description import LensDescription
 Floats = npt.NDArray[np.float64]
 Field32 = npt.NDArray[np.float32]
 
-_UNDISTORT_STEPS = 12  # the fixed point gains about a digit a step for the distortion of a good lens
-_UNDISTORT_LIMIT = 1e-6  # in the last step, normalised; a few thousandths of a pixel
+_UNDISTORT_STEPS = 12  # each step gains about a digit for the distortion of a good lens
+_UNDISTORT_LIMIT = 1e-6  # change in the last step, normalised; a few thousandths of a pixel
 
 
 def distort(ideal: Floats, lens: LensDescription) -> Floats:
@@ -79,21 +79,21 @@ def rotation_about(axis: Floats, angle_rad: float) -> Floats:
 
 @dataclass(frozen=True)
 class Pose:
-    """A flat thing before the camera: its point p is seen at `rotation @ p + translation_mm`.
+    """A plane before the camera: its point p is at `rotation @ p + translation_mm` in the camera frame.
 
-    rotation (3, 3), translation_mm (3,); the thing is flat along its first two axes.
+    rotation (3, 3), translation_mm (3,); the plane spans its first two axes.
     """
 
     rotation: Floats
     translation_mm: Floats
 
     def to_camera(self, flat_mm: Floats) -> Floats:
-        """Return points (N, 2) of the flat thing in the camera frame (N, 3) [mm]."""
+        """Return points (N, 2) of the plane in the camera frame (N, 3) [mm]."""
         camera: Floats = flat_mm @ self.rotation[:, :2].T + self.translation_mm
         return camera
 
-    def meet(self, rays: npt.NDArray[np.floating]) -> tuple[Field32, Field32]:
-        """Return where rays (..., 3) meet the flat thing: its two coordinates [mm]."""
+    def intersect(self, rays: npt.NDArray[np.floating]) -> tuple[Field32, Field32]:
+        """Return the plane coordinates [mm] at which rays (..., 3) meet the plane."""
         normal = self.rotation[:, 2]
         depth = (normal @ self.translation_mm) / (rays @ normal.astype(rays.dtype))
         offset = self.rotation[:, :2].T @ self.translation_mm
@@ -105,9 +105,8 @@ class Pose:
 @lru_cache(maxsize=2)
 def steering_plane_pose(lens: LensDescription) -> Pose:
     """Return the pose of the steering plane, flat coordinates (y, z), whose origin is seen at origin_px."""
-    upright = np.array(
-        [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    )  # columns: y, z, x in the camera frame
+    # Columns: y, z, x in the camera frame.
+    upright = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     azimuth = math.radians(lens.tilt_azimuth_deg)
     tilt = rotation_about(np.array([math.cos(azimuth), math.sin(azimuth), 0.0]), math.radians(lens.tilt_deg))
     roll = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(lens.roll_deg))
@@ -137,7 +136,7 @@ def pixel_rays(lens: LensDescription) -> Floats:
 @lru_cache(maxsize=2)
 def pixel_plane(lens: LensDescription) -> PixelPlane:
     """Return the steering plane's coordinates of every pixel."""
-    y_mm, z_mm = steering_plane_pose(lens).meet(pixel_rays(lens))
+    y_mm, z_mm = steering_plane_pose(lens).intersect(pixel_rays(lens))
     return PixelPlane(y_mm, z_mm, float(np.median(np.diff(z_mm, axis=1))))
 
 

@@ -1,4 +1,4 @@
-"""Random streams that depend on what they are for, not on what was drawn before."""
+"""Random streams that depend on their purpose, not on earlier draws."""
 
 import hashlib
 
@@ -13,8 +13,8 @@ def stream(seed: int, *purpose: str | int | None) -> np.random.Generator:
     seed : int
         The protocol's seed.
     purpose : str, int or None
-        Names and indexes, e.g. ("hole", specimen, hole, needle). Equal arguments give equal streams, others
-        unrelated ones.
+        Names and indexes, e.g. ("hole", specimen, hole, needle). Equal arguments give equal streams,
+        other arguments unrelated streams.
     """
     text = repr((seed, *purpose))
     return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big"))

@@ -11,7 +11,7 @@ BLUR_REACH_PX = 4
 _BANK_RIM_PX = 256
 
 
-def blurred(sharp: Field32, blur_px: float) -> Field32:
+def blur(sharp: Field32, blur_px: float) -> Field32:
     """Return the picture as the lens draws it: Gaussian, cut off at `BLUR_REACH_PX`."""
     if blur_px == 0:
         return sharp
@@ -20,9 +20,9 @@ def blurred(sharp: Field32, blur_px: float) -> Field32:
 
 
 class Sensor:
-    """Photon and read-out noise from a bank that is drawn once: each picture takes another piece, mirrored.
+    """Photon and read-out noise from a bank that is drawn once; each picture takes another piece, mirrored at random.
 
-    Half of the variance at the reference level is read-out noise, half grows with the light.
+    At the reference level half of the variance is read-out noise; the other half grows with the light.
     """
 
     def __init__(self, seed: int, size_px: tuple[int, int], noise_sd: float, level: float) -> None:
@@ -34,7 +34,7 @@ class Sensor:
         self._level = level
 
     def expose(self, light: Field32, random: np.random.Generator) -> npt.NDArray[np.uint8]:
-        """Return the picture (H, W) uint8 of what the lens draws (H, W) in grey levels."""
+        """Return the picture (H, W) uint8 of the light (H, W) in grey levels."""
         width, height = self._size_px
         row, column = random.integers(0, _BANK_RIM_PX, 2)
         piece = self._bank[row : row + height, column : column + width]

@@ -1,10 +1,10 @@
 """The path that the needle cuts into the gel.
 
 Headings are zero along +z and positive towards +y. A bevel at roll 0 bends the path towards -y, at roll pi
-towards +y (equation 5 of the paper): the curvature sought at roll delta is -cos(delta) / r in the plane and
-sin(delta) / r out of it, towards +x. The path leans out of the plane by small angles only, and is followed there to
-first order. The hinges need arc length to close: over the first `hinge_closing_mm` curvature grows linearly. From
-then on only their play is in the way: after half a turn of the bevel the curvature swings over in `backlash_mm`.
+towards +y (equation 5 of the paper): the final curvature at roll delta is -cos(delta) / r in the plane and
+sin(delta) / r out of it, towards +x. The path leans out of the plane by small angles only, and is computed there to
+first order. The hinges need arc length to close: over the first `hinge_closing_mm` the curvature grows linearly. From
+then on only their play matters: after half a turn of the bevel the curvature swings over in `backlash_mm`.
 """
 
 import math
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labrig.simulation.lens import Floats
-from labrig.simulation.unevenness import NODE_MM, Unevenness, even
+from labrig.simulation.unevenness import NODE_MM, Unevenness, no_unevenness
 
 Wander = tuple[float, float]
 _STEADY: Wander = (0.0, 0.0)
@@ -21,7 +21,7 @@ _STEADY: Wander = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class Bending:
-    """How the needle bends: radius once its hinges are closed (infinite: straight), and over which lengths.
+    """How the needle bends: its radius with closed hinges (infinite: straight), and two lengths.
 
     hinge_closing_mm : arc length over which the hinges close; backlash_mm : over which the curvature swings to the
     other side after half a turn.
@@ -33,7 +33,7 @@ class Bending:
 
 
 @dataclass(frozen=True)
-class Node:
+class PathNode:
     """A point of the path: arc length, position, heading, and curvature (d heading / d arc).
 
     x_mm, lean_rad, bend_1_mm : the same out of the plane: place, angle towards +x, and its change with the arc.
@@ -48,19 +48,19 @@ class Node:
     lean_rad: float = 0.0
     bend_1_mm: float = 0.0
 
-    def beyond(
+    def advance(
         self, length_mm: float, curvature_1_mm: float, bend_1_mm: float = 0.0, wander: Wander = _STEADY
-    ) -> "Node":
-        """Return the node `length_mm` further on, if curvature and bend reach these values there linearly.
+    ) -> "PathNode":
+        """Return the node `length_mm` further on, if curvature and bend change linearly to these values.
 
-        `wander` is by how much the tip turns besides, in the plane and out of it.
+        `wander` is the additional turn of the tip in the plane and out of it.
         """
         turn = 0.5 * (self.curvature_1_mm + curvature_1_mm) * length_mm + wander[0]
         lean = 0.5 * (self.bend_1_mm + bend_1_mm) * length_mm + wander[1]
         middle = self.heading_rad + 0.5 * turn
         chord = length_mm * (math.sin(0.5 * turn) / (0.5 * turn) if abs(turn) > 1e-9 else 1.0)
         in_plane = chord * math.cos(self.lean_rad + 0.5 * lean)
-        return Node(
+        return PathNode(
             self.arc_mm + length_mm,
             self.y_mm + in_plane * math.sin(middle),
             self.z_mm + in_plane * math.cos(middle),
@@ -78,13 +78,13 @@ class Track:
     Parameters
     ----------
     start_mm : (float, float)
-        Where the needle left the sheath, (y, z).
+        Where the needle leaves the sheath, (y, z).
     heading_rad : float
         Direction of the sheath.
     bending : Bending
         How the needle bends.
     unevenness : Unevenness
-        What disturbs it; nothing by default.
+        Disturbances; none by default.
     """
 
     def __init__(
@@ -98,17 +98,17 @@ class Track:
         self._closing_rate_1_mm2 = self._curvature_1_mm / bending.hinge_closing_mm
         self._swing_rate_1_mm2 = 2.0 * self._curvature_1_mm / bending.backlash_mm
         self._hinge_closing_mm = bending.hinge_closing_mm
-        self._unevenness = even() if unevenness is None else unevenness
-        self._nodes = [Node(0.0, *start_mm, heading_rad, 0.0)]
+        self._unevenness = no_unevenness() if unevenness is None else unevenness
+        self._nodes = [PathNode(0.0, *start_mm, heading_rad, 0.0)]
         self._end = self._nodes[0]
 
     @property
     def length_mm(self) -> float:
-        """Return the arc length cut so far."""
+        """The arc length cut so far."""
         return self._end.arc_mm
 
     def extend(self, arc_mm: float, roll_rad: float) -> None:
-        """Cut on to `arc_mm` with the bevel at `roll_rad`; what is cut already stays."""
+        """Extend the cut to `arc_mm` with the bevel at `roll_rad`; the existing cut stays."""
         if arc_mm <= self.length_mm:
             return
         while arc_mm >= len(self._nodes) * NODE_MM:
@@ -116,39 +116,33 @@ class Track:
             self._nodes.append(replace(grown, arc_mm=len(self._nodes) * NODE_MM))
         self._end = self._step(self._nodes[-1], arc_mm - self._nodes[-1].arc_mm, roll_rad)
 
-    def _step(self, node: Node, length_mm: float, roll_rad: float) -> Node:
+    def _step(self, node: PathNode, length_mm: float, roll_rad: float) -> PathNode:
         closing = node.arc_mm < self._hinge_closing_mm
         limit = (self._closing_rate_1_mm2 if closing else self._swing_rate_1_mm2) * length_mm
         stretch = len(self._nodes) - 1
         sought = self._curvature_1_mm * float(self._unevenness.curvature_share[stretch])
-        return node.beyond(
+        return node.advance(
             length_mm,
-            _towards(node.curvature_1_mm, -math.cos(roll_rad) * sought, limit),
-            _towards(node.bend_1_mm, math.sin(roll_rad) * sought, limit),
+            _approach(node.curvature_1_mm, -math.cos(roll_rad) * sought, limit),
+            _approach(node.bend_1_mm, math.sin(roll_rad) * sought, limit),
             self._wander(stretch, length_mm),
         )
 
     def _wander(self, stretch: int, length_mm: float) -> Wander:
         """Return how the tip turns by itself in the first `length_mm` of a stretch."""
-        part = length_mm / NODE_MM
-        return (
-            part * float(self._unevenness.turn_rad[stretch]),
-            part * float(self._unevenness.lean_rad[stretch]),
-        )
+        part, uneven = length_mm / NODE_MM, self._unevenness
+        return part * float(uneven.turn_rad[stretch]), part * float(uneven.lean_rad[stretch])
 
-    def at(self, arc_mm: float) -> Node:
-        """Return the path at an arc length; before its start it is straight, past its end it stops."""
+    def node_at(self, arc_mm: float) -> PathNode:
+        """Return the path at an arc length; it is straight before its start and stays at its end."""
         if arc_mm <= 0:
-            return self._nodes[0].beyond(arc_mm, 0.0)
+            return self._nodes[0].advance(arc_mm, 0.0)
         if arc_mm >= self.length_mm:
             return self._end
         index = min(int(arc_mm / NODE_MM), len(self._nodes) - 1)
-        before, after = (
-            self._nodes[index],
-            self._nodes[index + 1] if index + 1 < len(self._nodes) else self._end,
-        )
+        before, after = [*self._nodes[index : index + 2], self._end][:2]
         part = (arc_mm - before.arc_mm) / (after.arc_mm - before.arc_mm)
-        return before.beyond(
+        return before.advance(
             arc_mm - before.arc_mm,
             before.curvature_1_mm + part * (after.curvature_1_mm - before.curvature_1_mm),
             before.bend_1_mm + part * (after.bend_1_mm - before.bend_1_mm),
@@ -156,23 +150,21 @@ class Track:
         )
 
     def table(self, from_arc_mm: float = 0.0) -> Floats:
-        """Return nodes from an arc length, straight before 0, to the end.
+        """Return the nodes from an arc length, straight before 0, to the end.
 
-        (N, 5), columns arc, y, z, heading, curvature; arcs `NODE_MM` apart but for the last.
+        (N, 5), columns arc, y, z, heading, curvature; spaced `NODE_MM` in arc except for the last.
         """
-        before = [self.at(-count * NODE_MM) for count in range(math.ceil(-from_arc_mm / NODE_MM), 0, -1)]
+        before = [self.node_at(-count * NODE_MM) for count in range(math.ceil(-from_arc_mm / NODE_MM), 0, -1)]
         end = [] if self._end.arc_mm == self._nodes[-1].arc_mm else [self._end]
-        rows = [
-            (n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm) for n in [*before, *self._nodes, *end]
-        ]
-        return np.array(rows)
+        nodes = [*before, *self._nodes, *end]
+        return np.array([(n.arc_mm, n.y_mm, n.z_mm, n.heading_rad, n.curvature_1_mm) for n in nodes])
 
     def points_mm(self, every_mm: float = NODE_MM) -> Floats:
-        """Return the path in space from where the needle left the sheath to the end, (N, 3) as (x, y, z)."""
+        """Return the path in space from the sheath's tip to the end, (N, 3) as (x, y, z)."""
         taken = self._nodes[:: max(1, round(every_mm / NODE_MM))]
         return np.array([(n.x_mm, n.y_mm, n.z_mm) for n in [*taken, self._end]])
 
 
-def _towards(value: float, sought: float, limit: float) -> float:
-    """Return the value moved towards what is sought, by at most the limit."""
+def _approach(value: float, sought: float, limit: float) -> float:
+    """Return the value moved towards the sought value by at most the limit."""
     return value + max(-limit, min(limit, sought - value))

@@ -1,6 +1,6 @@
-"""What keeps a path from being what the hinges alone would cut: uneven gel, a wandering tip, cavities.
+"""Disturbances of the path that the hinges alone would cut: uneven gel, a wandering tip, cavities.
 
-Everything is drawn once for a path, on its grid of nodes, so that a path does not depend on how often it was
+They are drawn once for a path, on its fixed grid of nodes, so that a path does not depend on how often it was
 extended.
 """
 
@@ -13,17 +13,15 @@ import numpy as np
 from labrig.simulation.description import DisturbancesDescription
 from labrig.simulation.lens import Floats
 
-NODE_MM = (
-    0.05  # nodes stand on a fixed grid of arc length, so a path does not depend on how often it was extended
-)
+NODE_MM = 0.05  # arc length between nodes
 LONGEST_PATH_MM = 500.0
 _STRETCHES = round(LONGEST_PATH_MM / NODE_MM)
-_CAVITIES_BETWEEN = (12.0, 90.0)  # along the path, where an insertion still has something to do [mm]
+_CAVITIES_BETWEEN = (12.0, 90.0)  # along the path, before the end of an insertion [mm]
 
 
 @dataclass(frozen=True, eq=False)
 class Unevenness:
-    """For each stretch from one node to the next: what is left of the curvature, and how the tip turns by itself.
+    """For each stretch between nodes: the share of the curvature that is left, and the tip's own turns.
 
     curvature_share (N,) : 1 in even gel, 0 in a cavity; turn_rad (N,) in the plane; lean_rad (N,) out of it.
     """
@@ -34,20 +32,20 @@ class Unevenness:
 
 
 @cache
-def even() -> Unevenness:
-    """Return gel that disturbs nothing."""
+def no_unevenness() -> Unevenness:
+    """Return even gel, without disturbances."""
     return Unevenness(np.ones(_STRETCHES), np.zeros(_STRETCHES), np.zeros(_STRETCHES))
 
 
-def uneven(disturbances: DisturbancesDescription, random: np.random.Generator) -> Unevenness:
-    """Draw what disturbs one path.
+def draw_unevenness(disturbances: DisturbancesDescription, random: np.random.Generator) -> Unevenness:
+    """Draw the disturbances of a path.
 
     The curvature's share wanders about 1 as an Ornstein-Uhlenbeck process, so that its spread does not depend on the
-    grid; the tip's turning is white, so that the heading's spread grows with the root of the length.
+    grid; the tip's turns are white noise, so that the heading's spread grows with the root of the length.
     """
     steps = random.standard_normal((3, _STRETCHES))
-    share = 1.0 + disturbances.curvature_fraction * _wandering(steps[0], disturbances.curvature_length_mm)
-    for start_mm, end_mm in _cavities(disturbances, random):
+    share = 1.0 + disturbances.curvature_fraction * _draw_wander(steps[0], disturbances.curvature_length_mm)
+    for start_mm, end_mm in _draw_cavities(disturbances, random):
         share[int(start_mm / NODE_MM) : int(end_mm / NODE_MM)] = 0.0
     per_stretch = math.sqrt(NODE_MM)
     return Unevenness(
@@ -57,8 +55,8 @@ def uneven(disturbances: DisturbancesDescription, random: np.random.Generator) -
     )
 
 
-def _wandering(steps: Floats, length_mm: float) -> Floats:
-    """Return noise of unit standard deviation that forgets itself over a length, (N,)."""
+def _draw_wander(steps: Floats, length_mm: float) -> Floats:
+    """Return noise of unit standard deviation with this correlation length, (N,)."""
     kept = math.exp(-NODE_MM / length_mm)
     fresh = math.sqrt(1.0 - kept**2)
     value, values = float(steps[0]), np.empty_like(steps)
@@ -68,7 +66,7 @@ def _wandering(steps: Floats, length_mm: float) -> Floats:
     return values
 
 
-def _cavities(
+def _draw_cavities(
     disturbances: DisturbancesDescription, random: np.random.Generator
 ) -> list[tuple[float, float]]:
     starts = random.uniform(*_CAVITIES_BETWEEN, disturbances.cavities)

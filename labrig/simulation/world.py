@@ -1,4 +1,4 @@
-"""The world: what stands on the bench, what the axes have done to it, and what the camera sees of it."""
+"""The world: the objects on the bench, the effect of the axes on them, and the camera's view of them."""
 
 import math
 from collections.abc import Sequence
@@ -8,25 +8,32 @@ import numpy as np
 import numpy.typing as npt
 
 from labrig.errors import InputError
-from labrig.simulation import bench, painting
+from labrig.simulation.calibration_targets import (
+    Chessboard,
+    choose_board_pose,
+    draw_board,
+    draw_graph_paper,
+    draw_light,
+)
 from labrig.simulation.description import WorldDescription
-from labrig.simulation.drawing import Reach
 from labrig.simulation.gel import (
     LAST_POSITION_MM,
     Ball,
+    GelBlock,
     Hole,
-    Specimen,
     cast_specimen,
+    make_empty_hole,
     make_hole,
-    no_gel,
 )
 from labrig.simulation.lens import Field32, Floats, plane_to_pixels, steering_plane_pose, unproject
+from labrig.simulation.scene import Backdrop, draw_backdrop, draw_gel, draw_with_needle
 from labrig.simulation.seeds import stream
-from labrig.simulation.sensor import Sensor, blurred
-from labrig.simulation.track import Bending, Node, Track
+from labrig.simulation.sensor import Sensor, blur
+from labrig.simulation.strokes import PathSpan
+from labrig.simulation.track import Bending, PathNode, Track
 
-_TOLD_EVERY_MM = 0.5
-_STUCK_MM = 0.5  # an instrument deeper than that would tear the gel when a hand moves it
+_PATH_EVERY_MM = 0.5
+_STUCK_MM = 0.5  # a deeper instrument would tear the gel when a hand moves it
 
 
 @dataclass(frozen=True)
@@ -39,8 +46,8 @@ class _Axes:
 
 
 @dataclass(frozen=True)
-class _Still:
-    """Something that covers the view: its name and its sharp picture."""
+class _View:
+    """A name and its sharp picture."""
 
     name: str
     sharp: Field32
@@ -55,7 +62,7 @@ class World:
         The `world:` section of the rig file.
     seed : int
         The protocol's seed. Each draw has a stream of its own (specimen; hole and needle; picture of the
-        hole), so that none depends on what was done before.
+        hole), so that no draw depends on earlier actions.
     """
 
     def __init__(self, description: WorldDescription, seed: int) -> None:
@@ -64,32 +71,30 @@ class World:
         self._axes = _Axes()
         self._needle_id: str | None = None
         self._target_mm: tuple[float, float, float] | None = None
-        self._specimens: dict[tuple[str, float], Specimen] = {}
-        self._specimen: Specimen | None = None
-        self._hole = no_gel()
-        self._still: _Still | None = None
-        self._scene: _Still | None = None
-        self._backdrop: tuple[tuple[str, float, float], painting.Backdrop] | None = None
+        self._specimens: dict[tuple[str, float], GelBlock] = {}
+        self._specimen: GelBlock | None = None
+        self._hole = make_empty_hole()
+        self._covering: _View | None = None
+        self._scene: _View | None = None
+        self._backdrop: tuple[tuple[str, float, float], Backdrop] | None = None
         self._pictures: dict[str, int] = {}
-        self._white = bench.light_field(description.light, description.lens) * np.float32(
-            description.light.level
-        )
+        self._white = draw_light(description.light, description.lens) * np.float32(description.light.level)
         size_px = (description.lens.width_px, description.lens.height_px)
         self._sensor = Sensor(seed, size_px, description.noise_sd, description.light.level)
 
     def mount_needle(self, needle_id: str) -> None:
-        """Clamp a needle into the instrument; until then there is none.
+        """Clamp a needle into the instrument, which starts without a needle.
 
         Raises
         ------
         InputError
-            While needle or sheath stands in a gel; so does every deed below that moves the gel.
+            While needle or sheath is in a gel; the same holds for every action below that moves the gel.
         """
         self._refuse_if_stuck("the needle is changed")
         self._needle_id = needle_id
 
     def place_specimen(self, name: str, gelatin_percent: float) -> None:
-        """Put a specimen before the sheath: fresh, or with the tracks it has from before.
+        """Put a specimen before the sheath, fresh or with its earlier tracks.
 
         Raises
         ------
@@ -115,71 +120,69 @@ class World:
         self._put_before_sheath(replace(plain, obstacles=tuple(obstacles), is_phantom=True))
 
     def aim_at(self, target_mm: tuple[float, float, float]) -> None:
-        """Take note of where the insertion into the present phantom is meant to end, (x, y, z)."""
+        """Store the target (x, y, z) of the insertion into the present phantom."""
         self._target_mm = target_mm
 
-    def seen_at_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
+    def point_at_pixel_mm(self, pixel: tuple[float, float]) -> tuple[float, float, float]:
         """Return the point (x, y, z) of the steering plane that the camera sees at a pixel (u, v)."""
         lens = self.description.lens
-        y, z = steering_plane_pose(lens).meet(unproject(np.array([pixel]), lens))
+        y, z = steering_plane_pose(lens).intersect(unproject(np.array([pixel]), lens))
         return 0.0, float(y[0]), float(z[0])
 
     def target_mark_px(self) -> tuple[float, float]:
-        """Return the pixel (u, v) at which somebody who is asked for the target sees it."""
+        """Return the pixel (u, v) at which the simulated operator sees the target."""
         mark = np.array([self.description.target_mark_mm])
         u, v = plane_to_pixels(mark, self.description.lens)[0].tolist()
         return u, v
 
-    def _put_before_sheath(self, specimen: Specimen) -> None:
-        self._still = self._scene = self._backdrop = self._target_mm = None
+    def _put_before_sheath(self, specimen: GelBlock) -> None:
+        self._covering = self._scene = self._backdrop = self._target_mm = None
         self._specimen = specimen
         self._enter_hole(specimen, None, 0.0)
 
     def shift_to_hole(self, specimen: str, hole: int, position_mm: float) -> None:
-        """Shift the gel by hand until `position_mm` of it has gone past the sheath, towards +y.
+        """Shift the gel by hand until `position_mm` of it has passed the sheath, towards +y.
 
         Older tracks move along, up in the picture; a needle that bends towards -y never meets them.
 
         Raises
         ------
         InputError
-            If another specimen stands before the sheath, or the position lies outside of the gel.
+            If another specimen is before the sheath, or the position is outside the gel.
         """
         self._refuse_if_stuck(f"the gel is shifted to hole {hole}")
         if self._specimen is None or self._specimen.name != specimen:
             placed = "nothing" if self._specimen is None else self._specimen.name
-            raise InputError(
-                f"specimen {specimen} is not on the bench; {placed} is", "place the specimen first"
-            )
+            message = f"specimen {specimen} is not on the bench; {placed} is"
+            raise InputError(message, "place the specimen first")
         if not 0 <= position_mm <= LAST_POSITION_MM:
             limits = f"0 to {LAST_POSITION_MM:g} mm"
             raise InputError(f"hole position {position_mm:g} mm lies outside of the gel, {limits}")
-        self._still = None
+        self._covering = None
         self._enter_hole(self._specimen, hole, position_mm)
 
     def hold_board(self, view: int, columns: int, rows: int, square_mm: float) -> None:
-        """Hold a chessboard with columns x rows inner corners before the camera, another way in each view."""
-        board, lens = bench.Board(columns, rows, square_mm), self.description.lens
-        pose = bench.board_pose(view, board, stream(self._seed, "board", view), lens)
-        self._still = _Still(f"board {view}", bench.board_picture(board, pose, lens, self._white))
+        """Hold a chessboard with columns x rows inner corners before the camera, in another pose for each view."""
+        board, lens = Chessboard(columns, rows, square_mm), self.description.lens
+        pose = choose_board_pose(view, board, stream(self._seed, "board", view), lens)
+        self._covering = _View(f"board {view}", draw_board(board, pose, lens, self._white))
 
     def lay_graph_paper(self, pitch_mm: float) -> None:
-        """Lay graph paper into the steering plane, nearly along the sheath; it fills the view."""
+        """Lay graph paper into the steering plane, nearly along the sheath, so that it fills the view."""
         random = stream(self._seed, "graph paper")
-        paper = bench.graph_paper(pitch_mm, random, self.description.lens, self._white)
-        self._still = _Still("graph paper", paper)
+        paper = draw_graph_paper(pitch_mm, random, self.description.lens, self._white)
+        self._covering = _View("graph paper", paper)
 
     def clear_bench(self) -> None:
         """Take away specimen, board and paper."""
         self._refuse_if_stuck("the bench is cleared")
-        self._specimen, self._hole, self._still = None, no_gel(), None
+        self._specimen, self._hole, self._covering = None, make_empty_hole(), None
 
     def advance(self, insertion_mm: float, rotation_rad: float, linear_mm: float) -> None:
-        """Bring the axes to these positions; the needle cuts on where it goes deeper than it has been.
+        """Bring the axes to these positions; the needle cuts further if it goes deeper than before.
 
-        Going back it withdraws along its path, and going in again it follows it. A needle that stands out
-        while the linear axis moves is carried along its path. Between two calls the bevel is taken to stand
-        at the later call's `rotation_rad`.
+        It withdraws and enters again along its path. The linear axis carries a protruding needle along its path.
+        Between two calls the bevel has the later call's `rotation_rad`.
         """
         clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
         self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
@@ -197,34 +200,34 @@ class World:
             bending = Bending(hole.radius_mm, needle.hinge_closing_mm, needle.backlash_mm)
             hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, bending, hole.unevenness)
             hole.track_linear_mm = self._axes.linear_mm
-        hole.track.extend(self._needle_reach().to_mm, self._axes.rotation_rad)
+        hole.track.extend(self._needle_span().to_mm, self._axes.rotation_rad)
 
     def picture(self, exposure: float = 1.0) -> npt.NDArray[np.uint8]:
-        """Return what the camera sees, (H, W) uint8; each call is another exposure, with noise of its own.
+        """Return the camera's picture, (H, W) uint8; each call is another exposure with noise of its own.
 
         Parameters
         ----------
         exposure : float
-            Light gathered, over that at which clear gel is `light.level` bright. The sensor saturates at 255.
+            Light gathered, relative to that at which clear gel is `light.level` bright. The sensor saturates at 255.
         """
         scene = self._scene_name()
         count = self._pictures.get(scene, 0)
         self._pictures[scene] = count + 1
-        light = self._light(scene)
+        light = self._draw_light(scene)
         if exposure != 1.0:
             light = light * np.float32(exposure)
         return self._sensor.expose(light, stream(self._seed, "picture", scene, count))
 
     def truth(self) -> dict[str, object]:
-        """Return what is true of the insertion in the present hole, ready for JSON.
+        """Return the truth about the insertion in the present hole, ready for JSON.
 
-        Its keys: specimen, gelatin_percent, needle_id, hole, radius_mm (drawn), each None where there is
-        none; hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z] and arc_length_mm
-        at the deepest so far, so that they can be asked for before or after the needle is withdrawn. In a phantom
-        also what `_aimed_truth` adds.
+        Its keys: specimen, gelatin_percent, needle_id, hole, radius_mm (drawn), each possibly None;
+        hole_position_mm; sheath_tip_mm [y, z] where the needle left it; tip_mm [y, z] and arc_length_mm at the
+        deepest so far, so that they are the same before and after the needle is withdrawn. In a phantom also the
+        keys of `_phantom_truth`.
         """
         hole, track = self._hole, self._hole.track
-        start = self._sheath_tip_mm() if track is None else _place(track.at(0.0))
+        start = self._sheath_tip_mm() if track is None else _yz(track.node_at(0.0))
         return {
             "specimen": None if self._specimen is None else self._specimen.name,
             "gelatin_percent": None if self._specimen is None else self._specimen.gelatin_percent,
@@ -233,16 +236,16 @@ class World:
             "hole_position_mm": hole.position_mm,
             "radius_mm": hole.radius_mm if math.isfinite(hole.radius_mm) else None,
             "sheath_tip_mm": list(start),
-            "tip_mm": list(start if track is None else _place(track.at(track.length_mm))),
+            "tip_mm": list(start if track is None else _yz(track.node_at(track.length_mm))),
             "arc_length_mm": 0.0 if track is None else track.length_mm,
-            **self._aimed_truth(),
+            **self._phantom_truth(),
         }
 
-    def _aimed_truth(self) -> dict[str, object]:
-        """Return what is true of an insertion into a phantom, in space; nothing for another gel.
+    def _phantom_truth(self) -> dict[str, object]:
+        """Return the truth about an insertion into a phantom, in space; empty for another gel.
 
         tip_x_mm; target_mm [x, y, z], true_target_error_mm and true_min_clearance_mm, from the needle's surface to an
-        obstacle's, each None where there is none; path_mm [[x, y, z], ...], a point every half millimetre.
+        obstacle's, each possibly None; path_mm [[x, y, z], ...], a point every half millimetre.
         """
         if self._specimen is None or not self._specimen.is_phantom:
             return {}
@@ -253,7 +256,7 @@ class World:
             float(np.linalg.norm(path - ball.centre_mm, axis=1).min()) - ball.radius_mm - radius_mm
             for ball in balls
         ]
-        coarse = path if track is None else track.points_mm(_TOLD_EVERY_MM)
+        coarse = path if track is None else track.points_mm(_PATH_EVERY_MM)
         return {
             "tip_x_mm": float(path[-1, 0]),
             "target_mm": None if target is None else list(target),
@@ -265,66 +268,66 @@ class World:
     def centre_line_mm(self, points: int = 400) -> Floats:
         """Return the needle's true centre line now, from the sheath's tip to its own, (points, 2) as (y, z).
 
-        It has no points while the needle is inside the sheath.
+        It is empty while the needle is inside the sheath.
         """
-        track, reach = self._hole.track, self._needle_reach()
-        if track is None or reach.to_mm <= reach.from_mm:
+        track, span = self._hole.track, self._needle_span()
+        if track is None or span.to_mm <= span.from_mm:
             return np.empty((0, 2))
-        return np.array([_place(track.at(arc)) for arc in np.linspace(reach.from_mm, reach.to_mm, points)])
+        return np.array([_yz(track.node_at(arc)) for arc in np.linspace(span.from_mm, span.to_mm, points)])
 
-    def _enter_hole(self, specimen: Specimen, number: int | None, position_mm: float) -> None:
+    def _enter_hole(self, specimen: GelBlock, number: int | None, position_mm: float) -> None:
         place = (number, position_mm)
         if place not in specimen.holes:
             specimen.holes[place] = make_hole(self.description, self._seed, specimen, place, self._needle_id)
         self._hole = specimen.holes[place]
 
-    def _refuse_if_stuck(self, deed: str) -> None:
+    def _refuse_if_stuck(self, action: str) -> None:
         needle_mm = 0.0 if self._needle_id is None else max(0.0, self._axes.insertion_mm)
         depth_mm = self._axes.linear_mm + needle_mm
         if self._specimen is not None and depth_mm > _STUCK_MM:
-            message = f"{deed} while the instrument stands {depth_mm:.1f} mm deep in {self._specimen.name}"
+            message = f"{action} while the instrument stands {depth_mm:.1f} mm deep in {self._specimen.name}"
             raise InputError(message, f"withdraw needle and sheath to {_STUCK_MM} mm or less first")
 
     def _sheath_tip_mm(self) -> tuple[float, float]:
         origin_mm = self.description.sheath_tip_at_origin_linear_mm
         return self._hole.sheath_point_mm(self._axes.linear_mm - origin_mm)
 
-    def _needle_reach(self) -> Reach:
+    def _needle_span(self) -> PathSpan:
         """Return the part of the track between the sheath's tip and the needle's."""
         sheath_mm = self._axes.linear_mm - self._hole.track_linear_mm
-        return Reach(sheath_mm, sheath_mm + self._axes.insertion_mm, self._axes.rotation_rad)
+        return PathSpan(sheath_mm, sheath_mm + self._axes.insertion_mm, self._axes.rotation_rad)
 
     def _scene_name(self) -> str:
-        if self._still is not None:
-            return self._still.name
+        if self._covering is not None:
+            return self._covering.name
         if self._specimen is None:
             return "empty bench"
         return repr((self._specimen.name, self._hole.number, self._hole.position_mm, self._needle_id))
 
-    def _light(self, scene: str) -> Field32:
+    def _draw_light(self, scene: str) -> Field32:
         """Return the blurred picture before noise."""
-        if self._still is not None:
-            return blurred(self._still.sharp, self.description.blur_px)
-        behind = self._behind(scene)
-        return painting.with_needle(self.description, behind, self._hole, self._needle_reach())
+        if self._covering is not None:
+            return blur(self._covering.sharp, self.description.blur_px)
+        behind = self._draw_backdrop(scene)
+        return draw_with_needle(self.description, behind, self._hole, self._needle_span())
 
-    def _behind(self, scene: str) -> painting.Backdrop:
-        """Return the present scene with the sheath, painted again only where something in it has moved."""
+    def _draw_backdrop(self, scene: str) -> Backdrop:
+        """Return the present scene with the sheath, drawn again only after something in it has moved."""
         key = (scene, self._axes.linear_mm, self._hole.sheath_reach_mm)
         if self._backdrop is None or self._backdrop[0] != key:
-            sharp = self._gel_scene(scene)
-            behind = painting.backdrop(self.description, sharp, self._hole, self._axes.linear_mm)
+            sharp = self._draw_gel(scene)
+            behind = draw_backdrop(self.description, sharp, self._hole, self._axes.linear_mm)
             self._backdrop = (key, behind)
         return self._backdrop[1]
 
-    def _gel_scene(self, scene: str) -> Field32:
+    def _draw_gel(self, scene: str) -> Field32:
         if self._specimen is None:
             return self._white
         if self._scene is None or self._scene.name != scene:
-            sharp = painting.gel_scene(self.description, self._specimen, self._hole, self._white)
-            self._scene = _Still(scene, sharp)
+            sharp = draw_gel(self.description, self._specimen, self._hole, self._white)
+            self._scene = _View(scene, sharp)
         return self._scene.sharp
 
 
-def _place(node: Node) -> tuple[float, float]:
+def _yz(node: PathNode) -> tuple[float, float]:
     return node.y_mm, node.z_mm

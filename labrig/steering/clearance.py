@@ -6,11 +6,11 @@ meets the arc. Otherwise it is an end of the arc.
 
 import numpy as np
 
-from labrig.needle.kinematics import FloatArray, Frames, path_frames, rotation_z
+from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames, rotation_z
 
 
 def arc_distances(
-    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: Frames | None = None
+    psi: FloatArray, radius_mm: float, centres_mm: FloatArray, frames: ArcFrames | None = None
 ) -> FloatArray:
     """Return the distance from each arc's centre line to each point.
 
@@ -21,7 +21,7 @@ def arc_distances(
     radius_mm : float
     centres_mm : (K, 3) array
         In {1b}.
-    frames : Frames, optional
+    frames : ArcFrames, optional
         Of the paths, if they are known already.
 
     Returns

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.needle.kinematics import FloatArray, Frames, path_frames
+from labrig.needle.kinematics import ArcFrames, FloatArray, path_frames
 from labrig.steering.clearance import arc_distances
 from labrig.steering.problem import Surroundings
 
@@ -21,21 +21,21 @@ def pick_best_feasible(psi: FloatArray, around: Surroundings) -> FloatArray | No
     """
     frames = path_frames(psi, around.problem.radius_mm)
     kept = _find_within_caps(psi, frames, around)
-    psi, frames = psi[kept], Frames(frames.positions_mm[kept], frames.rotations[kept])
+    psi, frames = psi[kept], ArcFrames(frames.positions_mm[kept], frames.rotations[kept])
     gaps = np.full(len(psi), np.inf)
     if len(around.centres_mm):
         apart = arc_distances(psi, around.problem.radius_mm, around.centres_mm, frames).min(axis=1)
         gaps = (apart - around.needle_and_obstacle_mm).min(axis=1)
         clear = np.flatnonzero(np.all(apart >= around.keep_off_mm - _ROUNDING, axis=1))
         psi, gaps = psi[clear], gaps[clear]
-        frames = Frames(frames.positions_mm[clear], frames.rotations[clear])
+        frames = ArcFrames(frames.positions_mm[clear], frames.rotations[clear])
     if not len(psi):
         return None
     cheapest = psi[np.argmin(_path_costs(psi, frames, gaps, around))]
     return np.asarray(cheapest[: np.flatnonzero(cheapest[:, 0] > _NO_ARC_RAD).max(initial=-1) + 1])
 
 
-def _find_within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> NDArray[np.intp]:
+def _find_within_caps(psi: FloatArray, frames: ArcFrames, around: Surroundings) -> NDArray[np.intp]:
     problem = around.problem
     errors = np.linalg.norm(frames.positions_mm[:, -1] - around.target_mm, axis=-1)
     # With a limit of 90 degrees or less, an arc whose ends point forwards points forwards everywhere.
@@ -50,7 +50,7 @@ def _find_within_caps(psi: FloatArray, frames: Frames, around: Surroundings) -> 
     return np.flatnonzero(good)
 
 
-def _path_costs(psi: FloatArray, frames: Frames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
+def _path_costs(psi: FloatArray, frames: ArcFrames, gaps_mm: FloatArray, around: Surroundings) -> FloatArray:
     weights, radius_mm = around.problem.weights, around.problem.radius_mm
     tips = frames.positions_mm[:, -1]
     others_mm = around.problem.radius_range_mm or (radius_mm * (1 + _RADIUS_ERROR),)

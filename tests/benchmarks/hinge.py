@@ -9,10 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from labrig.needle.hinge import HingeView
-from labrig.needle.search import largest_rotation
+from labrig.needle.rotation_search import search_largest_rotation
 from tests.benchmarks.table import measure, print_rows
 from tests.needle.no_fit import LargestFree
-from tests.needle.test_search import random_hinge
+from tests.needle.test_rotation_search import random_hinge
 
 DESIGNS = 20
 STEP_DEG = 0.01
@@ -68,5 +68,5 @@ def _compare(number: int) -> list[Compared]:
 
 def _compare_view(view: HingeView) -> Compared:
     brute = LargestFree(view, STEP_DEG)
-    difference_deg = brute.angle_deg() - largest_rotation(view).rotation_deg
+    difference_deg = brute.angle_deg() - search_largest_rotation(view).rotation_deg
     return Compared(difference_deg, brute.angles, brute.tried)

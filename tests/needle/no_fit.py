@@ -27,7 +27,7 @@ class NoFit:
     """The no-fit polygons of a hinge's view, its knuckle eroded by a length or not."""
 
     def __init__(self, view: HingeView, eroded_mm: float = 0.0) -> None:
-        lateral, axial = view.reach.lateral_mm, view.reach.axial_mm
+        lateral, axial = view.box.lateral_mm, view.box.axial_mm
         self._box = shapely.box(-lateral, -axial, lateral, axial)
         knuckles = [_eroded(pair.knuckle, eroded_mm) for pair in view.sections]
         self._pairs = [
@@ -101,7 +101,7 @@ class LargestFree:
     @property
     def angles(self) -> int:
         """How many angles the grid has."""
-        return int(self.view.reach.rotation_deg / self.step_deg) + 1
+        return int(self.view.box.rotation_deg / self.step_deg) + 1
 
     def angle_deg(self) -> float:
         """Return the largest free angle; 0 is always free."""

@@ -10,7 +10,7 @@ from labrig.errors import AnswerIsNoError, InputError
 from labrig.needle.equations import (
     EQUATION_3,
     RotationPlane,
-    links_in,
+    count_links,
     radius_mm,
     radius_tolerance,
     rotation_for_radius_deg,
@@ -93,7 +93,7 @@ def test_a_radius_that_may_be_infinite_has_no_upper_end() -> None:
 @pytest.mark.parametrize(("tip_mm", "link_mm", "links"), [(40.0, 3.0, 13), (0.9, 0.3, 3), (6.0, 3.0, 2)])
 def test_whole_links_are_counted(tip_mm: float, link_mm: float, links: int) -> None:
     """A tip holds as many links as fit whole, and rounding loses none."""
-    assert links_in(tip_mm, link_mm) == links
+    assert count_links(tip_mm, link_mm) == links
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_impossible_tolerances_are_refused(clearance_mm: float, cut_deg: float) 
 def test_a_tip_below_two_links_is_refused() -> None:
     """Equation (1) speaks of two links."""
     with pytest.raises(InputError, match="at least 6 mm"):
-        links_in(5.9, 3.0)
+        count_links(5.9, 3.0)
 
 
 def test_a_radius_that_no_inclination_gives_is_a_no() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
-from labrig.needle.search import interference_mm2, largest_rotation
+from labrig.needle.rotation_search import interference_mm2, search_largest_rotation
 from labrig.needle.tube import Tube
 
 PAPER = Hinge(Tube(), 0.025, 4.13)
@@ -93,7 +93,7 @@ def test_two_sections_decide_hinge_b() -> None:
     """Thirty sections more change the rotation of hinge b by less than 0.005 degrees."""
     view = PAPER.hinge_b()
     depths_mm = np.linspace(0.001, 0.59, 30)
-    denser = HingeView((*view.sections, *(PAPER.section(float(depth)) for depth in depths_mm)), view.reach)
-    assert largest_rotation(denser).rotation_deg == pytest.approx(
-        largest_rotation(view).rotation_deg, abs=0.005
+    denser = HingeView((*view.sections, *(PAPER.section(float(depth)) for depth in depths_mm)), view.box)
+    assert search_largest_rotation(denser).rotation_deg == pytest.approx(
+        search_largest_rotation(view).rotation_deg, abs=0.005
     )

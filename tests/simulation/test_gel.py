@@ -10,7 +10,7 @@ from labrig.simulation.description import (
     NeedleDescription,
     WorldDescription,
 )
-from labrig.simulation.gel import Specimen, make_hole, needle_scale, radius_law_mm
+from labrig.simulation.gel import GelBlock, draw_needle_scale, interpolate_radius_mm, make_hole
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET, bench
 
@@ -21,7 +21,7 @@ PAPER = {10.0: (28.34, 0.247), 13.0: (27.71, 0.237), 16.0: (27.36, 0.459), 19.0:
 def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float) -> None:
     """Over 2000 seeds mean and SD agree with section V-B within four standard errors."""
     mean, sd = PAPER[gelatin_percent]
-    block = Specimen("A", gelatin_percent, (), np.zeros((1, 1), np.float32))
+    block = GelBlock("A", gelatin_percent, (), np.zeros((1, 1), np.float32))
     drawn = np.array([make_hole(QUIET, seed, block, (3, 65.0), "N1").radius_mm for seed in range(2000)])
     assert abs(drawn.mean() - mean) < 4 * sd / np.sqrt(2000)
     assert abs(drawn.std(ddof=1) - sd) < 4 * sd / np.sqrt(2 * 2000)
@@ -29,7 +29,7 @@ def test_radii_have_the_paper_s_mean_and_spread(gelatin_percent: float) -> None:
 
 def test_a_gel_between_two_known_ones_is_interpolated() -> None:
     """At 14.5 % mean and SD are half-way between those of 13 and 16 %."""
-    assert radius_law_mm(WorldDescription().gels, 14.5) == pytest.approx((27.535, 0.348))
+    assert interpolate_radius_mm(WorldDescription().gels, 14.5) == pytest.approx((27.535, 0.348))
 
 
 @pytest.mark.parametrize("gelatin_percent", [9.9, 19.1])
@@ -78,11 +78,11 @@ def test_a_design_scales_the_radii_of_the_gels() -> None:
 def test_each_needle_draws_its_own_radius_within_the_tolerance() -> None:
     """One draw a needle and seed, the same in every hole, spread over the whole tolerance."""
     world = designed(27.0, 33.0)
-    scales = [needle_scale(world, 5, f"N{number}") for number in range(200)]
+    scales = [draw_needle_scale(world, 5, f"N{number}") for number in range(200)]
     assert 27.0 / 30 < min(scales) < 27.3 / 30
     assert 32.7 / 30 < max(scales) < 33.0 / 30
-    assert needle_scale(world, 5, "N1") == scales[1] != needle_scale(world, 6, "N1")
-    assert needle_scale(QUIET, 5, "N1") == 1.0
+    assert draw_needle_scale(world, 5, "N1") == scales[1] != draw_needle_scale(world, 6, "N1")
+    assert draw_needle_scale(QUIET, 5, "N1") == 1.0
 
 
 def test_a_tolerance_that_holds_nothing_is_refused() -> None:

@@ -83,5 +83,5 @@ def test_a_pose_meets_the_rays_of_its_own_points() -> None:
     """Cutting the rays of a tilted board's points with the board gives the points back."""
     pose = Pose(rotation_about(np.array([0.6, 0.8, 0.0]), 0.6), np.array([5.0, -3.0, 200.0]))
     points = np.array([[0.0, 0.0], [40.0, 10.0], [-30.0, 25.0]])
-    x, y = pose.meet(pose.to_camera(points))
+    x, y = pose.intersect(pose.to_camera(points))
     assert np.stack([x, y], axis=1) == pytest.approx(points, abs=1e-4)

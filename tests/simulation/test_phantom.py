@@ -11,7 +11,7 @@ from labrig.simulation.description import DisturbancesDescription, WorldDescript
 from labrig.simulation.gel import Ball
 from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.track import Bending, Track
-from labrig.simulation.unevenness import NODE_MM, Unevenness, even, uneven
+from labrig.simulation.unevenness import NODE_MM, Unevenness, draw_unevenness, no_unevenness
 from labrig.simulation.world import World
 
 BENDING = Bending(28.0, 3.0, 1.5)
@@ -26,7 +26,7 @@ def disturbances(**changes: object) -> DisturbancesDescription:
 
 def drawn(description: DisturbancesDescription, seed: int) -> Unevenness:
     """Return what is drawn for a path."""
-    return uneven(description, np.random.default_rng(seed))
+    return draw_unevenness(description, np.random.default_rng(seed))
 
 
 def phantom(seed: int = 3, *balls: Ball, **changes: object) -> World:
@@ -59,11 +59,13 @@ def test_the_curvature_wanders_about_its_mean_and_forgets() -> None:
 
 def test_a_needle_does_not_steer_in_a_cavity() -> None:
     """Once the hinges have given way the path is straight, and behind the cavity it bends again."""
-    share = np.ones_like(even().curvature_share)
+    share = np.ones_like(no_unevenness().curvature_share)
     share[round(10.0 / NODE_MM) : round(18.0 / NODE_MM)] = 0.0
-    track = Track((0.0, 0.0), 0.0, BENDING, Unevenness(share, even().turn_rad, even().lean_rad))
+    track = Track(
+        (0.0, 0.0), 0.0, BENDING, Unevenness(share, no_unevenness().turn_rad, no_unevenness().lean_rad)
+    )
     track.extend(30.0, 0.0)
-    headings = [track.at(arc).heading_rad for arc in (11.0, 18.0, 20.0, 25.0)]
+    headings = [track.node_at(arc).heading_rad for arc in (11.0, 18.0, 20.0, 25.0)]
     assert headings[0] == pytest.approx(headings[1], abs=1e-12)
     assert headings[2] - headings[3] == pytest.approx(5.0 / 28.0)
 
@@ -80,7 +82,7 @@ def test_curvature_swings_over_within_the_backlash() -> None:
     track = Track((0.0, 0.0), 0.0, BENDING)
     track.extend(10.0, 0.0)
     track.extend(20.0, math.pi)
-    curvatures = [track.at(arc).curvature_1_mm * 28.0 for arc in (10.0, 10.75, 11.5, 15.0)]
+    curvatures = [track.node_at(arc).curvature_1_mm * 28.0 for arc in (10.0, 10.75, 11.5, 15.0)]
     assert curvatures == pytest.approx([-1.0, 0.0, 1.0, 1.0], abs=0.08)
 
 
@@ -88,7 +90,7 @@ def test_a_bevel_on_its_way_round_leads_out_of_the_plane() -> None:
     """A millimetre at a quarter turn leans the path by 1/r towards +x, as equation 5 says."""
     track = Track((0.0, 0.0), 0.0, BENDING)
     track.extend(20.0, math.pi / 2)
-    end = track.at(20.0)
+    end = track.node_at(20.0)
     assert end.lean_rad == pytest.approx((20.0 - 1.5) / 28.0, abs=1e-9)
     assert end.x_mm > 0
     assert end.heading_rad == pytest.approx(0.0, abs=1e-12)
@@ -138,6 +140,6 @@ def test_a_point_of_the_plane_is_where_its_pixel_is_seen() -> None:
     """What the operator sees at a pixel lies in the plane, and is seen at that pixel."""
     world = phantom(3)
     lens = world.description.lens
-    seen = world.seen_at_mm((900.0, 250.0))
+    seen = world.point_at_pixel_mm((900.0, 250.0))
     assert seen[0] == 0.0
     assert plane_to_pixels(np.array([seen[1:]]), lens)[0] == pytest.approx((900.0, 250.0), abs=1e-3)

@@ -33,7 +33,7 @@ def heading_of_closing_hinges(arc_mm: float) -> float:
 @pytest.mark.parametrize("arc_mm", [1.0, 3.0, 17.33, 40.0])
 def test_the_end_is_where_the_integral_of_the_heading_leads(arc_mm: float) -> None:
     """Clothoid while the hinges close, circle behind it: the end agrees with quadrature to 0.1 µm."""
-    end = cut((arc_mm, 0.0)).at(arc_mm)
+    end = cut((arc_mm, 0.0)).node_at(arc_mm)
     expected_y = quad(
         lambda s: math.sin(heading_of_closing_hinges(s)), 0, arc_mm, points=[min(CLOSING_MM, arc_mm)]
     )
@@ -47,7 +47,7 @@ def test_the_end_is_where_the_integral_of_the_heading_leads(arc_mm: float) -> No
 def test_behind_the_closed_hinges_the_path_is_the_circle_of_equation_5() -> None:
     """From the end of closing on, points lie on one circle of the radius, turned by arc over radius."""
     track = cut((40.0, 0.0))
-    nodes = [track.at(arc) for arc in np.linspace(CLOSING_MM, 40.0, 50)]
+    nodes = [track.node_at(arc) for arc in np.linspace(CLOSING_MM, 40.0, 50)]
     centres = np.array(
         [
             (n.y_mm - RADIUS_MM * math.cos(n.heading_rad), n.z_mm + RADIUS_MM * math.sin(n.heading_rad))
@@ -81,19 +81,19 @@ def test_the_path_does_not_depend_on_how_often_it_was_extended(stops: list[float
 def test_a_turned_bevel_takes_the_backlash_once_the_hinges_are_closed() -> None:
     """After a flip at 20 mm curvature crosses zero at 20.75 mm and is opposite from 21.5 mm on."""
     track = cut((20.0, 0.0), (40.0, math.pi))
-    assert track.at(20.0).curvature_1_mm == pytest.approx(-1 / RADIUS_MM)
-    assert track.at(20.75).curvature_1_mm == pytest.approx(0.0, abs=0.1 / RADIUS_MM)
-    assert track.at(21.55).curvature_1_mm == pytest.approx(1 / RADIUS_MM)
+    assert track.node_at(20.0).curvature_1_mm == pytest.approx(-1 / RADIUS_MM)
+    assert track.node_at(20.75).curvature_1_mm == pytest.approx(0.0, abs=0.1 / RADIUS_MM)
+    assert track.node_at(21.55).curvature_1_mm == pytest.approx(1 / RADIUS_MM)
 
 
 def test_a_bevel_out_of_the_plane_bends_by_its_component() -> None:
     """At 60 degrees the path in the plane has half the curvature."""
-    assert cut((30.0, math.pi / 3)).at(30.0).curvature_1_mm == pytest.approx(-0.5 / RADIUS_MM)
+    assert cut((30.0, math.pi / 3)).node_at(30.0).curvature_1_mm == pytest.approx(-0.5 / RADIUS_MM)
 
 
 def test_an_infinite_radius_is_a_straight_line() -> None:
     """In air the needle goes where the sheath points."""
-    end = cut((30.0, 0.0), radius_mm=math.inf, heading_rad=0.1).at(30.0)
+    end = cut((30.0, 0.0), radius_mm=math.inf, heading_rad=0.1).node_at(30.0)
     assert (end.y_mm, end.z_mm) == pytest.approx((30 * math.sin(0.1), 30 * math.cos(0.1)))
 
 
@@ -101,7 +101,7 @@ def test_points_between_nodes_and_before_the_start_continue_the_path() -> None:
     """Between two nodes the path is smooth; before its start it is the sheath's axis."""
     track = cut((10.0, 0.0), heading_rad=0.1)
     arcs = np.arange(-1.0, 9.9, NODE_MM / 7)
-    points = np.array([(track.at(arc).y_mm, track.at(arc).z_mm) for arc in arcs])
+    points = np.array([(track.node_at(arc).y_mm, track.node_at(arc).z_mm) for arc in arcs])
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert steps == pytest.approx(np.full(len(steps), NODE_MM / 7), rel=1e-5)
     assert points[0] == pytest.approx([-math.sin(0.1), -math.cos(0.1)])

@@ -69,10 +69,12 @@ class SimulatedOperator:
             case ShiftToHole(specimen, hole, position_mm):
                 self._world.shift_to_hole(specimen, hole, position_mm)
             case PlacePhantom(name, gelatin_percent, obstacles):
-                balls = [Ball(self._world.seen_at_mm(pixel), radius_mm) for pixel, radius_mm in obstacles]
+                balls = [
+                    Ball(self._world.point_at_pixel_mm(pixel), radius_mm) for pixel, radius_mm in obstacles
+                ]
                 self._world.place_phantom(name, gelatin_percent, balls)
             case ConfirmPlan(_, target_px):
-                self._world.aim_at(self._world.seen_at_mm(target_px))
+                self._world.aim_at(self._world.point_at_pixel_mm(target_px))
             case HoldBoard(view, _, columns, rows, square_mm):
                 self._world.hold_board(view, columns, rows, square_mm)
             case LayGraphPaper(pitch_mm):

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3, RotationPlane
-from labrig.needle.study import Cell
 
 _SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "labrig",
@@ -29,12 +29,12 @@ _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
 _MARKERS = "osD^vPX"
 
 
-def hinge_figure(cells: Sequence[Cell], plane: RotationPlane, picture_format: str) -> bytes:
+def hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, picture_format: str) -> bytes:
     """Return figure 3: the searched rotations with both planes, and what our plane leaves.
 
     Parameters
     ----------
-    cells : sequence of Cell
+    cells : sequence of GridPoint
         The searched grid.
     plane : RotationPlane
         Fitted to it.
@@ -57,7 +57,7 @@ def _no_date(picture_format: str) -> dict[str, None]:
     return {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(picture_format, {})
 
 
-def _draw_rotations(axes: Any, cells: Sequence[Cell], plane: RotationPlane) -> None:
+def _draw_rotations(axes: Any, cells: Sequence[GridPoint], plane: RotationPlane) -> None:
     """Draw into axes of the projection "3d", for which matplotlib has no types."""
     clearances_mm, cuts_deg = np.meshgrid(
         sorted({cell.clearance_mm for cell in cells}), sorted({cell.beta_cut_deg for cell in cells})
@@ -89,7 +89,7 @@ def _formula(plane: RotationPlane) -> str:
     return f"{plane.a:.2f} β_cut + {plane.b:.0f} d {sign} {abs(plane.c):.3f}, RMSE {plane.rmse_deg:.3f}°"
 
 
-def _draw_residuals(axes: Axes, cells: Sequence[Cell], plane: RotationPlane) -> None:
+def _draw_residuals(axes: Axes, cells: Sequence[GridPoint], plane: RotationPlane) -> None:
     axes.set_title("Searched less fitted")
     clearances_mm = sorted({cell.clearance_mm for cell in cells})
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.9, len(clearances_mm)))
@@ -110,5 +110,5 @@ def _draw_residuals(axes: Axes, cells: Sequence[Cell], plane: RotationPlane) -> 
     axes.legend(title="clearance d", loc="upper center", ncols=2)
 
 
-def _residual_deg(cell: Cell, plane: RotationPlane) -> float:
+def _residual_deg(cell: GridPoint, plane: RotationPlane) -> float:
     return cell.beta_rot_deg - plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)

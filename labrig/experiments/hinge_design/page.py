@@ -9,8 +9,8 @@ from labrig.experiments.hinge_design.figure import hinge_figure
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult
 from labrig.experiments.hinge_design.study import design_basis
+from labrig.needle.design_search import STEEPEST_CUT_DEG, GridPoint
 from labrig.needle.equations import RotationPlane
-from labrig.needle.study import STEEPEST_CUT_DEG, Cell
 from labrig.record.reader import Run
 from labrig.report.page import Page
 from labrig.report.pictures import data_uri
@@ -47,7 +47,7 @@ def _facts(protocol: DesignProtocol) -> Rows:
 
 def _shown(result: AnyResult, content: DesignResult) -> dict[str, Any]:
     fit = RotationPlane(**content.search["fit"])
-    cells = tuple(Cell(**cell.model_dump()) for cell in content.cells)
+    cells = tuple(GridPoint(**cell.model_dump()) for cell in content.cells)
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",
@@ -146,7 +146,7 @@ def _pair(one: float | None, other: float | None) -> str:
     return f"{number(one)}, {number(other)}"
 
 
-def _grid_rows(cells: tuple[Cell, ...]) -> list[tuple[float, list[Cell]]]:
+def _grid_rows(cells: tuple[GridPoint, ...]) -> list[tuple[float, list[GridPoint]]]:
     """Return a row for each inclination, its cells by rising clearance."""
     cuts_deg = sorted({cell.beta_cut_deg for cell in cells})
     by_clearance = sorted(cells, key=lambda cell: cell.clearance_mm)

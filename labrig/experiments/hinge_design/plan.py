@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import AnswerIsNoError, InputError, Problem
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.needle.equations import EQUATION_3, links_in, radius_tolerance, rotation_for_radius_deg
+from labrig.needle.design_search import design_by_equations
+from labrig.needle.equations import EQUATION_3, count_links, radius_tolerance, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge
-from labrig.needle.study import design_by_equations
 from labrig.needle.tube import Tube
 from labrig.runner.experiment import RunPlan
 
@@ -37,7 +37,7 @@ def _checks(protocol: DesignProtocol) -> Iterator[Check]:
     yield "radius_mm", lambda: design_by_equations(tube, protocol.radius_mm, protocol.clearance_mm)
     yield "tolerances", lambda: _require_bounded_radius(protocol, tube)
     if (tip_length_mm := protocol.tip_length_mm) is not None:
-        yield "tip_length_mm", lambda: links_in(tip_length_mm, tube.link_length_mm)
+        yield "tip_length_mm", lambda: count_links(tip_length_mm, tube.link_length_mm)
     if protocol.measured is not None:
         yield "measured", lambda: _effective_clearance_mm(protocol, tube)
 

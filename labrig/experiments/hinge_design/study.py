@@ -18,25 +18,25 @@ from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import AnswerIsNoError, InputError
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult, HingeCell
+from labrig.needle.design_search import (
+    STEEPEST_CUT_DEG,
+    GridPoint,
+    design_by_equations,
+    fit_plane,
+    make_hinge_grid,
+    search_design,
+    search_grid,
+)
 from labrig.needle.equations import (
     EQUATION_3,
     RotationPlane,
-    links_in,
+    count_links,
     radius_mm,
     radius_tolerance,
     rotation_for_radius_deg,
 )
 from labrig.needle.hinge import Hinge
-from labrig.needle.search import DEFAULT_SEED
-from labrig.needle.study import (
-    STEEPEST_CUT_DEG,
-    Cell,
-    design_by_equations,
-    fit_plane,
-    grid_of_hinges,
-    search_cells,
-    search_design,
-)
+from labrig.needle.rotation_search import DEFAULT_SEED
 from labrig.needle.tube import TABLE_1, Tube
 from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection
 from labrig.record.durable import write_atomically
@@ -117,7 +117,7 @@ class DesignStudy:
     """What was found: both answers as a document, the searched grid, and the plane through it."""
 
     document: Document
-    cells: tuple[Cell, ...]
+    cells: tuple[GridPoint, ...]
     plane: RotationPlane
 
     def save(self, provenance: Mapping[str, Any], folder: Path) -> None:
@@ -169,9 +169,9 @@ def study_design(
         When a process that searches dies.
     """
     document = _by_equations(order)
-    hinges = grid_of_hinges(order.tube, order.clearance_mm, order.grid_points)
+    hinges = make_hinge_grid(order.tube, order.clearance_mm, order.grid_points)
     with worker_processes(workers, "searched rotations") as pool:
-        cells = search_cells(hinges, pool, progress, order.seed)
+        cells = search_grid(hinges, pool, progress, order.seed)
     plane = fit_plane(cells)
     document["search"] = _by_search(order, cells, plane)
     # Equation (3) always answers for a tube of the paper's section; for any other only our contour speaks.
@@ -221,7 +221,7 @@ def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> b
     return encode_document(design.model_dump(mode="json"))
 
 
-def hinge_table(cells: tuple[Cell, ...], plane: RotationPlane) -> bytes:
+def hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
     """Return the searched grid as CSV, one line a cell, both planes beside it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -262,7 +262,9 @@ def _by_equations(order: DesignOrder) -> Document:
         "table_1": {"beta_cut_deg": TABLE_1.beta_cut_deg, "beta_rot_deg": TABLE_1.beta_rot_deg}
         if is_table_1
         else None,
-        "links": None if order.tip_length_mm is None else links_in(order.tip_length_mm, tube.link_length_mm),
+        "links": None
+        if order.tip_length_mm is None
+        else count_links(order.tip_length_mm, tube.link_length_mm),
         "measured": None
         if order.measured is None
         else _measured(order, order.measured, TABLE_1.beta_cut_deg if is_table_1 else beta_cut_deg),
@@ -316,7 +318,7 @@ def _clearance_or_none(plane: RotationPlane, measured: Document) -> float | None
         return None
 
 
-def _by_search(order: DesignOrder, cells: tuple[Cell, ...], plane: RotationPlane) -> Document:
+def _by_search(order: DesignOrder, cells: tuple[GridPoint, ...], plane: RotationPlane) -> Document:
     """Return the searched answer, its numbers None and `reason` a sentence where our contour has none."""
     answer: Document = {
         "beta_cut_deg": None,

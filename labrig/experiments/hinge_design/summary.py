@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from labrig.analysis.summary import Summary, TextTable
-from labrig.needle.study import STEEPEST_CUT_DEG
+from labrig.needle.design_search import STEEPEST_CUT_DEG
 from labrig.text import interval, number
 
 Document = Mapping[str, Any]

@@ -3,11 +3,11 @@
 import pytest
 
 from labrig.experiments.hinge_design.figure import hinge_figure
+from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3
-from labrig.needle.study import Cell
 
 CELLS = tuple(
-    Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
+    GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 2.0, 2.0)
     for d in (0.01, 0.025, 0.04)
     for cut in (0.0, 4.0, 8.0)
 )

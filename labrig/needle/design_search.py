@@ -1,4 +1,4 @@
-"""Figure 3 on our own contour: rotations over a grid of clearance and inclination, the plane through them, a design."""
+"""Figure 3 on our own contour: rotations on a grid of clearance and inclination, the fitted plane, and a design."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
@@ -10,14 +10,14 @@ import numpy as np
 from labrig.errors import AnswerIsNoError
 from labrig.needle.equations import EQUATION_3, RotationPlane, rotation_for_radius_deg
 from labrig.needle.hinge import Hinge, widest_clearance_mm
-from labrig.needle.search import DEFAULT_SEED, HingeRotation, allowed_rotation
+from labrig.needle.rotation_search import DEFAULT_SEED, HingeRotation, search_rotations
 from labrig.needle.tube import Tube
 
 GRID_POINTS = 7
 # The paper does not print the range of its figure 3. Ours has the paper's design near its middle.
 STEEPEST_CUT_DEG = 8.0
 _LOWEST_SHARE, _HIGHEST_SHARE = 0.4, 1.6
-# Steps that bring a design to its rotation; the search is sure to a thousandth of a degree.
+# Steps in which a design reaches its rotation; the search is accurate to a thousandth of a degree.
 _STEPS = 4
 _CLOSE_ENOUGH_DEG = 0.005
 _SMALLER = "ask for a smaller radius, or cut with a smaller clearance"
@@ -26,8 +26,8 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One point of the grid: clearance, inclination, and what both hinges allow."""
+class GridPoint:
+    """A point of the grid: clearance, inclination, and the rotations of both hinges."""
 
     clearance_mm: float
     beta_cut_deg: float
@@ -41,25 +41,25 @@ class Cell:
 
 
 def design_by_equations(tube: Tube, radius_mm: float, clearance_mm: float) -> Hinge:
-    """Return the hinge that equations (1) and (3) ask for; quick, and it refuses whatever can be refused of a design.
+    """Return the hinge by equations (1) and (3); quick, and it refuses every design that can be refused.
 
     Raises
     ------
     InputError
-        When the clearance or the radius is beyond its limit, or the inclination would cut the link through.
+        If the clearance or the radius exceeds its limit, or the inclination would cut through the link.
     AnswerIsNoError
-        When the clearance alone lets the hinges turn further.
+        If the clearance alone lets the hinges turn further.
     """
     Hinge(tube, clearance_mm, beta_cut_deg=0.0)
     beta_rot_deg = rotation_for_radius_deg(radius_mm, tube.link_length_mm)
     return Hinge(tube, clearance_mm, EQUATION_3.beta_cut_deg(beta_rot_deg, clearance_mm))
 
 
-def grid_of_hinges(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) -> tuple[Hinge, ...]:
-    """Return points x points hinges: clearances around the one given, each with inclinations from 0 to 8 degrees.
+def make_hinge_grid(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) -> tuple[Hinge, ...]:
+    """Return points x points hinges: clearances around the given clearance, each with inclinations from 0 to 8 degrees.
 
-    Clearances go from 0.4 to 1.6 times the one given (0.010 to 0.040 mm for the paper's 0.025), or as far as
-    the widest that still holds the knuckle at 8 degrees.
+    They range from 0.4 to 1.6 times the given clearance (0.010 to 0.040 mm for the paper's 0.025), or up to the
+    widest clearance that still holds the knuckle at 8 degrees.
     """
     widest_mm = min(_HIGHEST_SHARE * clearance_mm, 0.999 * widest_clearance_mm(tube, STEEPEST_CUT_DEG))
     clearances_mm = np.linspace(_LOWEST_SHARE * clearance_mm, widest_mm, points)
@@ -67,35 +67,35 @@ def grid_of_hinges(tube: Tube, clearance_mm: float, points: int = GRID_POINTS) -
     return tuple(Hinge(tube, float(d), float(cut)) for d in clearances_mm for cut in cuts_deg)
 
 
-def search_cells(
+def search_grid(
     hinges: Sequence[Hinge], executor: Executor, progress: Progress | None = None, seed: int = DEFAULT_SEED
-) -> tuple[Cell, ...]:
-    """Search the rotations of every hinge; the answer does not depend on the executor.
+) -> tuple[GridPoint, ...]:
+    """Search the rotations of every hinge; the result does not depend on the executor.
 
     Parameters
     ----------
     hinges : sequence of Hinge
     executor : concurrent.futures.Executor
-        Does the searches.
+        Runs the searches.
     progress : callable or None
-        Called with how many are done, and how many there are.
+        Called with the number of finished hinges and the number of all.
     seed : int
         Of every search.
     """
-    futures = [executor.submit(partial(allowed_rotation, seed=seed), hinge) for hinge in hinges]
+    futures = [executor.submit(partial(search_rotations, seed=seed), hinge) for hinge in hinges]
     for done, _ in enumerate(as_completed(futures), start=1):
         if progress is not None:
             progress(done, len(futures))
-    return tuple(_cell(hinge, future.result()) for hinge, future in zip(hinges, futures, strict=True))
-
-
-def _cell(hinge: Hinge, found: HingeRotation) -> Cell:
-    return Cell(
-        hinge.clearance_mm, hinge.beta_cut_deg, found.hinge_a.rotation_deg, found.hinge_b.rotation_deg
+    found = [(hinge, future.result()) for hinge, future in zip(hinges, futures, strict=True)]
+    return tuple(
+        GridPoint(
+            hinge.clearance_mm, hinge.beta_cut_deg, both.hinge_a.rotation_deg, both.hinge_b.rotation_deg
+        )
+        for hinge, both in found
     )
 
 
-def fit_plane(cells: Sequence[Cell]) -> RotationPlane:
+def fit_plane(cells: Sequence[GridPoint]) -> RotationPlane:
     """Fit a plane of the form of equation (3) by least squares."""
     design = np.array([[cell.beta_cut_deg, cell.clearance_mm, 1.0] for cell in cells])
     rotations_deg = np.array([cell.beta_rot_deg for cell in cells])
@@ -106,7 +106,7 @@ def fit_plane(cells: Sequence[Cell]) -> RotationPlane:
 
 @dataclass(frozen=True)
 class SearchedDesign:
-    """A hinge whose searched rotations give the radius asked for."""
+    """A hinge whose searched rotations give the requested radius."""
 
     hinge: Hinge
     rotation: HingeRotation
@@ -120,21 +120,21 @@ def search_design(
     Parameters
     ----------
     plane : RotationPlane
-        Fitted to cells of the same tube; its slope is what each step goes by.
+        Fitted to the grid of the same tube; each step uses its slope.
 
     Raises
     ------
     InputError
-        When the inclination would cut the link through.
+        If the inclination would cut through the link.
     AnswerIsNoError
-        When the clearance alone lets the hinges turn further.
+        If the clearance alone lets the hinges turn further.
     """
     wanted_deg = rotation_for_radius_deg(radius_mm, tube.link_length_mm)
-    # The plane is not exact: whether the clearance alone is too much is seen by searching that hinge.
+    # The plane is not exact: only a search of that hinge shows whether the clearance alone is too much.
     beta_cut_deg = max((wanted_deg - plane.beta_rot_deg(0.0, clearance_mm)) / plane.a, 0.0)
     for _ in range(_STEPS):
         hinge = Hinge(tube, clearance_mm, beta_cut_deg)
-        found = allowed_rotation(hinge, seed)
+        found = search_rotations(hinge, seed)
         missing_deg = wanted_deg - found.beta_rot_deg
         if abs(missing_deg) < _CLOSE_ENOUGH_DEG:
             return SearchedDesign(hinge, found)

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from labrig.needle.hinge import Hinge, HingeView, widest_clearance_mm
-from labrig.needle.search import FreeRotation, allowed_rotation, interference_mm2, largest_rotation
+from labrig.needle.rotation_search import (
+    FreeRotation,
+    interference_mm2,
+    search_largest_rotation,
+    search_rotations,
+)
 from labrig.needle.tube import Tube
 from tests.needle.no_fit import LargestFree, NoFit
 
@@ -31,13 +36,13 @@ def test_the_search_finds_the_true_maximum(number: int) -> None:
     """Brute force in steps of 0.01 degrees near the maximum, coarser ones to the end of the box, agrees within 0.02."""
     hinge = random_hinge(number)
     for view in (hinge.hinge_a(), hinge.hinge_b()):
-        found = largest_rotation(view)
+        found = search_largest_rotation(view)
         assert interference_mm2(view, as_pose(found)) == 0.0
         no_fit = NoFit(view)
         near = found.rotation_deg + STEP_DEG * np.arange(-2, 4)
         brute_deg = max(angle for angle in near if no_fit.is_free(angle))
         assert abs(brute_deg - found.rotation_deg) <= 0.02
-        beyond = np.linspace(found.rotation_deg + 0.02, view.reach.rotation_deg, 5)
+        beyond = np.linspace(found.rotation_deg + 0.02, view.box.rotation_deg, 5)
         assert not any(no_fit.is_free(angle) for angle in beyond)
 
 
@@ -46,7 +51,7 @@ def test_no_angle_of_the_whole_box_is_free_beyond_the_answer(number: int) -> Non
     """Hinge b: of all angles every 0.01 degrees, tried or ruled out by a bound, the largest free one is the answer."""
     view = random_hinge(number).hinge_b()
     brute_deg = LargestFree(view, STEP_DEG).angle_deg()
-    assert abs(brute_deg - largest_rotation(view).rotation_deg) <= 0.02
+    assert abs(brute_deg - search_largest_rotation(view).rotation_deg) <= 0.02
 
 
 @pytest.mark.parametrize("number", [0, 4, 5])
@@ -64,9 +69,9 @@ def test_brute_force_agrees_with_the_shared_area() -> None:
     view = PAPER.hinge_b()
     no_fit = NoFit(view)
     rng = np.random.default_rng(5)
-    for angle in np.linspace(0.5, view.reach.rotation_deg, 8):
-        lateral = rng.uniform(-view.reach.lateral_mm, view.reach.lateral_mm, 4000)
-        axial = rng.uniform(-view.reach.axial_mm, view.reach.axial_mm, 4000)
+    for angle in np.linspace(0.5, view.box.rotation_deg, 8):
+        lateral = rng.uniform(-view.box.lateral_mm, view.box.lateral_mm, 4000)
+        axial = rng.uniform(-view.box.axial_mm, view.box.axial_mm, 4000)
         some_free = bool(
             (interference_mm2(view, np.array([np.full(4000, angle), lateral, axial])) == 0.0).any()
         )
@@ -76,8 +81,8 @@ def test_brute_force_agrees_with_the_shared_area() -> None:
 def test_rotation_grows_with_clearance_and_inclination() -> None:
     """A wider cut, or a steeper one, never turns less, beyond the search's thousandth of a degree."""
     clearances_mm = np.linspace(0.005, 0.06, 4)
-    by_clearance = [allowed_rotation(Hinge(Tube(), float(d), 4.0)) for d in clearances_mm]
-    by_inclination = [allowed_rotation(Hinge(Tube(), 0.025, float(cut))) for cut in np.linspace(0.0, 12.0, 4)]
+    by_clearance = [search_rotations(Hinge(Tube(), float(d), 4.0)) for d in clearances_mm]
+    by_inclination = [search_rotations(Hinge(Tube(), 0.025, float(cut))) for cut in np.linspace(0.0, 12.0, 4)]
     for found in (by_clearance, by_inclination):
         assert all(np.diff([rotation.hinge_a.rotation_deg for rotation in found]) > 0.005)
         assert all(np.diff([rotation.hinge_b.rotation_deg for rotation in found]) > 0.005)
@@ -86,8 +91,8 @@ def test_rotation_grows_with_clearance_and_inclination() -> None:
 @pytest.mark.parametrize("beta_cut_deg", [1.0, 4.0, 8.0])
 def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float) -> None:
     """As d goes to zero, hinge a turns by beta_cut and hinge b not at all."""
-    finest = allowed_rotation(Hinge(Tube(), 0.001, beta_cut_deg))
-    finer = allowed_rotation(Hinge(Tube(), 0.002, beta_cut_deg))
+    finest = search_rotations(Hinge(Tube(), 0.001, beta_cut_deg))
+    finer = search_rotations(Hinge(Tube(), 0.002, beta_cut_deg))
     limit_a_deg = 2 * finest.hinge_a.rotation_deg - finer.hinge_a.rotation_deg
     limit_b_deg = 2 * finest.hinge_b.rotation_deg - finer.hinge_b.rotation_deg
     assert limit_a_deg == pytest.approx(beta_cut_deg, abs=0.01)
@@ -97,22 +102,22 @@ def test_without_clearance_hinge_a_turns_by_the_inclination(beta_cut_deg: float)
 def test_rotation_is_a_matter_of_proportions() -> None:
     """A needle of twice the size turns as far."""
     double = Hinge(Tube(2.4, 1.4, 6.0), 0.05, 4.13)
-    assert allowed_rotation(double).beta_rot_deg == pytest.approx(
-        allowed_rotation(PAPER).beta_rot_deg, abs=0.005
+    assert search_rotations(double).beta_rot_deg == pytest.approx(
+        search_rotations(PAPER).beta_rot_deg, abs=0.005
     )
 
 
 def test_the_same_seed_gives_the_same_answer_and_another_one_no_other() -> None:
     """The search repeats to the bit, and no seed changes the rotation by 0.005 degrees."""
-    first = allowed_rotation(PAPER, seed=1)
-    assert first == allowed_rotation(PAPER, seed=1)
-    assert allowed_rotation(PAPER, seed=2).beta_rot_deg == pytest.approx(first.beta_rot_deg, abs=0.005)
+    first = search_rotations(PAPER, seed=1)
+    assert first == search_rotations(PAPER, seed=1)
+    assert search_rotations(PAPER, seed=2).beta_rot_deg == pytest.approx(first.beta_rot_deg, abs=0.005)
 
 
 @pytest.mark.parametrize("view", [PAPER.hinge_a(), PAPER.hinge_b()], ids=["a", "b"])
 def test_the_box_does_not_hold_the_search(view: HingeView) -> None:
     """The maximum lies well inside the box, but for the play of hinge b along its pin, which is a limit itself."""
-    found = largest_rotation(view)
-    assert found.rotation_deg < 0.8 * view.reach.rotation_deg
-    assert abs(found.axial_mm) < 0.8 * view.reach.axial_mm
-    assert abs(found.lateral_mm) <= view.reach.lateral_mm
+    found = search_largest_rotation(view)
+    assert found.rotation_deg < 0.8 * view.box.rotation_deg
+    assert abs(found.axial_mm) < 0.8 * view.box.axial_mm
+    assert abs(found.lateral_mm) <= view.box.lateral_mm

@@ -1,4 +1,4 @@
-"""What is put before the camera to calibrate it: graph paper, and a hand-held chessboard."""
+"""Targets that calibrate the camera: graph paper and a hand-held chessboard."""
 
 import math
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from labrig.simulation.description import LensDescription, LightDescription
-from labrig.simulation.drawing import coverage
 from labrig.simulation.lens import Field32, Floats, Pose, pixel_plane, pixel_rays, project, rotation_about
+from labrig.simulation.strokes import coverage
 
 _PAPER_WHITE = 1.15  # over clear gel
 _PAPER_TURN_DEG = 0.2
@@ -15,19 +15,19 @@ _RULING = (
     (1, 0.12, 0.32),
     (5, 0.18, 0.50),
     (10, 0.26, 0.68),
-)  # every so many pitches: width / pitch, darkness
+)  # pitches between lines, width / pitch, darkness
 
 _ANCHORS = ((-1, -1), (1, 1), (0, 0), (1, -1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))
 _FILLS = (0.97, 0.72, 0.86, 0.62, 0.78, 0.92, 0.55)
 _RIM_SQUARES = 0.45  # white rim of the board, in squares
-_CLEARANCE_PX = 3.0  # the board stays that far inside the picture
-_BEHIND_BOARD = 0.30  # brightness of what stands behind it
+_CLEARANCE_PX = 3.0  # the board stays this far inside the picture
+_BEHIND_BOARD = 0.30  # brightness of the background
 
 
-def light_field(light: LightDescription, lens: LensDescription) -> Field32:
-    """Return the brightness of an even white surface over the picture (H, W), 1 where it is brightest.
+def draw_light(light: LightDescription, lens: LensDescription) -> Field32:
+    """Return the brightness of an even white surface over the picture (H, W), at most 1.
 
-    The lens's own fall-off to the corners, a slope across the light table, and its lamp's broad spot.
+    It combines the lens's fall-off to the corners, a slope across the light table, and its lamp's broad spot.
     """
     v, u = np.mgrid[0 : lens.height_px, 0 : lens.width_px].astype(np.float32)
     a, b = (u - lens.cx_px) / lens.width_px, (v - lens.cy_px) / lens.width_px
@@ -37,13 +37,13 @@ def light_field(light: LightDescription, lens: LensDescription) -> Field32:
     return np.asarray(uneven / uneven.max(), np.float32)
 
 
-def graph_paper(
+def draw_graph_paper(
     pitch_mm: float, random: np.random.Generator, lens: LensDescription, white: Field32
 ) -> Field32:
     """Draw ruled paper that lies in the steering plane and fills the view, sharp, (H, W).
 
     The operator lays it along the sheath: its lines are turned by at most 0.2 degrees from the z axis and
-    shifted anyhow. Every fifth line is heavier and every tenth heavier still.
+    shifted at random. Every fifth line is heavier and every tenth heavier still.
     """
     plane = pixel_plane(lens)
     turn = math.radians(random.uniform(-_PAPER_TURN_DEG, _PAPER_TURN_DEG))
@@ -53,18 +53,18 @@ def graph_paper(
     ink = np.zeros_like(across)
     for pitches, width, darkness in _RULING:
         for place in (across, along):
-            inside = np.float32(0.5 * width * pitch_mm) - _off_line(place, pitches * pitch_mm)
+            inside = np.float32(0.5 * width * pitch_mm) - _distance_to_line(place, pitches * pitch_mm)
             ink = np.maximum(ink, darkness * coverage(inside, plane.mm_per_px))
     return np.asarray(white * _PAPER_WHITE * (1 - ink), np.float32)
 
 
-def _off_line(place: Field32, every: float) -> Field32:
+def _distance_to_line(place: Field32, every: float) -> Field32:
     """Return the distance to the nearest multiple of `every`."""
     return np.asarray(np.abs(place - every * np.rint(place / every)), np.float32)
 
 
 @dataclass(frozen=True)
-class Board:
+class Chessboard:
     """A chessboard: inner corners along each side, and the side of a square [mm]."""
 
     columns: int
@@ -77,13 +77,13 @@ class Board:
         return self.square_mm * np.array([(x * half_x, y * half_y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
 
 
-def board_picture(board: Board, pose: Pose, lens: LensDescription, white: Field32) -> Field32:
+def draw_board(board: Chessboard, pose: Pose, lens: LensDescription, white: Field32) -> Field32:
     """Draw a chessboard at a pose, sharp, (H, W).
 
-    Lens and pose are exact: each pixel's ray is cut with the board's plane, and edges cover pixels in
-    proportion to the distance of the pixel's centre. Depth of field is endless.
+    Lens and pose are exact: each pixel's ray is intersected with the board's plane, and edges cover pixels in
+    proportion to the distance of the pixel's centre. Depth of field is unlimited.
     """
-    x, y = (flat / np.float32(board.square_mm) for flat in pose.meet(pixel_rays(lens)))
+    x, y = (flat / np.float32(board.square_mm) for flat in pose.intersect(pixel_rays(lens)))
     across, up = board.columns + 1, board.rows + 1
     inside = np.minimum(across / 2 - np.abs(x), up / 2 - np.abs(y))
     pixel = np.hypot(*np.gradient(x))
@@ -101,24 +101,25 @@ def _half_waves(place: Field32, cells: int) -> Field32:
     return np.asarray((1 - 2 * (line % 2)) * np.clip(2 * (place - line) / pixel, -1, 1), np.float32)
 
 
-def board_pose(view: int, board: Board, random: np.random.Generator, lens: LensDescription) -> Pose:
-    """Return how the board is held in a view: tilted by 18 to 40 degrees, and all over the picture.
+def choose_board_pose(
+    view: int, board: Chessboard, random: np.random.Generator, lens: LensDescription
+) -> Pose:
+    """Return the board's pose in a view: tilted by 18 to 40 degrees, and anywhere in the picture.
 
-    The tilt's direction goes round by the golden angle; size and place follow fixed cycles, with the hand's
-    jitter.
+    The tilt's direction advances by the golden angle; size and place follow fixed cycles, with the hand's jitter.
     """
     direction = math.radians(137.508 * view + random.uniform(-15, 15))
     tilt = math.radians(18 + 22 * ((0.618034 * view + 0.5) % 1))
     spin = rotation_about(np.array([0.0, 0.0, 1.0]), math.radians(random.uniform(-10, 10)))
     lean = rotation_about(np.array([math.cos(direction), math.sin(direction), 0.0]), tilt)
     fill = _FILLS[view % len(_FILLS)] * random.uniform(0.96, 1.0)
-    return _held(board.rim_mm(), lean @ spin, fill, _ANCHORS[view % len(_ANCHORS)], lens)
+    return _fit_pose(board.rim_mm(), lean @ spin, fill, _ANCHORS[view % len(_ANCHORS)], lens)
 
 
-def _held(
+def _fit_pose(
     rim_mm: Floats, rotation: Floats, fill: float, anchor: tuple[int, int], lens: LensDescription
 ) -> Pose:
-    """Return the pose at which the rim fills so much of the picture and is pushed towards the anchor."""
+    """Return the pose at which the rim fills a share of the picture and is shifted towards the anchor."""
     size = np.array([lens.width_px, lens.height_px])
     pose = Pose(rotation, np.array([0.0, 0.0, 3 * np.ptp(rim_mm)]))
     for _ in range(30):

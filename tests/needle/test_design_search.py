@@ -5,22 +5,22 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from labrig.errors import AnswerIsNoError, InputError
+from labrig.needle.design_search import GridPoint, fit_plane, make_hinge_grid, search_design, search_grid
 from labrig.needle.equations import EQUATION_3, RotationPlane
-from labrig.needle.search import allowed_rotation
-from labrig.needle.study import Cell, fit_plane, grid_of_hinges, search_cells, search_design
+from labrig.needle.rotation_search import search_rotations
 from labrig.needle.tube import Tube
 
 
 @pytest.fixture(scope="module")
-def cells() -> tuple[Cell, ...]:
+def cells() -> tuple[GridPoint, ...]:
     """Return a grid of 3 x 3 points."""
     with ThreadPoolExecutor(1) as executor:
-        return search_cells(grid_of_hinges(Tube(), 0.025, points=3), executor)
+        return search_grid(make_hinge_grid(Tube(), 0.025, points=3), executor)
 
 
 def test_the_grid_lies_around_the_papers_design() -> None:
     """The grid of the paper's needle has 7 x 7 points, from 0.010 to 0.040 mm and from 0 to 8 degrees."""
-    hinges = grid_of_hinges(Tube(), 0.025)
+    hinges = make_hinge_grid(Tube(), 0.025)
     assert len(hinges) == 49
     assert (hinges[0].clearance_mm, hinges[0].beta_cut_deg) == (pytest.approx(0.010), 0.0)
     assert (hinges[-1].clearance_mm, hinges[-1].beta_cut_deg) == (pytest.approx(0.040), 8.0)
@@ -28,15 +28,15 @@ def test_the_grid_lies_around_the_papers_design() -> None:
 
 def test_the_grid_stops_where_the_knuckle_would_slip_out() -> None:
     """For a wide clearance the grid ends at the widest that still holds the knuckle, and every hinge can be made."""
-    assert grid_of_hinges(Tube(), 0.08)[-1].clearance_mm < 0.08
+    assert make_hinge_grid(Tube(), 0.08)[-1].clearance_mm < 0.08
 
 
-def test_cells_are_in_order_with_progress(cells: tuple[Cell, ...]) -> None:
+def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:
     """Each cell belongs to its hinge, for any executor, and progress counts to the end."""
     told: list[tuple[int, int]] = []
-    hinges = grid_of_hinges(Tube(), 0.025, points=3)[:2]
+    hinges = make_hinge_grid(Tube(), 0.025, points=3)[:2]
     with ThreadPoolExecutor(2) as executor:
-        again = search_cells(hinges, executor, lambda done, total: told.append((done, total)))
+        again = search_grid(hinges, executor, lambda done, total: told.append((done, total)))
     assert again == cells[:2]
     assert told == [(1, 2), (2, 2)]
 
@@ -44,7 +44,7 @@ def test_cells_are_in_order_with_progress(cells: tuple[Cell, ...]) -> None:
 def test_a_plane_is_found_exactly() -> None:
     """Rotations that lie in a plane give back its numbers and an RMSE of zero."""
     flat = [
-        Cell(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 1.0, 1.0)
+        GridPoint(d, cut, EQUATION_3.beta_rot_deg(cut, d) - 1.0, 1.0)
         for d in (0.01, 0.02, 0.03)
         for cut in (0.0, 4.0, 8.0)
     ]
@@ -54,7 +54,7 @@ def test_a_plane_is_found_exactly() -> None:
 
 
 def test_our_contour_has_the_form_of_equation_3_but_not_its_slope_with_clearance(
-    cells: tuple[Cell, ...],
+    cells: tuple[GridPoint, ...],
 ) -> None:
     """Inclination counts about once, as in the paper; clearance counts 10 to 20 % more; the constant is negative."""
     plane = fit_plane(cells)
@@ -63,11 +63,11 @@ def test_our_contour_has_the_form_of_equation_3_but_not_its_slope_with_clearance
     assert -1.0 < plane.c < EQUATION_3.c
 
 
-def test_a_searched_design_turns_as_asked(cells: tuple[Cell, ...]) -> None:
+def test_a_searched_design_turns_as_asked(cells: tuple[GridPoint, ...]) -> None:
     """The hinge that is found gives the radius that was asked for."""
     found = search_design(Tube(), 30.0, 0.025, fit_plane(cells))
     assert found.rotation.beta_rot_deg == pytest.approx(11.459, abs=0.005)
-    assert found.rotation == allowed_rotation(found.hinge)
+    assert found.rotation == search_rotations(found.hinge)
 
 
 def test_a_radius_that_needs_no_inclination_is_a_no() -> None:

@@ -5,13 +5,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from labrig.simulation.bench import Board, board_pose
+from labrig.simulation.calibration_targets import Chessboard, choose_board_pose
 from labrig.simulation.lens import plane_to_pixels, project
 from labrig.simulation.seeds import stream
 from labrig.simulation.world import World
 from tests.simulation.benches import QUIET
 
-BOARD = Board(9, 6, 25.0)
+BOARD = Chessboard(9, 6, 25.0)
 Floats = npt.NDArray[np.float64]
 
 
@@ -44,7 +44,7 @@ def views() -> list[Floats]:
 def test_corners_are_seen_where_the_pose_puts_them(views: list[Floats]) -> None:
     """Found corners agree with the projected ones within 0.1 px rms in every view, from either end."""
     for view, found in enumerate(views):
-        pose = board_pose(view, BOARD, stream(2, "board", view), QUIET.lens)
+        pose = choose_board_pose(view, BOARD, stream(2, "board", view), QUIET.lens)
         expected = project(pose.to_camera(corners_mm()), QUIET.lens)
         missed = min(np.sqrt(((found - each) ** 2).sum(axis=1).mean()) for each in (expected, expected[::-1]))
         assert missed < 0.1
@@ -73,9 +73,9 @@ def test_views_cover_the_picture(views: list[Floats]) -> None:
 
 def test_any_board_stays_inside_the_picture() -> None:
     """Boards of other proportions are held so that their white rim is in view too."""
-    for board in (Board(7, 7, 10.0), Board(11, 4, 30.0)):
+    for board in (Chessboard(7, 7, 10.0), Chessboard(11, 4, 30.0)):
         for view in range(20):
-            pose = board_pose(view, board, stream(1, "board", view), QUIET.lens)
+            pose = choose_board_pose(view, board, stream(1, "board", view), QUIET.lens)
             rim = project(pose.to_camera(board.rim_mm()), QUIET.lens)
             assert (rim > -1).all()
             assert (rim < (1280, 720)).all()

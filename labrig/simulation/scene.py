@@ -1,14 +1,17 @@
-"""The gel as the lens draws it, layer by layer: light, clouds, bubbles, older cuts, sheath, needle."""
+"""The scene as the lens sees it, layer by layer: light, clouds, bubbles, older cuts, sheath, needle."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from labrig.simulation.band import Region, band_along
+from labrig.simulation.band import Region, find_band
 from labrig.simulation.description import WorldDescription
-from labrig.simulation.drawing import (
-    Reach,
+from labrig.simulation.gel import GelBlock, Hole
+from labrig.simulation.lens import Field32, Floats, pixel_plane
+from labrig.simulation.sensor import BLUR_REACH_PX, blur
+from labrig.simulation.strokes import (
+    PathSpan,
     draw_ball,
     draw_bubble,
     draw_cut,
@@ -16,9 +19,6 @@ from labrig.simulation.drawing import (
     draw_shadow,
     draw_sheath,
 )
-from labrig.simulation.gel import Hole, Specimen
-from labrig.simulation.lens import Field32, Floats, pixel_plane
-from labrig.simulation.sensor import BLUR_REACH_PX, blurred
 from labrig.simulation.unevenness import NODE_MM
 
 _CUT_WIDTH_MM = 0.4  # of the slit that a withdrawn needle leaves
@@ -33,10 +33,10 @@ class Backdrop:
     soft: Field32
 
 
-def gel_scene(world: WorldDescription, specimen: Specimen, present: Hole, white: Field32) -> Field32:
-    """Return the gel at the present hole with all that is fixed to it but that hole's own cuts, sharp."""
+def draw_gel(world: WorldDescription, specimen: GelBlock, present: Hole, white: Field32) -> Field32:
+    """Return the gel at the present hole, sharp, without that hole's own cuts."""
     shift_mm = present.position_mm
-    sharp = _clear_gel(world, specimen, shift_mm, white)
+    sharp = _draw_clear_gel(world, specimen, shift_mm, white)
     for ball in specimen.obstacles:
         draw_ball(sharp, ball, world)
     for bubble in specimen.bubbles:
@@ -48,8 +48,8 @@ def gel_scene(world: WorldDescription, specimen: Specimen, present: Hole, white:
     return sharp
 
 
-def _clear_gel(world: WorldDescription, specimen: Specimen, shift_mm: float, white: Field32) -> Field32:
-    """Return light table, gel and the dark line of the gel's surface, through which the sheath enters."""
+def _draw_clear_gel(world: WorldDescription, specimen: GelBlock, shift_mm: float, white: Field32) -> Field32:
+    """Return light table, gel, and the dark line of the gel's surface through which the sheath enters."""
     plane = pixel_plane(world.lens)
     depth = plane.z_mm + np.float32(world.sheath_tip_at_origin_linear_mm)
     inside = np.clip(depth / np.float32(plane.mm_per_px) + np.float32(0.5), 0, 1)
@@ -65,25 +65,25 @@ def _draw_old_cut(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescr
         return
     table = hole.track.table()
     table[:, 1] += shift_mm
-    band = band_along(table, world.lens)
+    band = find_band(table, world.lens)
     if band is not None:
-        reach = Reach(0.0, hole.track.length_mm)
-        draw_cut(sharp[band.region.slices], band, reach, _CUT_WIDTH_MM, hole.patchiness)
+        span = PathSpan(0.0, hole.track.length_mm)
+        draw_cut(sharp[band.region.slices], band, span, _CUT_WIDTH_MM, hole.patchiness)
 
 
 def draw_channel(sharp: Field32, hole: Hole, shift_mm: float, world: WorldDescription) -> None:
-    """Draw the channel that the sheath has left: fainter than the needle's slit, as wide as the sheath."""
+    """Draw the channel that the sheath has left: as wide as the sheath, and fainter than the needle's slit."""
     if hole.sheath_reach_mm <= 0:
         return
     entry = hole.sheath_point_mm(-world.sheath_tip_at_origin_linear_mm)
     start = (entry[0] + shift_mm, entry[1])
-    band = band_along(_straight(start, hole.heading_rad, hole.sheath_reach_mm), world.lens)
+    band = find_band(_make_straight_table(start, hole.heading_rad, hole.sheath_reach_mm), world.lens)
     if band is not None:
-        reach = Reach(0.0, hole.sheath_reach_mm)
-        draw_cut(sharp[band.region.slices], band, reach, world.sheath.diameter_mm, 0.5 * hole.patchiness)
+        span = PathSpan(0.0, hole.sheath_reach_mm)
+        draw_cut(sharp[band.region.slices], band, span, world.sheath.diameter_mm, 0.5 * hole.patchiness)
 
 
-def _straight(start_mm: tuple[float, float], heading_rad: float, length_mm: float) -> Floats:
+def _make_straight_table(start_mm: tuple[float, float], heading_rad: float, length_mm: float) -> Floats:
     """Return a straight path as a table of nodes."""
     arc = np.arange(0.0, length_mm, NODE_MM)
     y = start_mm[0] + arc * math.sin(heading_rad)
@@ -91,38 +91,38 @@ def _straight(start_mm: tuple[float, float], heading_rad: float, length_mm: floa
     return np.stack([arc, y, z, np.full_like(arc, heading_rad), np.zeros_like(arc)], axis=1)
 
 
-def backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:
+def draw_backdrop(world: WorldDescription, scene: Field32, hole: Hole, linear_mm: float) -> Backdrop:
     """Return a scene with the present hole's channel and the sheath in it."""
     sharp = scene.copy()
     draw_channel(sharp, hole, 0.0, world)
     draw_sheath(sharp, hole, linear_mm - world.sheath_tip_at_origin_linear_mm, world)
-    return Backdrop(sharp, blurred(sharp, world.blur_px))
+    return Backdrop(sharp, blur(sharp, world.blur_px))
 
 
-def with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, reach: Reach) -> Field32:
-    """Return the blurred picture (H, W) with the needle, and with its slit where it has been withdrawn.
+def draw_with_needle(world: WorldDescription, behind: Backdrop, hole: Hole, span: PathSpan) -> Field32:
+    """Return the blurred picture (H, W) with the needle, and with the slit from which it has been withdrawn.
 
-    `reach` is the part of the hole's track that the needle fills beyond the sheath; empty if it has none.
+    `span` is the part of the hole's track, possibly empty, that the needle fills beyond the sheath.
     """
     light = behind.soft.copy()
     if hole.track is None:
         return light
-    band = band_along(hole.track.table(reach.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
+    band = find_band(hole.track.table(span.from_mm), world.lens, margin_px=2 * BLUR_REACH_PX + 2)
     if band is None:
         return light
     patch = behind.sharp[band.region.slices].copy()
-    if hole.track.length_mm > reach.to_mm:
-        left = Reach(max(0.0, reach.from_mm), hole.track.length_mm)
+    if hole.track.length_mm > span.to_mm:
+        left = PathSpan(max(0.0, span.from_mm), hole.track.length_mm)
         draw_cut(patch, band, left, _CUT_WIDTH_MM, hole.patchiness)
-    if reach.to_mm > reach.from_mm:
-        draw_shadow(patch, band, reach, world.light)
-        draw_needle(patch, band, reach, world)
-    _paste(light, blurred(patch, world.blur_px), band.region)
+    if span.to_mm > span.from_mm:
+        draw_shadow(patch, band, span, world.light)
+        draw_needle(patch, band, span, world)
+    _paste(light, blur(patch, world.blur_px), band.region)
     return light
 
 
 def _paste(light: Field32, patch: Field32, region: Region) -> None:
-    """Put a blurred patch back, less the rim whose blur lacks neighbours; none at the picture's edge."""
+    """Put a blurred patch back without the rim whose blur lacks neighbours; the picture's edge has no such rim."""
     height, width = light.shape
     top = region.top + (BLUR_REACH_PX if region.top > 0 else 0)
     left = region.left + (BLUR_REACH_PX if region.left > 0 else 0)

@@ -1,9 +1,9 @@
 """The largest rotation of a hinge without interference: a global search over two translations and a rotation.
 
-The paper perturbs the links in the plane and lets a genetic algorithm find the limits "under the contour interference
-constraints". Here it is scipy's differential evolution (Storn and Price 1997). Interference is
-the area that the polygons share, exactly, by shapely. It is a constraint and no penalty: a pose without
-interference beats every pose with some, so what is returned is free of it.
+The paper perturbs the links in the plane, and a genetic algorithm finds the limits "under the contour interference
+constraints". Here scipy's differential evolution (Storn and Price 1997) does. Interference is the exact area that
+the polygons share, computed by shapely. It is a constraint, not a penalty: a pose without interference beats every
+pose with interference, so the result is free of it.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from labrig.needle.hinge import Hinge, HingeView, LinkPair
 from labrig.needle.kinematics import FloatArray
 
 DEFAULT_SEED: Final = 20_210_530
-_POPULATION_A_VARIABLE = 15
+_POPULATION_PER_VARIABLE = 15
 _MOST_GENERATIONS = 500
 # The search has settled when its poses agree to a thousandth of a degree.
 _SETTLED_DEG = 1e-3
@@ -30,7 +30,7 @@ _SETTLED_DEG = 1e-3
 class FreeRotation:
     """The largest rotation of a hinge to one side, and the translation that allows it.
 
-    The contours are mirror images of themselves, so the other side is alike.
+    The contours are symmetric, so the other side has the same rotation.
     """
 
     rotation_deg: float
@@ -51,45 +51,44 @@ class HingeRotation:
         return self.hinge_a.rotation_deg + self.hinge_b.rotation_deg
 
 
-def allowed_rotation(hinge: Hinge, seed: int = DEFAULT_SEED) -> HingeRotation:
+def search_rotations(hinge: Hinge, seed: int = DEFAULT_SEED) -> HingeRotation:
     """Search the rotations that two adjacent, orthogonal hinges allow in the plane of bending."""
-    return HingeRotation(largest_rotation(hinge.hinge_a(), seed), largest_rotation(hinge.hinge_b(), seed))
+    return HingeRotation(
+        search_largest_rotation(hinge.hinge_a(), seed), search_largest_rotation(hinge.hinge_b(), seed)
+    )
 
 
-def largest_rotation(view: HingeView, seed: int = DEFAULT_SEED) -> FreeRotation:
+def search_largest_rotation(view: HingeView, seed: int = DEFAULT_SEED) -> FreeRotation:
     """Search the largest rotation without interference.
 
     Parameters
     ----------
     view : HingeView
-        Sections that have to stay free, and the box that is searched.
+        Sections that must stay free, and the search box.
     seed : int
-        Of the differential evolution; the same seed gives the same answer.
+        Of the differential evolution; the same seed gives the same result.
 
     Raises
     ------
     AnswerIsNoError
-        When the search does not settle.
+        If the search does not settle.
     """
-    # Hinge b has a maximum at each end of its play along the pin, and the lower one, by a few hundredths of a
-    # degree, caught one search of the whole box in a hundred. Each half holds one maximum, so both are searched.
-    halves = [_largest_between(view, lateral_mm, seed) for lateral_mm in _halves(view.reach.lateral_mm)]
+    # Hinge b has a maximum at each end of its play along the pin. A search of the whole box ended at the lower, by a
+    # few hundredths of a degree, once in a hundred times. Each half holds one maximum, so both are searched.
+    play_mm = view.box.lateral_mm
+    halves = [_search_between(view, lateral_mm, seed) for lateral_mm in ((-play_mm, 0.0), (0.0, play_mm))]
     return max(halves, key=lambda found: found.rotation_deg)
 
 
-def _halves(play_mm: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (-play_mm, 0.0), (0.0, play_mm)
-
-
-def _largest_between(view: HingeView, lateral_mm: tuple[float, float], seed: int) -> FreeRotation:
+def _search_between(view: HingeView, lateral_mm: tuple[float, float], seed: int) -> FreeRotation:
     """Search the box between two lateral translations."""
-    least = np.array([0.0, lateral_mm[0], -view.reach.axial_mm])
-    most = np.array([view.reach.rotation_deg, lateral_mm[1], view.reach.axial_mm])
+    least = np.array([0.0, lateral_mm[0], -view.box.axial_mm])
+    most = np.array([view.box.rotation_deg, lateral_mm[1], view.box.axial_mm])
     found = differential_evolution(
-        _less_rotation,
+        _negate_rotation,
         bounds=Bounds(least, most),
-        constraints=NonlinearConstraint(partial(_shared_by_poses, view), -np.inf, 0.0),
-        popsize=_POPULATION_A_VARIABLE,
+        constraints=NonlinearConstraint(partial(_measure_constraint, view), -np.inf, 0.0),
+        popsize=_POPULATION_PER_VARIABLE,
         maxiter=_MOST_GENERATIONS,
         tol=0.0,
         atol=_SETTLED_DEG,
@@ -118,23 +117,23 @@ def interference_mm2(view: HingeView, poses: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray (S,)
-        0 exactly where nothing interferes.
+        Exactly 0 without interference.
     """
     columns = np.reshape(poses, (3, -1))
-    shared: FloatArray = np.sum([_shared_area(pair, columns) for pair in view.sections], axis=0)
+    shared: FloatArray = np.sum([_measure_shared_area(pair, columns) for pair in view.sections], axis=0)
     return shared
 
 
-def _shared_area(pair: LinkPair, poses: FloatArray) -> FloatArray:
-    moved = _moved(pair, poses)
+def _measure_shared_area(pair: LinkPair, poses: FloatArray) -> FloatArray:
+    moved = _move_socket(pair, poses)
     shared = np.zeros(len(moved))
-    # Most poses touch nothing, which is known ten times as fast as a shared area.
+    # Most poses touch nothing, and that test is ten times as fast as a shared area.
     touching = shapely.intersects(pair.knuckle, moved)
     shared[touching] = shapely.area(shapely.intersection(pair.knuckle, moved[touching]))
     return shared
 
 
-def _moved(pair: LinkPair, poses: FloatArray) -> NDArray[np.object_]:
+def _move_socket(pair: LinkPair, poses: FloatArray) -> NDArray[np.object_]:
     """Return the socket link in each pose."""
     rotation_rad = np.radians(poses[0])[:, None]
     cos, sin = np.cos(rotation_rad), np.sin(rotation_rad)
@@ -148,12 +147,12 @@ def _moved(pair: LinkPair, poses: FloatArray) -> NDArray[np.object_]:
     return moved
 
 
-def _less_rotation(poses: FloatArray) -> Any:
-    """Return what scipy minimises, one a pose; its type stubs know of a single pose only."""
+def _negate_rotation(poses: FloatArray) -> Any:
+    """Return what scipy minimises, a value per pose; its type stubs allow only a single pose."""
     return -poses[0]
 
 
-def _shared_by_poses(view: HingeView, poses: FloatArray) -> FloatArray:
-    """Return the shared area in the shape that scipy wants: (1, S) for S poses, (1,) for one."""
+def _measure_constraint(view: HingeView, poses: FloatArray) -> FloatArray:
+    """Return the shared area in the shape that scipy expects: (1, S) for S poses, (1,) for a single pose."""
     shared_mm2 = interference_mm2(view, poses)
     return shared_mm2[None, :] if poses.ndim > 1 else shared_mm2

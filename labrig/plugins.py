@@ -1,13 +1,14 @@
-"""What packages add to labrig: experiments, drives and cameras, found by the entry points that they declare.
+"""What packages add to labrig: experiments, drives and cameras, found by their entry points.
 
-labrig declares its own in the same way. Names are read from the metadata of installed packages; nothing is imported
-before it is asked for, so that a package that cannot be imported is in nobody's way.
+labrig declares its own in the same way. Names come from the metadata of installed packages. A plugin is imported only
+when it is used, so a package that cannot be imported stops no other command.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import Distribution, EntryPoint, entry_points
 
 from labrig.errors import InputError, MachineError, PluginError
 
@@ -16,7 +17,7 @@ DRIVES = "labrig.drives"
 CAMERAS = "labrig.cameras"
 
 INTERFACE = 1
-"""Version of the interfaces that a plugin is written for; it states it as its `interface`."""
+"""Version of the interfaces that plugins are written for; each states its own as `interface`."""
 
 _NOUNS = {EXPERIMENTS: "experiment", DRIVES: "drive", CAMERAS: "camera"}
 _OWN = "labrig"
@@ -31,11 +32,11 @@ class Plugin:
     group : str
         `EXPERIMENTS`, `DRIVES` or `CAMERAS`.
     name : str
-        Name by which protocols and rig files refer to it.
+        Protocols and rig files refer to it by this name.
     package, version : str
         The distribution that declares it.
     entry_point : EntryPoint
-        Where it is defined.
+        Names the module and the object in it.
     """
 
     group: str
@@ -86,16 +87,17 @@ def _title(group: str, name: str) -> str:
     return f"{_NOUNS[group]} {name}"
 
 
-def installed(group: str) -> Mapping[str, tuple[Plugin, ...]]:
-    """Return the plugins of a group by name, sorted; a name that several packages claim has several.
+@cache
+def find_plugins(group: str) -> Mapping[str, tuple[Plugin, ...]]:
+    """Return the installed plugins of a group by name, sorted; a name that several packages claim has several.
 
     Raises
     ------
     MachineError
-        When labrig's own are missing: its installation is older than its code.
+        When labrig's own are missing: the installation is older than the code.
     """
     found: dict[str, tuple[Plugin, ...]] = {}
-    for plugin in _declared(group):
+    for plugin in _read_entry_points(group):
         found[plugin.name] = (*found.get(plugin.name, ()), plugin)
     if not any(plugin.package == _OWN for plugins in found.values() for plugin in plugins):
         raise MachineError(
@@ -105,11 +107,16 @@ def installed(group: str) -> Mapping[str, tuple[Plugin, ...]]:
     return found
 
 
-def _declared(group: str) -> Iterator[Plugin]:
-    for entry_point in sorted(entry_points(group=group), key=lambda each: (each.name, each.value)):
-        package = entry_point.dist
-        name, version = ("unknown", "") if package is None else (package.name, package.version)
-        yield Plugin(group, entry_point.name, name, version, entry_point)
+def _read_entry_points(group: str) -> Iterator[Plugin]:
+    for entry_point in sorted(entry_points(group=group), key=lambda point: (point.name, point.value)):
+        package, version = _read_package(entry_point.dist)
+        yield Plugin(group, entry_point.name, package, version, entry_point)
+
+
+@cache  # every access to the metadata of a distribution parses them again
+def _read_package(distribution: Distribution | None) -> tuple[str, str]:
+    """Return name and version."""
+    return ("unknown", "") if distribution is None else (distribution.name, distribution.version)
 
 
 def find_plugin(group: str, name: str) -> Plugin:
@@ -118,11 +125,11 @@ def find_plugin(group: str, name: str) -> Plugin:
     Raises
     ------
     InputError
-        When no installed package declares it, or several do: none is chosen then.
+        When no installed package declares it, or when several do.
     MachineError
         When labrig's own are missing.
     """
-    plugins = installed(group)
+    plugins = find_plugins(group)
     claimed = plugins.get(name, ())
     if len(claimed) == 1:
         return claimed[0]
@@ -152,7 +159,7 @@ def require_installed(group: str, name: str, run: str, made_with: Mapping[str, s
     InputError
         Names the package.
     """
-    if name in installed(group):
+    if name in find_plugins(group):
         return
     title = _title(group, name)
     package = made_with.get(title)

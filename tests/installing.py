@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from labrig.plugins import find_plugins
+
 
 def install_package(
     site: Path, package: str, entry_points: str, module: str = "", code: str = "", version: str = "1.5"
@@ -14,3 +16,4 @@ def install_package(
     (info / "entry_points.txt").write_text(entry_points, encoding="utf-8")
     if module:
         (site / f"{module}.py").write_text(code, encoding="utf-8")
+    find_plugins.cache_clear()

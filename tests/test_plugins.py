@@ -1,20 +1,22 @@
 """What packages add to labrig, found by their entry points."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from labrig.errors import InputError, MachineError, PluginError
-from labrig.plugins import CAMERAS, DRIVES, find_plugin, installed
+from labrig.plugins import CAMERAS, DRIVES, find_plugin, find_plugins
 from tests.installing import install_package
 
 
 @pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder of installed packages."""
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Yield a folder of installed packages."""
     monkeypatch.syspath_prepend(str(tmp_path))
     install_package(tmp_path, "labrig", "[labrig.drives]\nepos2 = labrig.devices.epos2:DRIVE\n")
-    return tmp_path
+    yield tmp_path
+    find_plugins.cache_clear()
 
 
 def test_a_package_adds_a_drive_by_declaring_it(site: Path) -> None:
@@ -43,7 +45,7 @@ def test_a_name_that_two_packages_claim_is_refused(site: Path) -> None:
     install_package(site, "lab-two", "[labrig.drives]\nlab-stepper = lab_two:DRIVE\n")
     with pytest.raises(InputError, match=r"lab-one 1\.5 and lab-two 1\.5"):
         find_plugin(DRIVES, "lab-stepper")
-    assert len(installed(DRIVES)["lab-stepper"]) == 2
+    assert len(find_plugins(DRIVES)["lab-stepper"]) == 2
 
 
 def test_a_plugin_that_cannot_be_imported_is_named(site: Path) -> None:
@@ -67,5 +69,5 @@ def test_an_installation_without_labrigs_own_says_what_to_run(site: Path) -> Non
     """Where labrig's own entry points are missing, the installation is older than the code."""
     install_package(site, "lab-drive", "[labrig.cameras]\nlab-camera = lab_camera:CAMERA\n")
     with pytest.raises(MachineError, match="not registered") as refusal:
-        installed(CAMERAS)
+        find_plugins(CAMERAS)
     assert "pip install -e ." in refusal.value.hint

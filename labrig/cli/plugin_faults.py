@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from labrig.errors import InputError
-from labrig.plugins import CAMERAS, EXPERIMENTS, installed
+from labrig.plugins import CAMERAS, EXPERIMENTS, find_plugins
 
 
 def find_plugin_faults(*groups: str) -> Iterator[InputError]:
@@ -16,7 +16,7 @@ def find_plugin_faults(*groups: str) -> Iterator[InputError]:
     """
     for group in groups:
         find = _finder(group)
-        for name in installed(group):
+        for name in find_plugins(group):
             try:
                 find(name)
             except InputError as error:

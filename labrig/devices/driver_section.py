@@ -9,7 +9,7 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, SchemaValidator, core_schema
 
 from labrig.errors import InputError, PluginError
-from labrig.plugins import Plugin, find_plugin, installed
+from labrig.plugins import Plugin, find_plugin, find_plugins
 from labrig.protocol.model import Conflict, ConflictError, Model
 from labrig.protocol.schema import JsonSchema
 
@@ -54,7 +54,7 @@ class DriverSection:
         return handler(core_schema.tagged_union_schema(dict(models), _KEY))
 
     def _find_usable(self) -> Iterator[Plugin]:
-        for name in installed(self._group):
+        for name in find_plugins(self._group):
             try:
                 plugin = find_plugin(self._group, name)
                 _model_of(plugin)
@@ -71,7 +71,7 @@ class DriverSection:
         try:
             model = _model_of(find_plugin(self._group, name))
         except InputError as error:
-            if name not in installed(self._group):
+            if name not in find_plugins(self._group):
                 raise PydanticCustomError("union_tag_invalid", "unknown driver") from error
             raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
         made: Model = _validator(name, model).validate_json(json.dumps({**value, _KEY: name}))

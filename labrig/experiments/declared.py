@@ -10,7 +10,7 @@ from typing import Any
 
 from labrig.errors import InputError, PluginError
 from labrig.experiments.declaration import PARTS, ExperimentDeclaration
-from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, installed
+from labrig.plugins import EXPERIMENTS, Plugin, find_plugin, find_plugins
 from labrig.protocol.sections import ExperimentProtocol
 
 
@@ -134,18 +134,18 @@ class ProtocolModels(Mapping[str, type[ExperimentProtocol]]):
     """The model of each experiment's protocol, imported when it is asked for."""
 
     def __getitem__(self, name: str) -> type[ExperimentProtocol]:
-        if name not in installed(EXPERIMENTS):
+        if name not in find_plugins(EXPERIMENTS):
             raise KeyError(name)
         return find_declared(name).protocol_model
 
     def __iter__(self) -> Iterator[str]:
-        return iter(installed(EXPERIMENTS))
+        return iter(find_plugins(EXPERIMENTS))
 
     def __len__(self) -> int:
-        return len(installed(EXPERIMENTS))
+        return len(find_plugins(EXPERIMENTS))
 
     def __contains__(self, name: object) -> bool:
-        return name in installed(EXPERIMENTS)
+        return name in find_plugins(EXPERIMENTS)
 
 
 PROTOCOL_MODELS = ProtocolModels()

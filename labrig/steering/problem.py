@@ -10,6 +10,7 @@ import numpy as np
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import FloatArray
+from labrig.steering.parameters import PlanWeights
 
 PlanMethod = Literal["best", "paper"]
 Point = tuple[float, float, float]
@@ -24,32 +25,6 @@ class Obstacle:
 
     position_mm: Point
     radius_mm: float
-
-
-@dataclass(frozen=True)
-class PlanWeights:
-    """What makes one feasible path better than another; the smallest sum wins.
-
-    Parameters
-    ----------
-    length_per_mm, turn, target_error_per_mm : float
-        Cost of a millimetre of path, of a turn between arcs, and of a millimetre by which the tip misses the target.
-    clearance_per_mm, comfortable_clearance_mm : float
-        Cost of each millimetre that a comfortable clearance lacks.
-    curvature_per_mm : float
-        Cost of each millimetre by which the tip moves if the radius is the worst of its tolerance, or one per cent
-        larger if the problem states no tolerance.
-    cavity_per_mm : float
-        Cost of each millimetre by which the tip would miss after a cavity, averaged over its place on the path.
-    """
-
-    length_per_mm: float = 1.0
-    turn: float = 4.0
-    target_error_per_mm: float = 10.0
-    clearance_per_mm: float = 6.0
-    comfortable_clearance_mm: float = 3.0
-    curvature_per_mm: float = 4.0
-    cavity_per_mm: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +87,7 @@ class PlanProblem:
     covariance: FloatArray | None = None
     margin_sigmas: float = 2.0
     margin_reach_mm: float = 10.0
-    weights: PlanWeights = PlanWeights()
+    weights: PlanWeights = field(default_factory=PlanWeights)
 
     def __post_init__(self) -> None:
         """Refuse a problem for which no path can be planned."""

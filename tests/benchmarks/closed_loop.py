@@ -17,7 +17,8 @@ import numpy as np
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.gel import Ball
 from labrig.simulation.world import World
-from labrig.steering.policy import SteeringPolicy, SteeringSettings, TipSighting
+from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
 from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings

@@ -4,10 +4,12 @@ import importlib
 import json
 import shutil
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from labrig.plugins import find_plugins
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 from tests.installing import install_package
 
@@ -29,12 +31,13 @@ EXPERIMENT = replace(ROLL_ZERO, name={name!r}, protocol=f"{{__name__}}:Protocol"
 
 
 @pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder of installed packages."""
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Yield a folder of installed packages."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))
-    return folder
+    yield folder
+    find_plugins.cache_clear()
 
 
 def _declare(site: Path, name: str, code: str, package: str = "lab-package") -> str:
@@ -201,6 +204,7 @@ def test_a_record_is_read_without_the_packages_that_made_it(
     assert recorded["drive example-stepper"] == "labrig-example 1.0.0"
     shutil.rmtree(next(site.glob("labrig_example-*")))
     importlib.invalidate_caches()
+    find_plugins.cache_clear()
     for command in (
         ("runs", "--runs-dir", tmp_path),
         ("runs", "check", outside_run),
@@ -222,6 +226,7 @@ def test_a_replay_without_its_drive_names_the_package(site: Path, outside_run: P
     entry_points = next(site.glob("labrig_example-*")) / "entry_points.txt"
     text = entry_points.read_text(encoding="utf-8")
     entry_points.write_text(text.replace("example-stepper", "another-stepper"), encoding="utf-8")
+    find_plugins.cache_clear()
     done = labrig("replay", outside_run)
     assert done.exit_code == 2
     assert "made with the drive example-stepper of package labrig-example 1.0.0, which is not" in done.err

@@ -9,6 +9,7 @@ from labrig.devices.camera_kind import CameraContext, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.rig_file import load_rig, rig_schema
 from labrig.errors import FileFormatError
+from labrig.plugins import find_plugins
 from tests.devices.rigs import SIMULATED
 from tests.installing import install_package
 
@@ -67,11 +68,12 @@ def _install(site: Path, package: str, module: str, code: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return a folder of installed packages."""
+    """Yield a folder of installed packages."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))
-    return folder
+    yield folder
+    find_plugins.cache_clear()
 
 
 def _rig_file(folder: Path) -> Path:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from labrig.errors import InputError
-from labrig.steering.policy import SteeringPolicy, SteeringSettings, TipSighting
+from labrig.steering.parameters import SteeringPolicy
+from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings

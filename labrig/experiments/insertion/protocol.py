@@ -18,7 +18,7 @@ from labrig.protocol.sections import (
     Specimen,
     sheath_too_thin,
 )
-from labrig.steering.policy import SteeringPolicy
+from labrig.steering.parameters import SteeringPolicy
 
 _WHERE = "give one of position_mm: [x, y, z] and pixel: [u, v]"
 _DEFAULT = SteeringPolicy()

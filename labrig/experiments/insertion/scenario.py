@@ -13,7 +13,8 @@ from labrig.protocol.designed_needle import Filling
 from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
 from labrig.protocol.words import Plain
-from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
+from labrig.steering.parameters import PlanWeights
+from labrig.steering.problem import Obstacle, PlanProblem
 
 Direction3: TypeAlias = tuple[float, float, float]
 

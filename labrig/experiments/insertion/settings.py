@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.steering.policy import SteeringPolicy, SteeringSettings
-from labrig.steering.problem import Obstacle, PlanProblem, PlanWeights
+from labrig.steering.parameters import PlanWeights, SteeringPolicy
+from labrig.steering.policy import SteeringSettings
+from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.tip import EstimatorSettings
 
 

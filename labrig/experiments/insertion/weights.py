@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from labrig.protocol.model import Model, NonNegativeMm
-from labrig.steering.problem import PlanWeights
+from labrig.steering.parameters import PlanWeights
 
 Weight: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
 

@@ -68,7 +68,11 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
 @pytest.mark.parametrize(
     ("modules", "unneeded"),
     [
-        ("labrig.record.catalogue, labrig.record.annotations", ("numpy", "pandas", "cv2", "fsspec", "pydantic")),
+        (
+            "labrig.record.catalogue, labrig.record.annotations",
+            ("numpy", "pandas", "cv2", "fsspec", "pydantic", "ruamel"),
+        ),
+        ("labrig.steering.parameters", ("numpy", "scipy")),
         ("labrig.record.check, labrig.record.difference", ("pandas", "fsspec")),
         ("labrig.protocol.load", ("cv2", "numpy", "pandas", "scipy", "matplotlib", "rerun", "can", "typer", "jinja2")),
         ("labrig.devices.clocks", ("numpy", "cv2", "can", "canopen", "pydantic")),

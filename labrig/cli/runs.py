@@ -1,5 +1,6 @@
 """`labrig runs`: the folder of runs as a catalogue; without a further word it lists them."""
 
+import gc
 import getpass
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -24,7 +25,7 @@ from labrig.cli.runs_check import check
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
-from labrig.record.catalogue import FoundRun, RunSummary, find_runs
+from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 
 app = typer.Typer()
 
@@ -66,17 +67,28 @@ def list_(
     if context.invoked_subcommand is not None:
         return
 
-    found = find_runs(runs_dir, where, sort, reverse=reverse)
+    # The modules stay until the end. Without this, collections during a list of 5,000 runs take a tenth of its time.
+    gc.freeze()
+    found = _find(runs_dir, where, sort, reverse=reverse)
     if as_json:
         print_json([_row(run) for run in found])
     elif found:
         _print_runs(found)
-        for line in next_steps([one.summary for one in found]):
+        for line in next_steps([run.summary for run in found]):
             say(line)
-    elif where is not None and find_runs(runs_dir):
+    elif where is not None and list_runs(runs_dir):
         say("no run fits")
     else:
         say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
+
+
+def _find(runs_dir: Path, where: str | None, sort: str | None, *, reverse: bool) -> list[FoundRun]:
+    """Find the runs that fit, or list all of them, for which no YAML is read and no reader of it imported."""
+    if where is None and sort is None:
+        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse)]
+    from labrig.record.search import find_runs
+
+    return find_runs(runs_dir, where, sort, reverse=reverse)
 
 
 def _row(found: FoundRun) -> dict[str, object]:

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
-from labrig.record.catalogue import find_runs, list_runs
+from labrig.record.catalogue import list_runs
+from labrig.record.search import find_runs
 from tests.benchmarks.table import print_rows
 from tests.record.runs import STARTED, closed_run
 

@@ -20,7 +20,18 @@ COMMANDS = (
     "measure",
     "devices",
 )
-HEAVY = ("numpy", "cv2", "pandas", "scipy", "matplotlib", "rerun", "can", "canopen", "labrig.experiments")
+HEAVY = (
+    "numpy",
+    "cv2",
+    "pandas",
+    "scipy",
+    "matplotlib",
+    "rerun",
+    "can",
+    "canopen",
+    "ruamel",
+    "labrig.experiments",
+)
 
 
 def _python(code: str, columns: int = 80) -> str:

@@ -1,0 +1,99 @@
+"""Finds the runs of a folder that fit a condition. It reads their protocols, which a plain list does not."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from labrig.errors import RecordError
+from labrig.record.annotations import read_annotations
+from labrig.record.catalogue import FoundRun, RunSummary, read_summaries, sign_runs
+from labrig.record.condition import parse_condition, require_field
+from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
+from labrig.record.layout import ANALYSIS, PROTOCOL
+from labrig.record.manifest import is_newer, read_document
+from labrig.record.run_index import Fields, RunIndex, Value, ask_index, signature_of
+
+
+def find_runs(
+    runs_dir: Path, where: str | None = None, sort: str | None = None, *, reverse: bool = False
+) -> list[FoundRun]:
+    """Find the runs of a folder that fit a condition.
+
+    Parameters
+    ----------
+    where : str or None
+        The condition, as `labrig.record.condition` describes it; None: every run.
+    sort : str or None
+        The field to sort by, smallest first, runs without it last; None: newest first.
+    reverse : bool
+        Turn that order round; runs without the field stay last.
+
+    Raises
+    ------
+    InputError
+        When the condition cannot be read, or names a field that no run has.
+    """
+    condition = None if where is None else parse_condition(where)
+    names = [] if condition is None else [name for name, _ in condition.names]
+    names = list(dict.fromkeys([*names, *([] if sort is None else [sort])]))
+    signatures = sign_runs(runs_dir)
+    if not signatures:
+        return []
+
+    def ask(index: RunIndex) -> list[FoundRun]:
+        summaries = read_summaries(index, runs_dir, signatures)
+        whole = {name: f"{sign} {_sign_fields(runs_dir / name)}" for name, sign in signatures.items()}
+        index.refresh_leaves(whole, lambda name: _fields(summaries[name]))
+        known = index.known_paths().keys() | ANNOTATION_FIELDS
+        if condition is not None:
+            condition.require_known(known)
+        if sort is not None:
+            require_field(sort, known, "--sort")
+        values = index.find(names, condition)
+        return [FoundRun(summary, values[name]) for name, summary in summaries.items() if name in values]
+
+    return _in_order(ask_index(runs_dir, ask), sort, reverse)
+
+
+def _in_order(found: list[FoundRun], sort: str | None, reverse: bool) -> list[FoundRun]:
+    if sort is None:
+        return found[::-1] if reverse else found
+    having = [run for run in found if any(value is not None for value in run.fields[sort])]
+    lacking = [run for run in found if all(value is None for value in run.fields[sort])]
+    return sorted(having, key=lambda run: _sort_key(run.fields[sort]), reverse=reverse) + lacking
+
+
+def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
+    """Order numbers before text; the first of several values counts."""
+    value = next(value for value in values if value is not None)
+    return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")
+
+
+def _sign_fields(run: Path) -> str:
+    """Return the signature of the files that fields are read from beside those of the summary."""
+    try:
+        numbers = sorted(os.listdir(run / ANALYSIS))  # noqa: PTH208 - thousands of them
+    except OSError:
+        numbers = []
+    return signature_of(
+        os.fspath(run), (PROTOCOL, *(f"{ANALYSIS}/{number}/result.json" for number in numbers))
+    )
+
+
+def _fields(summary: RunSummary) -> Fields:
+    """Return all fields of a run; of a damaged run, or of a newer labrig's, those that a list shows."""
+    shown: Fields = {
+        "run": [summary.run.name],
+        "protocol": [summary.protocol],
+        "exit_status": [summary.exit_status],
+        "started": [summary.started],
+        "trials_done": [summary.trials_done],
+    }
+    try:
+        document = read_document(summary.run)
+        if is_newer(document):
+            return shown
+        annotations = annotation_fields(read_annotations(summary.run))
+        return {**shown, **manifest_fields(document), **file_fields(summary.run), **annotations}
+    except RecordError:
+        return shown

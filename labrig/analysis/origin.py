@@ -19,9 +19,8 @@ all there is.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +28,13 @@ from numpy.typing import NDArray
 from labrig.analysis.result import Point, TrialOrigin
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.protocol.sections import Sheath, SheathOrigin
+from labrig.record.events import FrameLine
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from labrig.vision.sheath import SheathPose, measure_sheath
 
 ReadFrame = Callable[[int], Picture]
 
-SHEATH_ROLE = "sheath"
 # Trials that a median takes to speak against one of them.
 _LEAST_TRIALS = 3
 _COMMAND = "origin and linear encoder put it"
@@ -103,11 +102,7 @@ def sheath_origin(
 
 
 def find_origins(
-    read: ReadFrame,
-    lines: Iterable[Mapping[Any, Any]],
-    plane: PlaneMap,
-    sheath: Sheath,
-    role: str = SHEATH_ROLE,
+    read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, sheath: Sheath
 ) -> tuple[TrialOrigin, ...]:
     """Find the sheath in the picture of each trial that shows it alone, and compare it with command and other trials.
 
@@ -115,14 +110,28 @@ def find_origins(
     ----------
     read : callable
         Gives the picture of a frame number.
-    lines : iterable of Mapping
-        Of frames.jsonl; those of another role are passed over.
-    role : str
-        Of the pictures that show the sheath alone.
+    lines : iterable of FrameLine
+        Those of the pictures that show the sheath alone; pictures of no trial are passed over.
     """
-    wanted = [line for line in lines if line["role"] == role and line.get("trial") is not None]
-    found = [_found(read, line, plane, sheath) for line in wanted]
+    found = [_read_origin(read, line, plane, sheath) for line in lines if line.trial is not None]
     return _told_of_bumps(_beside_others(found, sheath))
+
+
+def find_sheath(
+    image: Picture, plane: PlaneMap, sheath: Sheath, linear_mm: float, *, trial: int, frame: int
+) -> TrialOrigin:
+    """Return where the sheath stands in a picture that shows it alone; refused where it is not seen.
+
+    Parameters
+    ----------
+    linear_mm : float
+        The linear encoder's reading at the exposure.
+    """
+    try:
+        pose = measure_sheath(image, plane, sheath.diameter_mm)
+    except MeasurementRefusedError as refusal:
+        return _unseen_origin(refusal.message, trial=trial, frame=frame)
+    return sheath_origin(pose, sheath, linear_mm, trial=trial, frame=frame)
 
 
 def aside_mm(tip_mm: Point, origin: TrialOrigin | None) -> float:
@@ -142,17 +151,18 @@ def told_from(point_mm: Point, origin_mm: Point, heading_rad: float) -> Point:
     return y * cosine - z * sine, y * sine + z * cosine
 
 
-def _found(read: ReadFrame, line: Mapping[Any, Any], plane: PlaneMap, sheath: Sheath) -> TrialOrigin:
-    """Return the sheath in a picture, or a refused origin where it is not seen."""
-    trial, frame = int(line["trial"]), int(line["frame"])
+def _read_origin(read: ReadFrame, line: FrameLine, plane: PlaneMap, sheath: Sheath) -> TrialOrigin:
+    """Return the sheath in a recorded picture, or a refused origin where it is not seen."""
+    place = {"trial": line.trial or 0, "frame": line.frame}
+    if line.linear_mm is None:
+        return _unseen_origin("its line does not say where the linear axis stood", **place)
     try:
-        pose = measure_sheath(read(frame), plane, sheath.diameter_mm)
-    except (MeasurementRefusedError, PictureError, RecordError) as refusal:
-        return unseen_origin(refusal.message, trial=trial, frame=frame)
-    return sheath_origin(pose, sheath, float(line["linear_mm"]), trial=trial, frame=frame)
+        return find_sheath(read(line.frame), plane, sheath, line.linear_mm, **place)
+    except (PictureError, RecordError) as refusal:
+        return _unseen_origin(refusal.message, **place)
 
 
-def unseen_origin(why: str, *, trial: int, frame: int) -> TrialOrigin:
+def _unseen_origin(why: str, *, trial: int, frame: int) -> TrialOrigin:
     """Return the origin of a trial whose picture does not show the sheath."""
     reason = f"The sheath's tip was not found in frame {frame}: {why}."
     return TrialOrigin(trial=trial, frame=frame, accepted=False, reason=reason)

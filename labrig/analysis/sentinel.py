@@ -1,44 +1,49 @@
 """Grid pictures before and after a run: an error bar for its lengths, or the reason why they are refused."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from labrig.analysis.origin import ReadFrame
 from labrig.analysis.result import Sentinel
 from labrig.errors import CalibrationRefusedError, PictureError, RecordError
 from labrig.protocol.sections import GridSentinel
+from labrig.record.events import FrameLine, PictureRole
 from labrig.vision.grid_check import GridCheck, check_grid, compare_grids
 from labrig.vision.plane import PlaneMap
 
-BEFORE_ROLE, AFTER_ROLE = "grid-before", "grid-after"
+
+class GridRole(PictureRole):
+    """Pictures of the graph paper in the steering plane."""
+
+    BEFORE = "grid-before"
+    AFTER = "grid-after"
 
 
 def sentinel_of(
-    section: GridSentinel | None, read: ReadFrame, lines: Iterable[Mapping[Any, Any]], plane: PlaneMap
+    section: GridSentinel | None, read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap
 ) -> Sentinel | None:
     """Return what the grid pictures of a run say, as `watch` does; None where its protocol asks for none."""
     return None if section is None else watch(read, lines, plane, section.pitch_mm)
 
 
-def watch(read: ReadFrame, lines: Iterable[Mapping[Any, Any]], plane: PlaneMap, pitch_mm: float) -> Sentinel:
+def watch(read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, pitch_mm: float) -> Sentinel:
     """Compare the first grid picture before the run with the last one after it.
 
     Parameters
     ----------
     read : callable
         Gives the picture of a frame number.
-    lines : iterable of Mapping
-        Of frames.jsonl; those of another role are passed over.
+    lines : iterable of FrameLine
+        Of a run; those of another role are passed over.
     """
-    frames: dict[str, list[int]] = {BEFORE_ROLE: [], AFTER_ROLE: []}
+    frames: dict[str, list[int]] = {role: [] for role in GridRole}
     for line in lines:
-        frames.get(line["role"], []).append(int(line["frame"]))
-    if not frames[BEFORE_ROLE] or not frames[AFTER_ROLE]:
+        frames.get(line.role or "", []).append(line.frame)
+    if not all(frames.values()):
         return Sentinel(accepted=True, reason="There is no grid picture both before and after the run.")
     try:
         before, after = (
             check_grid(read(frame), plane, pitch_mm)
-            for frame in (frames[BEFORE_ROLE][0], frames[AFTER_ROLE][-1])
+            for frame in (frames[GridRole.BEFORE][0], frames[GridRole.AFTER][-1])
         )
     except (CalibrationRefusedError, PictureError, RecordError) as refusal:
         return Sentinel(accepted=False, reason=f"The grid pictures cannot be compared: {refusal.message}.")

@@ -1,6 +1,5 @@
 """A tip cut out of a recorded frame or a picture, as `labrig calibrate template` is told it."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +7,7 @@ from labrig.analysis.mapping import load_mapping
 from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
 from labrig.errors import InputError
 from labrig.experiments.registry import protocol_of
+from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.record.reader import open_run
 from labrig.vision.picture import Picture, read_picture
 from labrig.vision.plane import Insertion, PlaneMap
@@ -16,7 +16,6 @@ from labrig.vision.tip_template import TipTemplate, cut_template
 
 # A template shows so many widths of the needle to each side of the tip, and is so large where no shaft was measured.
 _WIDTHS, _SIDE_PX = 1.75, 41
-_NEEDLE_ROLES = ("advance", "observe", "final", "imported")
 
 
 @dataclass(frozen=True)
@@ -51,20 +50,18 @@ def recorded_frame(folder: Path, frame: int | None) -> TipSource:
         When the picture or the record is damaged.
     """
     run = open_run(folder)
-    frames = run.frame_table
     if frame is None:
-        shown = frames.loc[frames["role"].isin(_NEEDLE_ROLES), "frame"]
-        if shown.empty:
+        shown = [line.frame for line in run.frame_lines if line.role in set(NeedleRole)]
+        if not shown:
             raise InputError(f"{folder} holds no picture of a needle", "name one with --frame")
-        frame = int(shown.iloc[-1])
-    image, line = run.read_frame(frame), frames.iloc[frame]
-    roll_rad = line.get("rotation_rad")
+        frame = shown[-1]
+    image, line = run.read_frame(frame), run.frame_lines[frame]
     needle = protocol_of(run).pictured_needle
     return TipSource(
-        folder / str(line["file"]),
+        folder / line.file,
         image,
         load_mapping(run),
-        0.0 if roll_rad is None or math.isnan(roll_rad) else float(roll_rad),
+        line.rotation_rad or 0.0,
         DEFAULT_NEEDLE_DIAMETER_MM if needle is None else needle.diameter_mm,
         None if needle is None else needle.sheath_diameter_mm,
     )

@@ -9,7 +9,9 @@ from labrig.cli.mapping import plane_map
 from labrig.cli.output import say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, PictureError
+from labrig.experiments.imported_pictures.events import PictureRefused
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
+from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.protocol.model import Direction
 from labrig.protocol.yaml_file import dump_yaml, model_of_values
 from labrig.record.provenance import collect_provenance
@@ -110,13 +112,13 @@ def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:
         except PictureError as error:
             refused.append(path)
             say(f"left out: {error.message}")
-            recorder.event("picture_refused", float(number), source=path.name, reason=error.message)
+            recorder.record_event(PictureRefused(source=path.name, reason=error.message), float(number))
             continue
         recorder.frame(
             image,
             float(number),
             trial=None,
-            role="imported",
+            role=NeedleRole.IMPORTED,
             source=path.name,
             source_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         )

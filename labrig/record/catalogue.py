@@ -9,7 +9,7 @@ from typing import Any
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES, MANIFEST, NOTES, inside
+from labrig.record.layout import EVENT_LINES, MANIFEST, NOTES, TRIAL_STOP, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
 from labrig.record.run_index import NO_FILE, RunIndex, Value, ask_index, signature_of
 
@@ -149,9 +149,7 @@ def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
 def _trials_done(run: Path) -> int:
     """Count the trials of a run whose manifest was not brought up to date."""
     events = read_lines(inside(run, EVENT_LINES))
-    return sum(
-        event.get("kind") == "trial_stop" and event.get("exit_status") == "success" for event in events
-    )
+    return sum(event.get("kind") == TRIAL_STOP and event.get("exit_status") == "success" for event in events)
 
 
 def _text(value: object) -> str | None:

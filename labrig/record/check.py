@@ -22,6 +22,7 @@ from labrig.record.layout import (
     RAW_PICTURES,
     SHA256SUMS,
     STATE_LINES,
+    TRIAL_STOP,
     TRUTH_LINES,
     inside,
     picture_file,
@@ -132,9 +133,7 @@ def as_damage(torn: Iterable[Problem]) -> Iterator[Problem]:
 
 def trials_done(events: Iterable[Mapping[str, object]]) -> int:
     """Count the trials that ended in success."""
-    return sum(
-        event.get("kind") == "trial_stop" and event.get("exit_status") == "success" for event in events
-    )
+    return sum(event.get("kind") == TRIAL_STOP and event.get("exit_status") == "success" for event in events)
 
 
 def _scan_files(run: Path) -> tuple[dict[str, Scan], list[Problem]]:

@@ -35,10 +35,12 @@ from typing import ClassVar, Generic, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from labrig.errors import Fault, RecordError
-from labrig.record.layout import EVENT_LINES, FRAME_LINES
+from labrig.record.layout import EVENT_LINES, FRAME_LINES, RUN_STOP, TRIAL_START, TRIAL_STOP, TRUTH_LINES
 
 INCOMPLETE = "incomplete"
 """`exit_status` of a trial that has no stop."""
+INTERRUPTED = "interrupted"
+"""`exit_status` of a trial that a later session found without a stop."""
 _HINT = "no labrig wrote it so; take the file from a copy of the run"
 
 
@@ -82,7 +84,7 @@ class RunResume(RunStart):
 class RunStop(Event):
     """The run has ended: how, why, and the fault of bus or drive that ended it."""
 
-    kind: ClassVar[str] = "run_stop"
+    kind: ClassVar[str] = RUN_STOP
 
     exit_status: str
     reason: str
@@ -92,7 +94,7 @@ class RunStop(Event):
 class TrialStart(Event):
     """A trial begins."""
 
-    kind: ClassVar[str] = "trial_start"
+    kind: ClassVar[str] = TRIAL_START
 
     trial: int
 
@@ -100,7 +102,7 @@ class TrialStart(Event):
 class TrialStop(Event):
     """A trial has ended: `success`, `failed`, or `interrupted` where a resumed run found it without an end."""
 
-    kind: ClassVar[str] = "trial_stop"
+    kind: ClassVar[str] = TRIAL_STOP
 
     trial: int
     exit_status: str
@@ -165,6 +167,12 @@ class PictureRole(StrEnum):
     """What a picture was taken for; an experiment derives its own roles."""
 
 
+class TruthLine(Line):
+    """What a simulated world drew for a trial; an experiment derives the model of what it compares."""
+
+    trial: int
+
+
 class FrameLine(Line):
     """What a run says of a picture: number, file, trial, role, and where the axes stood at the exposure.
 
@@ -184,6 +192,7 @@ class FrameLine(Line):
 
 _Line = TypeVar("_Line", bound=Line)
 _Event = TypeVar("_Event", bound=Event)
+_Truth = TypeVar("_Truth", bound=TruthLine)
 _Start = TypeVar("_Start", bound=TrialStart)
 _Stop = TypeVar("_Stop", bound=TrialStop)
 
@@ -222,6 +231,14 @@ def parse_frame_lines(run: Path, lines: Sequence[Mapping[str, object]]) -> Itera
     """Yield what a run says of each picture. Raises `RecordError` as `parse_events` does."""
     for number, line in enumerate(lines, start=1):
         yield _parse(FrameLine, line, f"{run / FRAME_LINES}:{number}")
+
+
+def parse_truth_lines(
+    run: Path, lines: Sequence[Mapping[str, object]], model: type[_Truth]
+) -> Iterator[_Truth]:
+    """Yield what a simulated world drew of each trial. Raises `RecordError` as `parse_events` does."""
+    for number, line in enumerate(lines, start=1):
+        yield _parse(model, line, f"{run / TRUTH_LINES}:{number}")
 
 
 def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:

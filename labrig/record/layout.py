@@ -21,6 +21,7 @@ ANALYSIS = "analysis"
 FRAME_LINES = "frames.jsonl"
 STATE_LINES = "states.jsonl"
 EVENT_LINES = "events.jsonl"
+TRIAL_START, TRIAL_STOP, RUN_STOP = "trial_start", "trial_stop", "run_stop"
 TRUTH_LINES = "truth.jsonl"
 ALWAYS_PRESENT = (FRAME_LINES, STATE_LINES, EVENT_LINES)
 CAN_LOG = "can.log"

@@ -33,9 +33,11 @@ from labrig.record.events import (
     RecordedTrial,
     TrialStart,
     TrialStop,
+    TruthLine,
     join_trials,
     parse_events,
     parse_frame_lines,
+    parse_truth_lines,
 )
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
@@ -47,6 +49,8 @@ from labrig.record.layout import (
     PROTOCOL,
     RIG,
     STATE_LINES,
+    TRIAL_START,
+    TRIAL_STOP,
     TRUTH_LINES,
     WITHDRAWS,
     inside,
@@ -60,6 +64,7 @@ from labrig.record.tables import add_axis_units
 from labrig.record.urls import fetch_run, is_url, restore_url
 
 _Event = TypeVar("_Event", bound=Event)
+_Truth = TypeVar("_Truth", bound=TruthLine)
 _Start = TypeVar("_Start", bound=TrialStart)
 _Stop = TypeVar("_Stop", bound=TrialStop)
 
@@ -208,6 +213,10 @@ class Run:
     def read_trials(self, start: type[_Start], stop: type[_Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
         """Return the trials; of one that was begun again, the last beginning counts. Raises as `read_events`."""
         return join_trials(parse_events(self.path, self.lines("events"), (start, stop)))
+
+    def read_truth(self, model: type[_Truth]) -> Mapping[int, _Truth]:
+        """Return what a simulated world drew, by trial; none of a real rig. Raises as `read_events`."""
+        return {line.trial: line for line in parse_truth_lines(self.path, self.lines("truth"), model)}
 
     @cached_property
     def frame_lines(self) -> tuple[FrameLine, ...]:
@@ -464,8 +473,8 @@ def _join_trial_rows(events: Iterable[dict[str, object]]) -> list[dict[str, obje
     for event in events:
         fields = {key: value for key, value in event.items() if key not in {"kind", "t_s"}}
         trial = event.get("trial")
-        if event.get("kind") == "trial_start":
+        if event.get("kind") == TRIAL_START:
             trials[trial] = {"start_t_s": event.get("t_s"), "exit_status": "incomplete", **fields}
-        elif event.get("kind") == "trial_stop" and trial in trials:
+        elif event.get("kind") == TRIAL_STOP and trial in trials:
             trials[trial] |= {"stop_t_s": event.get("t_s"), **fields}
     return list(trials.values())

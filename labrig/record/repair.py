@@ -4,7 +4,7 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES
+from labrig.record.layout import EVENT_LINES, RUN_STOP
 from labrig.record.manifest import read_manifest
 from labrig.record.writer import EXIT_STATUSES, Recorder
 
@@ -38,6 +38,6 @@ def _find_ending(run: Path) -> tuple[str, str]:
     """Return what the last event says of the end, where the run was killed between that and its closing."""
     last = (read_lines(run / EVENT_LINES) or [{}])[-1]
     exit_status = last.get("exit_status")
-    if last.get("kind") == "run_stop" and exit_status in EXIT_STATUSES:
+    if last.get("kind") == RUN_STOP and exit_status in EXIT_STATUSES:
         return str(exit_status), str(last.get("reason", ""))
     return "aborted", _REASON

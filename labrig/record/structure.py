@@ -5,7 +5,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from labrig.errors import Problem
-from labrig.record.layout import EVENT_LINES, FRAME_LINES, RAW_PICTURES, TRUTH_LINES, picture_file
+from labrig.record.layout import (
+    EVENT_LINES,
+    FRAME_LINES,
+    RAW_PICTURES,
+    TRIAL_START,
+    TRIAL_STOP,
+    TRUTH_LINES,
+    picture_file,
+)
 from labrig.record.pictures import locate_picture
 
 Lines = Sequence[tuple[int, dict[str, object]]]
@@ -63,11 +71,11 @@ def find_trial_problems(events: Lines) -> Iterator[Problem]:
     ended: set[object] = set()
     for number, event in events:
         where, kind, trial = f"{EVENT_LINES}:{number}", event.get("kind"), _read_trial(event)
-        if kind == "trial_start":
+        if kind == TRIAL_START:
             if trial in begun:
                 yield Problem(where, f"trial {trial} begins a second time", _HINT)
             begun.add(trial)
-        elif kind == "trial_stop":
+        elif kind == TRIAL_STOP:
             if trial not in begun or trial in ended:
                 how = "a second time" if trial in ended else "without having begun"
                 yield Problem(where, f"trial {trial} ends {how}", _HINT)
@@ -81,7 +89,7 @@ def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Itera
     final picture has to be its own.
     """
     trial_of = {str(line.get("frame")): _read_trial(line) for _, line in frames}
-    begun = {_read_trial(event) for _, event in events if event.get("kind") == "trial_start"}
+    begun = {_read_trial(event) for _, event in events if event.get("kind") == TRIAL_START}
     for number, event in events:
         for key in ("frame", "final_frame"):
             if (frame := event.get(key)) is not None:

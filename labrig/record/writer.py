@@ -37,6 +37,7 @@ from labrig.record.layout import (
     RESERVE,
     SHA256SUMS,
     STATE_LINES,
+    TRIAL_STOP,
     TRUTH_LINES,
     require_name,
     session_diff,
@@ -293,7 +294,7 @@ class Recorder:
             When it cannot be written; the record stays whole.
         """
         self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
-        if kind == "trial_stop" and fields.get("exit_status") == "success":
+        if kind == TRIAL_STOP and fields.get("exit_status") == "success":
             self._trials_done += 1
 
     def record_event(self, event: Event, t_s: float) -> None:

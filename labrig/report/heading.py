@@ -10,6 +10,7 @@ from markupsafe import Markup
 from labrig import __version__
 from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
+from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run
 from labrig.report.words import UNKNOWN, Rows, count_of, moment, shown
 
@@ -131,12 +132,10 @@ def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
 
 def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
     """Return a warning of a run that stopped within an insertion, with the last reading of the axes."""
-    if status == "success" or run.trials.empty:
+    trials = _trials(run)
+    if status == "success" or not trials or trials[-1].stop is not None:
         return ()
-    last = run.trials.iloc[-1]
-    if last["exit_status"] != "incomplete":
-        return ()
-    place = f"The needle may still be in tissue: the run stopped within trial {last['trial']}"
+    place = f"The needle may still be in tissue: the run stopped within trial {trials[-1].start.trial}"
     if run.states.empty:
         return (f"{place}, and the axes were never read.",)
     axes = run.states.iloc[-1]
@@ -162,12 +161,16 @@ def _what_next(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
 
 def _trials_ended(run: Run) -> int:
     """Return how many came to an end of their own, whatever it was."""
-    return int((~run.trials["exit_status"].isin(["incomplete", "interrupted"])).sum())
+    return sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in _trials(run))
+
+
+def _trials(run: Run) -> tuple[RecordedTrial[TrialStart, TrialStop], ...]:
+    return run.read_trials(TrialStart, TrialStop)
 
 
 def trials_done(run: Run) -> str:
     """Return how many trials came to their end, of how many that were planned."""
-    done = int((run.trials["exit_status"] == "success").sum())
+    done = sum(trial.exit_status == "success" for trial in _trials(run))
     return f"{done} of {shown(run.manifest.get('trials_planned'))}"
 
 
@@ -186,23 +189,12 @@ def _facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
 
 
 def _resumed(run: Run) -> list[tuple[str, str]]:
-    """Say how often a run was resumed, and which insertion was made in the stead of which; nothing of any other."""
+    """Say how often a run was resumed; nothing of one that was not."""
     times = len(run.sessions)
-    if times == 0:
-        return []
-    begun = {event["trial"]: event for event in run.lines("events") if event["kind"] == "trial_start"}
-    repeated = [_repetition(begun[one["repeats"]], one) for one in begun.values() if "repeats" in one]
-    return [("Resumed", "; ".join(["once" if times == 1 else f"{times} times", *repeated]))]
-
-
-def _repetition(lost: Mapping[str, object], again: Mapping[str, object]) -> str:
-    return (
-        f"trial {lost['trial']} was interrupted and repeated as trial {again['trial']}, "
-        f"{again['hole_position_mm']:g} mm from the first entry point instead of {lost['hole_position_mm']:g} mm"
-    )
+    return [("Resumed", "once" if times == 1 else f"{times} times")] if times else []
 
 
 def _pictures(run: Run) -> str:
     """Return how many pictures there are; unknown of a run that takes none."""
-    takes_some = run.rig_path is not None or not run.frame_table.empty
-    return str(len(run.frame_table)) if takes_some else UNKNOWN
+    takes_some = run.rig_path is not None or bool(run.frame_lines)
+    return str(len(run.frame_lines)) if takes_some else UNKNOWN

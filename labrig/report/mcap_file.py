@@ -6,18 +6,18 @@ started plus its rig time.
 
 import base64
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import pandas as pd
 from mcap.writer import CompressionType, Writer
 
 from labrig.errors import RecordError
 from labrig.record.reader import Run
+from labrig.record.tables import add_axis_units
 
 MCAP_FILE = "run.mcap"
 
@@ -48,11 +48,10 @@ def write_mcap(run: Run, folder: Path) -> None:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="labrig")
         writer.add_metadata("manifest", {"json": json.dumps(run.manifest, ensure_ascii=False)})
-        _write_all(writer, "/states", _schema("labrig.State", run.states), _rows(run.states, start_ns))
-        _write_all(writer, "/events", _schema("labrig.Event", run.events), _rows(run.events, start_ns))
-        _write_all(
-            writer, "/frames", _schema("labrig.Frame", run.frame_table), _rows(run.frame_table, start_ns)
-        )
+        events = [add_axis_units(event) for event in run.lines("events")]
+        _write_lines(writer, "/states", "labrig.State", run.lines("states"), start_ns)
+        _write_lines(writer, "/events", "labrig.Event", events, start_ns)
+        _write_lines(writer, "/frames", "labrig.Frame", run.lines("frames"), start_ns)
         _write_all(writer, "/camera", _PICTURE, _pictures(run, start_ns))
         writer.finish()  # type: ignore[no-untyped-call]
 
@@ -68,26 +67,25 @@ def _write_all(
         writer.add_message(channel, log_time=time_ns, publish_time=time_ns, data=data, sequence=number)
 
 
-def _schema(title: str, table: pd.DataFrame) -> dict[str, object]:
+def _write_lines(
+    writer: Writer, topic: str, title: str, lines: Sequence[Mapping[str, Any]], start_ns: int
+) -> None:
+    """Write lines of a record, each at its time; what a line does not know is left out."""
+    known = [{name: value for name, value in line.items() if value is not None} for line in lines]
+    values: dict[str, list[object]] = {}
+    for line in known:
+        for name, value in line.items():
+            values.setdefault(name, []).append(value)
     kinds = {
-        str(name): {"type": "number"} if pd.api.types.is_numeric_dtype(table[name].dtype) else {}
-        for name in table.columns
+        name: {"type": "number"} if all(isinstance(value, int | float) for value in column) else {}
+        for name, column in values.items()
     }
-    return {"title": title, "type": "object", "properties": kinds}
-
-
-def _rows(table: pd.DataFrame, start_ns: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    for row in table.to_dict("records"):
-        known = {str(key): value for key, value in row.items() if not _is_unknown(value)}
-        yield start_ns + round(_NS * row["t_s"]), known
-
-
-def _is_unknown(value: object) -> bool:
-    return not isinstance(value, list | dict) and bool(pd.isna(value))  # type: ignore[call-overload]
+    messages = ((start_ns + round(_NS * line["t_s"]), line) for line in known)
+    _write_all(writer, topic, {"title": title, "type": "object", "properties": kinds}, messages)
 
 
 def _pictures(run: Run, start_ns: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    for picture, t_s in zip(run.frames, run.frame_table["t_s"], strict=True):
+    for picture, t_s in zip(run.frames, (line.t_s for line in run.frame_lines), strict=True):
         time_ns = start_ns + round(_NS * t_s)
         _, png = cv2.imencode(".png", np.ascontiguousarray(picture))
         yield (

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +20,7 @@ from labrig.analysis.result import CentreLines
 from labrig.errors import MachineError
 from labrig.record.durable import require_free_bytes, write_atomically
 from labrig.record.reader import Run
+from labrig.record.tables import add_axis_units
 from labrig.report.pictures import JpegSize, jpeg
 from labrig.report.view import View
 
@@ -70,7 +70,7 @@ def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
     stream.save(file, default_blueprint=_blueprint(view))
     try:
         _send_axes(stream, run.states)
-        _send_events(stream, run.events)
+        _send_events(stream, run)
         _send_pictures(stream, run, lines)
         view.send(stream, _TIME)
     finally:
@@ -128,29 +128,23 @@ def _send_axes(stream: rr.RecordingStream, states: pd.DataFrame) -> None:
         stream.send_columns(f"/axes/{name}", [times], values)
 
 
-def _send_events(stream: rr.RecordingStream, events: pd.DataFrame) -> None:
-    for event in events.to_dict("records"):
-        stream.set_time(_TIME, duration=float(event["t_s"]))
-        stream.log("/events", rr.TextLog(_event_text({str(key): value for key, value in event.items()})))
+def _send_events(stream: rr.RecordingStream, run: Run) -> None:
+    for event in run.lines("events"):
+        stream.set_time(_TIME, duration=event["t_s"])
+        stream.log("/events", rr.TextLog(_event_text(add_axis_units(event))))
 
 
-def _event_text(event: Mapping[str, Any]) -> str:
+def _event_text(event: Mapping[str, object]) -> str:
     said = [
-        f"{key}={value}"
-        for key, value in event.items()
-        if key not in {"kind", "t_s"} and not _is_missing(value)
+        f"{key}={value}" for key, value in event.items() if key not in {"kind", "t_s"} and value is not None
     ]
     return f"{event['kind']}: {', '.join(said)}" if said else str(event["kind"])
 
 
-def _is_missing(value: object) -> bool:
-    return value is None or value is pd.NA or (isinstance(value, float) and np.isnan(value))
-
-
 def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines) -> None:
-    for line in run.frame_table.to_dict("records"):
-        frame = int(line["frame"])
-        stream.set_time(_TIME, duration=float(line["t_s"]))
+    for line in run.frame_lines:
+        frame = line.frame
+        stream.set_time(_TIME, duration=line.t_s)
         stream.set_time(_FRAME, sequence=frame)
         picture = rr.EncodedImage(contents=jpeg(run.read_frame(frame), _PICTURE), media_type="image/jpeg")
         stream.log("/camera", picture)

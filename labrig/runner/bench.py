@@ -1,5 +1,6 @@
 """What the operator does at the bench before a run and after it: needle out, graph paper in and away again."""
 
+from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
 from labrig.errors import CalibrationRefusedError
 from labrig.protocol.sections import GridSentinel
@@ -23,7 +24,7 @@ def confirm_needle_out(session: Session) -> None:
         rig.needle.mark_out()
 
 
-def watch_grid(sentinel: GridSentinel | None, role: str, session: Session) -> Picture | None:
+def watch_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:
     """Photograph graph paper in the steering plane, where the protocol asks for it; no needle is in tissue then.
 
     Raises

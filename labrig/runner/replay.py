@@ -17,7 +17,7 @@ from labrig.devices.replayed.recording import Recording, read_recordings, record
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.record.events import Event
+from labrig.record.events import Event, RunStop, TrialStart
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
 from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
@@ -131,7 +131,7 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
         found.first_difference = comparison.found
     except RecordEndsError as error:
         found.ended_early = error.message
-        left = None if journal is None else journal.left(besides="run_stop")
+        left = None if journal is None else journal.left(besides=RunStop.kind)
         if left is not None:
             found.first_difference = comparison.difference(left[0], left[1], "nothing")
     exact = journal is not None and journal.can_frames_are_exact()
@@ -195,7 +195,7 @@ class ReplayedJournal:
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
         """Compare an event."""
-        if kind == "trial_start" and isinstance(trial := fields.get("trial"), int):
+        if kind == TrialStart.kind and isinstance(trial := fields.get("trial"), int):
             self._comparison.trial = trial
         self._compare("events", {"kind": kind, "t_s": self._t0_s + t_s, **fields})
 

@@ -9,7 +9,7 @@ from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.rig import Rig
 from labrig.errors import SafetyStopError
-from labrig.record.events import Event, Move, MoveDone, OperatorQuestion
+from labrig.record.events import Event, Move, MoveDone, OperatorQuestion, PictureRole
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
 from labrig.runner.stance import Stance, stance_of
@@ -43,11 +43,6 @@ class Session:
     rig: Rig
     recorder: RecordSink
     progress: Progress
-
-    def note(self, kind: str, **fields: object) -> None:
-        """Append an event, stamped with the rig time."""
-        self.recorder.can_frames(self.rig.take_can_frames())
-        self.recorder.event(kind, self.rig.clock.now_s(), **fields)
 
     def record(self, event: Event) -> None:
         """Append an event, stamped with the rig time."""
@@ -87,11 +82,11 @@ class Session:
         )
         return answer
 
-    def look(self, role: str, trial: int | None = None) -> int:
+    def look(self, role: PictureRole, trial: int | None = None) -> int:
         """Take a picture, record it with where the axes stood, and return its number."""
         return self.see(role, trial).frame
 
-    def see(self, role: str, trial: int | None = None) -> Look:
+    def see(self, role: PictureRole, trial: int | None = None) -> Look:
         """Take a picture, record it with where the axes stood at its exposure, and return it.
 
         The exposure lies between two readings of the encoders. Its positions lie where the camera's own time says, or
@@ -105,7 +100,7 @@ class Session:
         number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
         return Look(number, frame.image, stance)
 
-    def draw(self, image: Picture, role: str, trial: int | None = None) -> Path:
+    def draw(self, image: Picture, role: PictureRole, trial: int | None = None) -> Path:
         """Record a picture that was drawn on, and return its file."""
         number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
         return self.picture_path(number)

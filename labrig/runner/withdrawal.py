@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
-from labrig.record.events import WithdrawalStart, WithdrawalStop
+from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
 from labrig.runner.session import Session
 from labrig.runner.stance import Stance, stance_of
@@ -64,12 +64,13 @@ def recorded_path(run: Run) -> tuple[Stance, ...]:
     """
     if run.withdraws is not None:
         return (*recorded_path(open_run(run.path.parent / run.withdraws)), *_stances(run.states))
-    if run.trials.empty:
+    trials = run.read_trials(TrialStart, TrialStop)
+    if not trials:
         # The roll zero is found before any trial. What the needle went back is not gone in again.
         return _stances(run.states)
-    if run.states.empty or run.trials.iloc[-1]["exit_status"] == "success":
+    if trials[-1].exit_status == "success":
         return ()
-    return _stances(run.states[run.states["t_s"] >= run.trials.iloc[-1]["start_t_s"]])
+    return _stances(run.states[run.states["t_s"] >= trials[-1].start.t_s])
 
 
 def _stances(states: pd.DataFrame) -> tuple[Stance, ...]:

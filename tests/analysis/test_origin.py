@@ -14,6 +14,7 @@ from labrig.analysis.result import TrialOrigin
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import from_origins, refused_by_origin
 from labrig.protocol.sections import Sheath, SheathOrigin
+from labrig.record.events import FrameLine
 from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import ORIGIN_PX, PX_PER_MM, SIZE, needle_picture
 
@@ -33,7 +34,7 @@ def origins(
 ) -> tuple[TrialOrigin, ...]:
     """Return what is found in a trial for each of these."""
     lines = [
-        {"frame": 2 * trial, "trial": trial, "role": "sheath", "linear_mm": travel}
+        FrameLine(frame=2 * trial, file="", trial=trial, linear_mm=travel)
         for trial, travel in enumerate(linear_mm)
     ]
     turns = turned_deg or [0.0] * len(moved_px)
@@ -94,7 +95,7 @@ def test_play_across_the_sheath_is_no_disagreement_and_a_bump_is() -> None:
     """Seven tenths aside are play, three millimetres are a bumped camera, each way; nothing is said of the encoder."""
     for aside_px, fine in ((7, True), (-7, True), (30, False), (-30, False)):
         image = np.roll(sheath_picture(0), -aside_px, axis=0)
-        line = {"frame": 0, "trial": 0, "role": "sheath", "linear_mm": 15.0}
+        line = FrameLine(frame=0, file="", trial=0, linear_mm=15.0)
         sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0, origin=SheathOrigin())
         (one,) = find_origins(lambda _, seen=image: seen, [line], PLANE, sheath)
         assert one.across_mm == pytest.approx(0.1 * aside_px, abs=0.05)
@@ -148,7 +149,7 @@ def test_sheath_that_went_as_far_as_its_encoder_says_is_no_other() -> None:
 
 def test_sheath_that_is_not_seen_is_said_so() -> None:
     """Such a trial has no origin, with the reason, and refuses nobody's radius."""
-    lines = [{"frame": 0, "trial": 0, "role": "sheath", "linear_mm": 15.0}]
+    lines = [FrameLine(frame=0, file="", trial=0, linear_mm=15.0)]
     sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0)
     found = find_origins(lambda _: np.full(SIZE[::-1], 160, np.uint8), lines, PLANE, sheath)
     assert not found[0].accepted

@@ -8,15 +8,16 @@ from labrig.analysis.result import Sentinel
 from labrig.analysis.sentinel import watch
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import watched
+from labrig.record.events import FrameLine
 from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
 
 PX_PER_MM = 16.0
 PLANE = PlaneMap.from_scale(PX_PER_MM, (0.0, 0.0), "right", (800, 600))
 LINES = [
-    {"frame": 0, "role": "grid-before"},
-    {"frame": 1, "role": "final"},
-    {"frame": 2, "role": "grid-after"},
+    FrameLine(frame=0, file="", role="grid-before"),
+    FrameLine(frame=1, file="", role="final"),
+    FrameLine(frame=2, file="", role="grid-after"),
 ]
 
 

@@ -12,7 +12,6 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import aim_of
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings
-from labrig.experiments.shared.sight import Eye, look_for_tip
 from labrig.protocol.load import load_protocol
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
@@ -20,6 +19,7 @@ from labrig.simulation.lens import plane_to_pixels
 from labrig.simulation.world import World
 from labrig.steering.policy import TipSighting
 from labrig.steering.step import start_steering, step_steering
+from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.plane import PlaneMap
 from labrig.vision.tip_template import cut_template
 from tests.benchmarks.table import print_rows
@@ -86,7 +86,7 @@ def _cycles(seed: int) -> list[tuple[float, float, float]]:
         at_mm = _inserted(world, at_mm, command.observe_at_mm, bevel_rad)
         image = world.picture()
         started, worked = time.perf_counter(), time.process_time()
-        seen = look_for_tip(eye, image, state.predict(at_mm, settings), state.tip, bevel_rad)
+        seen = find_tip(eye, image, state.predict(at_mm, settings), state.tip, bevel_rad)
         found = time.perf_counter()
         state, command = step_steering(state, TipSighting(at_mm, seen.position_mm), settings)
         decided, processor = time.perf_counter() - found, time.process_time() - worked
@@ -110,7 +110,7 @@ def _inserted(world: World, from_mm: float, to_mm: float, bevel_rad: float) -> f
     return to_mm
 
 
-def _eye() -> Eye:
+def _eye() -> TipView:
     """Return the exact plane map of the lens, and a template cut from an insertion of its own."""
     corners_mm = np.array([(-40.0, 0.0), (30.0, 0.0), (-40.0, 110.0), (30.0, 110.0)])
     corners_px = plane_to_pixels(corners_mm, _LENS)
@@ -125,4 +125,6 @@ def _eye() -> Eye:
     heading_rad = math.atan2(*(line[-1] - line[-4]))
     u, v = plane.to_px(line[-1:])[0].tolist()
     image = world.picture()
-    return Eye(plane, cut_template(image, (u, v), heading_rad, side_px=_TEMPLATE_SIDE_PX, insertion="right"))
+    return TipView(
+        plane, cut_template(image, (u, v), heading_rad, side_px=_TEMPLATE_SIDE_PX, insertion="right")
+    )

@@ -12,6 +12,7 @@ from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol
 from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.events import TrialStart
 from labrig.record.writer import Recorder
 from labrig.runner.session import Session
 
@@ -38,7 +39,7 @@ def main(rig_file: Path, runs_dir: Path) -> None:
         protocol, text = dump_yaml(load_protocol(SWEEP, PROTOCOL_MODELS)), dump_yaml(description)
         recorder = Recorder.create(runs_dir, "crashed", manifest, protocol, text, {})
         session = Session(rig, recorder, lambda _done, _doing: None)
-        session.note("trial_start", trial=0)
+        session.record(TrialStart(trial=0))
         rig.needle.mark_in_tissue(recorder.run_name)
         for axis, position, speed in (
             ("linear", 0.5, 5.0),

@@ -16,6 +16,7 @@ from labrig.devices.operator import (
     ShiftToHole,
 )
 from labrig.errors import DriveError, SafetyStopError
+from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
 from labrig.runner.stance import Stance, stance_of
 from labrig.runner.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
@@ -104,7 +105,7 @@ def _turned_in_gel(rig: Bench) -> None:
     rig.opened.rig.reference_axes()
     session.ask(PlaceSpecimen("gel-10", 10))
     session.ask(ShiftToHole("gel-10", 0, 0))
-    session.note("trial_start", trial=0)
+    session.record(TrialStart(trial=0))
     rig.opened.rig.needle.mark_in_tissue("run")
     for axis, position in (("linear", 5), ("insertion", 6), ("rotation", 3), ("insertion", 14)):
         session.move(axis, position, rig.opened.rig.axis(axis).nearest_speed(3.0))

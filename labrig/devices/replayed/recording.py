@@ -13,6 +13,7 @@ from labrig.devices.needle_state import NEW, RigState, RollZero
 from labrig.devices.operator import Answer
 from labrig.errors import RecordError
 from labrig.record.can_log import CanFrame
+from labrig.record.events import OperatorQuestion, RunStop, TrialStart
 from labrig.record.reader import Run
 
 
@@ -140,14 +141,16 @@ def _of_devices(
     events = span.of(run.lines("events"))
     lines = span.of(run.lines("frames"))
     seen = [line for line in lines if not line.get("drawn")]
-    trials = {event["trial"] for event in events if event["kind"] == "trial_start"}
-    ending = events[-1] if events and events[-1]["kind"] == "run_stop" else {}
+    trials = {event["trial"] for event in events if event["kind"] == TrialStart.kind}
+    ending = events[-1] if events and events[-1]["kind"] == RunStop.kind else {}
     return Recording(
         run=run.path,
         started=datetime.fromisoformat(str(session["started"])),
         span=span,
         can_frames=tuple(frame._replace(t_s=frame.t_s - span.t0_s) for frame in frames if frame.t_s in span),
-        questions=tuple(_question(event, span.t0_s) for event in events if event["kind"] == "operator"),
+        questions=tuple(
+            _question(event, span.t0_s) for event in events if event["kind"] == OperatorQuestion.kind
+        ),
         truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
         pictures=((int(line["frame"]), _exposure(run, line, span.t0_s)) for line in seen),
         first_frame=int(lines[0]["frame"]) if lines else 0,

@@ -11,6 +11,7 @@ from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Point
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
@@ -69,18 +70,18 @@ def _save(
 
 def _read(run: Run, progress: Progress | None) -> _Pictures:
     """Read the pictures; one that is missing or was changed is named and left out."""
-    found: dict[str, list[Named]] = {"board": [], "graph-paper": []}
+    found: dict[str, list[Named]] = {role: [] for role in CalibrationRole}
     damaged: dict[str, str] = {}
-    lines = run.frame_table.to_dict("records")
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(run.frame_lines, start=1):
         try:
-            found.get(line["role"], []).append((line["file"], run.read_frame(int(line["frame"]))))
+            found.get(line.role or "", []).append((line.file, run.read_frame(line.frame)))
         except RecordError as error:
             # Where the run lies on this computer is no part of a result.
-            damaged[line["file"]] = error.message.replace(f"{run.path}/", "")
+            damaged[line.file] = error.message.replace(f"{run.path}/", "")
         if progress is not None:
-            progress(number, len(lines))
-    return _Pictures(tuple(found["board"]), tuple(found["graph-paper"]), damaged)
+            progress(number, len(run.frame_lines))
+    boards, papers = (tuple(found[role]) for role in CalibrationRole)
+    return _Pictures(boards, papers, damaged)
 
 
 def _calibrate_lens(

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from labrig.analysis.result import AnalysisResult, AnyResult
+from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
@@ -67,8 +68,5 @@ def _short(image: str) -> str:
 
 
 def _paper_picture(run: Run) -> str | None:
-    frames = run.frame_table
-    papers = frames.loc[frames["role"] == "graph-paper", "frame"]
-    if papers.empty:
-        return None
-    return data_uri(jpeg(run.read_frame(int(papers.iloc[-1])), PLATE), "image/jpeg")
+    papers = [line.frame for line in run.frame_lines if line.role == CalibrationRole.GRAPH_PAPER]
+    return data_uri(jpeg(run.read_frame(papers[-1]), PLATE), "image/jpeg") if papers else None

@@ -1,6 +1,7 @@
 """The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
 
 from labrig.devices.operator import ClearBench, HoldBoard, LayGraphPaper
+from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.runner.session import Session
 
@@ -11,8 +12,8 @@ def run(protocol: CameraCalibrationProtocol, session: Session) -> None:
     for view in range(protocol.views):
         session.progress(float(view), f"board, view {view + 1} of {protocol.views}")
         session.ask(HoldBoard(view, protocol.views, board.columns, board.rows, board.square_mm))
-        session.look("board")
+        session.look(CalibrationRole.BOARD)
     session.ask(LayGraphPaper(protocol.plane.pitch_mm))
-    session.look("graph-paper")
+    session.look(CalibrationRole.GRAPH_PAPER)
     session.ask(ClearBench("the graph paper"))
     session.progress(float(protocol.views + 1), "graph paper done")

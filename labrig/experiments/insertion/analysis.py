@@ -9,7 +9,7 @@ the run sent it all the same: it is a comparison picture by picture, and no fore
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,20 @@ from numpy.typing import NDArray
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.mapping import load_mapping
 from labrig.analysis.origin import find_origins
-from labrig.analysis.result import Findings, Point, Sentinel
+from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
+from labrig.experiments.insertion.events import (
+    BevelTurn,
+    InsertionEvent,
+    InsertionRole,
+    InsertionSheath,
+    InsertionStart,
+    InsertionStop,
+    PathSought,
+    TipObserved,
+    TrueInsertion,
+)
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import (
     AvoidedSphere,
@@ -34,24 +45,17 @@ from labrig.experiments.insertion.result import (
 )
 from labrig.experiments.insertion.settings import insertion_settings, started_at
 from labrig.record.reader import Run
-from labrig.steering.planner import Plan, PlannedArc, sample_path
+from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
-from labrig.steering.problem import Obstacle
 from labrig.steering.step import SteeringState, start_steering, step_steering, take_in_sighting, turn_bevel
-from labrig.vision.mask import Mask
-from labrig.vision.picture import Picture
-from labrig.vision.plane import PlaneMap
+from labrig.steering.tip_search import TipView, find_tip
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.template_file import load_template
-from labrig.vision.tip import TipFix, locate_tip
-from labrig.vision.tip_template import TipTemplate
+from labrig.vision.tip import TipFix
 
 FloatArray = NDArray[np.float64]
-_Line = Mapping[Any, Any]
 
 TEMPLATE_FILE = "template.png"
-# The picture in which the plan is shown, taken before the needle leaves the sheath.
-_SHEATH_ROLE = "scene"
 # Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
 # How sure the end of a shaft is read, in pixels: what `python -m tests.benchmarks insertion` measures and what is true
@@ -61,20 +65,30 @@ _NO_POINTS = np.empty((0, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class _Eye:
-    """What the run was seen with, and the diameters of what is seen."""
+class _Source:
+    """The run that is analysed: what its pictures are seen with, and what its grid pictures say."""
 
     run: Run
-    plane: PlaneMap
-    template: TipTemplate
+    view: TipView
     protocol: InsertionProtocol
     sentinel: Sentinel | None
-    mask: Mask | None
 
-    def masked(self, image: Picture, frame: int) -> NDArray[np.bool_] | None:
-        """Return which pixels of a recorded picture are not the needle."""
-        file = Path(self.run.pictures[frame].file)
-        return None if self.mask is None else self.mask.masked(file.name, image)
+
+@dataclass(frozen=True)
+class _Events:
+    """What a run says of one of its insertions."""
+
+    start: InsertionStart
+    stop: InsertionStop | None
+    sheath: TrialOrigin | None
+    plans: tuple[PathSought, ...]
+    way: tuple[InsertionEvent, ...]
+    true: TrueInsertion | None
+
+    @property
+    def observations(self) -> list[TipObserved]:
+        """The pictures on the way."""
+        return [event for event in self.way if isinstance(event, TipObserved)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +130,16 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
     """
     template = load_template(run.calibration_path(TEMPLATE_FILE))
     plane = load_mapping(run)
-    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_table.to_dict("records"), plane)
-    eye = _Eye(run, plane, template.relative_to(plane.insertion), protocol, sentinel, request.mask)
-    trials = run.trials.to_dict("records")
+    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_lines, plane)
+    view = TipView(plane, template.relative_to(plane.insertion), request.mask)
+    source = _Source(run, view, protocol, sentinel)
+    trials = _read_trials(run)
     insertions = []
     for number, trial in enumerate(trials, start=1):
-        insertions.append(_trial(trial, eye))
+        insertions.append(_trial(trial, source))
         if request.progress is not None:
             request.progress(number, len(trials))
+    scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
     result = InsertionResult(
         **request.stamp.fields(
             {"estimator": protocol.estimator.model_dump(), "planner": protocol.planner.model_dump()}
@@ -138,76 +154,91 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         replans=sum(one.replans for one in insertions),
         length_mm=_worst([one.length_mm for one in insertions]),
         insertions=tuple(insertions),
-        origins=find_origins(
-            run.read_frame, run.frame_table.to_dict("records"), plane, protocol.sheath, _SHEATH_ROLE
-        ),
+        origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
     )
     return Findings(result)
 
 
-def _trial(line: _Line, eye: _Eye) -> InsertionTrial:
-    number = int(line["trial"])
-    target_mm = _point3(line["target_mm"])
-    obstacles = tuple(Obstacle(_point3(one["position_mm"]), one["radius_mm"]) for one in line["obstacles"])
-    events = [one for one in eye.run.events.to_dict("records") if one.get("trial") == number]
-    settings = started_at(insertion_settings(eye.protocol, target_mm, obstacles), events)
-    truth = next((one for one in eye.run.truth.to_dict("records") if one["trial"] == number), None)
+def _read_trials(run: Run) -> list[_Events]:
+    """Return what a run says of its insertions, one by one."""
+    trials = run.read_trials(InsertionStart, InsertionStop)
+    sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
+    plans = run.read_events(PathSought)
+    way = run.read_events(BevelTurn, TipObserved)
+    true = run.read_truth(TrueInsertion)
+    return [
+        _Events(
+            trial.start,
+            trial.stop,
+            sheaths.get(trial.start.trial),
+            tuple(event for event in plans if event.trial == trial.start.trial),
+            tuple(event for event in way if event.trial == trial.start.trial),
+            true.get(trial.start.trial),
+        )
+        for trial in trials
+    ]
+
+
+def _trial(events: _Events, source: _Source) -> InsertionTrial:
+    start, stop, truth = events.start, events.stop, events.true
+    asked = insertion_settings(source.protocol, start.target_mm, start.obstacles)
+    settings = started_at(asked, events.sheath)
+    target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
     true = _true_path(truth)
-    steps, commands = _gone_again(events, settings, eye, true)
-    end, unmeasured = _end(line.get("final_frame"), eye)
-    error_mm = None if end is None else math.dist(end.tip_mm, target_mm[1:])
+    steps, commands = _retrace(events, settings, source, true)
+    end, unmeasured = _end(stop, source)
+    error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
+    recorded = [event.estimate.position_mm[1:] for event in events.observations]
     return InsertionTrial(
-        trial=number,
-        start_t_s=float(line["start_t_s"]),
-        **_verdict(line, error_mm, settings.problem.tolerance_mm, eye.sentinel),
-        target_mm=target_mm,
-        tolerance_mm=settings.problem.tolerance_mm,
+        trial=start.trial,
+        start_t_s=start.t_s,
+        **_verdict(stop, error_mm, tolerance_mm, source.sentinel),
+        target_mm=start.target_mm,
+        tolerance_mm=tolerance_mm,
         obstacles=tuple(
-            AvoidedSphere(position_mm=_point3(one.position_mm), radius_mm=one.radius_mm) for one in obstacles
+            AvoidedSphere(position_mm=one.position_mm, radius_mm=one.radius_mm) for one in start.obstacles
         ),
-        final_frame=None if _number(line.get("final_frame")) is None else int(line["final_frame"]),
+        final_frame=None if stop is None else stop.final_frame,
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _points(end.centre_line_mm),
         target_error_mm=error_mm,
-        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm[1:], eye),
+        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm, source),
         unmeasured=unmeasured,
-        template_error_mm=math.dist(steps[-1].estimate_mm, target_mm[1:]) if steps else None,
-        true_target_error_mm=None if truth is None else _number(truth.get("true_target_error_mm")),
-        true_min_clearance_mm=None if truth is None else _number(truth.get("true_min_clearance_mm")),
+        template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
+        true_target_error_mm=None if truth is None else truth.true_target_error_mm,
+        true_min_clearance_mm=None if truth is None else truth.true_min_clearance_mm,
         true_path_mm=_points(true.path_mm),
-        replans=int(_number(line.get("replans")) or 0),
-        length_mm=_number(line.get("depth_mm")),
+        replans=0 if stop is None else stop.replans,
+        length_mm=None if stop is None else stop.depth_mm,
         missed_sightings=sum(not one.believed for one in steps),
         mean_nis=_mean([one.nis for one in steps if one.believed]),
         steps=tuple(steps),
-        plans=tuple(_plan(one, settings) for one in events if one["kind"] == "plan"),
-        as_recorded=[one.estimate_mm for one in steps] == _recorded_estimates(events),
+        plans=tuple(_plan(event, settings) for event in events.plans),
+        as_recorded=[one.estimate_mm for one in steps] == recorded,
         commands=tuple(commands),
     )
 
 
 def _verdict(
-    line: _Line, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
+    stop: InsertionStop | None, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
 ) -> dict[str, Any]:
     """Return how an insertion ended: as it was steered, unless the shaft says that it missed, or a bump hides it."""
-    outcome = _said(line.get("outcome"), "stopped")
-    if sentinel is not None and not sentinel.accepted and outcome == "reached":
+    if stop is None:
+        cause = "the run ended before the insertion did"
+        return {"outcome": "stopped", "stop": "interrupted", "cause": cause, "reached": False}
+    if sentinel is not None and not sentinel.accepted and stop.outcome == "reached":
         cause = sentinel.reason or ""
         return {"outcome": "unknown", "stop": "camera_bumped", "cause": cause, "reached": False}
-    if outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
+    if stop.outcome == "reached" and error_mm is not None and error_mm > tolerance_mm:
         cause = f"steered to the target, and measured {error_mm:.2f} mm from it where {tolerance_mm:g} mm are allowed"
         return {"outcome": "missed", "stop": "target_missed", "cause": cause, "reached": False}
-    return {
-        "outcome": outcome,
-        "stop": _said(line.get("stop"), "interrupted"),
-        "cause": _said(line.get("cause"), "the run ended before the insertion did"),
-        "reached": outcome == "reached",
-    }
+    reached = stop.outcome == "reached"
+    return {"outcome": stop.outcome, "stop": str(stop.stop), "cause": stop.cause, "reached": reached}
 
 
-def _gone_again(
-    events: Sequence[_Line], settings: SteeringSettings, eye: _Eye, true: _True
+def _retrace(
+    events: _Events, settings: SteeringSettings, source: _Source, true: _True
 ) -> tuple[list[InsertionStep], list[InsertionCommand]]:
     """Take the step that steered at each picture, with the turns that were made and not those that it would have made.
 
@@ -215,20 +246,20 @@ def _gone_again(
     """
     state, command = start_steering(settings)
     steps, commands = list[InsertionStep](), [_command(None, state, command)]
-    for event in events:
-        if event["kind"] == "flip":
+    for event in events.way:
+        if isinstance(event, BevelTurn):
             if command.roll_rad == 0.0:
-                state = turn_bevel(state, event["to_rad"] - event["from_rad"], settings)
+                state = turn_bevel(state, event.to_rad - event.from_rad, settings)
             command = replace(command, roll_rad=0.0)
-        elif event["kind"] == "observation":
+        elif isinstance(event, TipObserved):
             if command.roll_rad != 0.0:
                 state = replace(state, turns=state.turns[:-1])
-            predicted = state.predict(float(event["depth_mm"]), settings)
-            fix = _look_again(event, predicted, eye)
-            sighting = _sighting(event, fix, eye)
+            predicted = state.predict(event.depth_mm, settings)
+            fix, position_mm = _find_tip_again(event, predicted, state, source)
+            sighting = TipSighting(event.depth_mm, position_mm)
             if command.stop is None:
                 state, command = step_steering(state, sighting, settings)
-                commands.append(_command(int(event["frame"]), state, command))
+                commands.append(_command(event.frame, state, command))
             else:
                 state = take_in_sighting(state, sighting, settings)
             places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
@@ -249,41 +280,25 @@ def _command(frame: int | None, state: SteeringState, command: SteeringCommand) 
     )
 
 
-def _recorded_estimates(events: Sequence[_Line]) -> list[Point]:
-    """Return where the live run believed the tip, (y, z), at each picture."""
-    return [_point2(one["estimate"]["position_mm"][1:]) for one in events if one["kind"] == "observation"]
-
-
-def _look_again(event: _Line, predicted: FloatArray, eye: _Eye) -> TipFix:
-    """Find the tip in a recorded picture, in a region as large as the one that was searched then."""
+def _find_tip_again(
+    event: TipObserved, predicted: FloatArray, state: SteeringState, source: _Source
+) -> tuple[TipFix, FloatArray | None]:
+    """Find the tip in a recorded picture, as a live insertion does."""
+    picture = source.run.pictures[event.frame]
     try:
-        image = eye.run.pictures[int(event["frame"])].read()
-        masked = eye.masked(image, int(event["frame"]))
+        image, name = picture.read(), Path(picture.file).name
+        found = find_tip(source.view, image, predicted, state.tip, event.bevel_rad, file_name=name)
     except (PictureError, RecordError) as error:
-        return TipFix(accepted=False, reason=error.message.replace(f"{eye.run.path}/", ""))
-    u, v = eye.plane.to_px(predicted[None, 1:3, 3])[0]
-    return locate_tip(
-        image,
-        eye.template,
-        near_px=(float(u), float(v)),
-        heading_rad=math.atan2(predicted[1, 2], predicted[2, 2]),
-        roll_rad=float(event["bevel_rad"]),
-        region_px=float(event["region_px"]),
-        mask=masked,
-    )
+        return TipFix(accepted=False, reason=error.message.replace(f"{source.run.path}/", "")), None
+    return found.fix, found.position_mm
 
 
-def _sighting(event: _Line, fix: TipFix, eye: _Eye) -> TipSighting:
-    position = None if fix.tip_px is None else np.array((0.0, *eye.plane.to_mm(np.array([fix.tip_px]))[0]))
-    return TipSighting(float(event["depth_mm"]), position)
-
-
-def _step(event: _Line, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
+def _step(event: TipObserved, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
     tip, seen = state.tip, place.seen
     true_mm, true_heading_rad = place.true.at(state.insertion_mm)
     return InsertionStep(
-        frame=int(event["frame"]),
-        t_s=float(event["t_s"]),
+        frame=event.frame,
+        t_s=event.t_s,
         depth_mm=state.insertion_mm,
         tip_mm=None if seen is None else _point2(seen[1:]),
         reason=fix.reason,
@@ -309,53 +324,52 @@ def _clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float 
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 
-def _plan(event: _Line, settings: SteeringSettings) -> InsertionPlan:
-    arcs = tuple(PlannedArc(**one) for one in event["arcs"]) if event["found"] else ()
+def _plan(event: PathSought, settings: SteeringSettings) -> InsertionPlan:
     return InsertionPlan(
-        depth_mm=float(event["depth_mm"]),
-        t_s=float(event["t_s"]),
-        frame=None if _number(event.get("frame")) is None else int(event["frame"]),
-        because=str(event["because"]),
-        found=bool(event["found"]),
-        reason=_said(event.get("reason"), _said(event.get("refusal"), "")) or None,
-        arcs=len(arcs),
-        length_mm=_number(event.get("length_mm")),
-        clearance_mm=_number(event.get("clearance_mm")),
-        path_mm=_points(_planned_path(event, arcs, settings)[:, 1:]),
+        depth_mm=event.depth_mm,
+        t_s=event.t_s,
+        frame=event.frame,
+        because=event.because,
+        found=event.found,
+        reason=event.reason or event.refusal or None,
+        arcs=len(event.arcs) if event.found else 0,
+        length_mm=event.length_mm,
+        clearance_mm=event.clearance_mm,
+        path_mm=_points(_planned_path(event, settings)[:, 1:]),
     )
 
 
-def _planned_path(event: _Line, arcs: tuple[PlannedArc, ...], settings: SteeringSettings) -> FloatArray:
+def _planned_path(event: PathSought, settings: SteeringSettings) -> FloatArray:
     """Return the points (N, 3) of a recorded plan."""
-    bent = [arc for arc in arcs if arc.angle_rad > 0.0]
-    if not bent:
+    bent = [arc for arc in event.arcs if arc.angle_rad > 0.0]
+    if not event.found or not bent:
         return np.empty((0, 3))
     start = np.eye(4)
-    start[:3, :3], start[:3, 3] = event["start"]["rotation"], event["start"]["position_mm"]
+    start[:3, :3], start[:3, 3] = event.start.rotation, event.start.position_mm
     radius_mm = bent[0].length_mm / bent[0].angle_rad
     problem = replace(settings.problem, start=start, obstacles=(), radius_mm=radius_mm)
-    return sample_path(problem, Plan(found=True, reason=None, arcs=arcs))
+    return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))
 
 
-def _end(frame: object, eye: _Eye) -> tuple[ShaftTip | None, str | None]:
+def _end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, str | None]:
     """Measure the shaft in the final picture, or say why that cannot be done."""
-    number = _number(frame)
-    if number is None:
+    if stop is None:
         return None, "there is no final picture"
-    if eye.sentinel is not None and not eye.sentinel.accepted:
-        return None, eye.sentinel.reason
-    needle, sheath = eye.protocol.needle, eye.protocol.sheath
+    if source.sentinel is not None and not source.sentinel.accepted:
+        return None, source.sentinel.reason
+    needle, sheath, mask = source.protocol.needle, source.protocol.sheath, source.view.mask
+    picture = source.run.pictures[stop.final_frame]
     try:
-        image = eye.run.pictures[int(number)].read()
-        masked = eye.masked(image, int(number))
+        image = picture.read()
+        masked = None if mask is None else mask.masked(Path(picture.file).name, image)
         return measure_shaft_tip(
-            image, eye.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
+            image, source.view.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
         ), None
     except (MeasurementRefusedError, PictureError, RecordError) as error:
-        return None, error.message.replace(f"{eye.run.path}/", "")
+        return None, error.message.replace(f"{source.run.path}/", "")
 
 
-def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float:
+def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> float:
     """Return the standard deviation of the distance from the target to the end of the shaft.
 
     What is uncertain in lens and plane map moves the end along each of its axes; the end is read to a pixel, a
@@ -366,17 +380,18 @@ def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], eye: _Eye) -> float
     towards = tip_mm - target_mm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
     moved = [
-        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards) for varied in eye.plane.variants()
+        float((varied.to_mm(np.array([end.tip_px]))[0] - tip_mm) @ towards)
+        for varied in source.view.plane.variants()
     ]
-    drift = 0.0 if eye.sentinel is None else (eye.sentinel.drift or 0.0)
-    reading_mm = _READ_PX * eye.plane.mm_per_px
+    drift = 0.0 if source.sentinel is None else (source.sentinel.drift or 0.0)
+    reading_mm = _READ_PX * source.view.plane.mm_per_px
     return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
 
 
-def _true_path(truth: _Line | None) -> _True:
-    if truth is None or not isinstance(truth.get("path_mm"), list):
+def _true_path(truth: TrueInsertion | None) -> _True:
+    if truth is None or not truth.path_mm:
         return _True(np.empty(0), _NO_POINTS)
-    path = np.asarray(truth["path_mm"], dtype=np.float64)
+    path = np.asarray(truth.path_mm, dtype=np.float64)
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     return _True(arc, path[:, 1:])
 
@@ -389,20 +404,6 @@ def _points(path: FloatArray) -> tuple[Point, ...]:
 
 def _point2(point: FloatArray) -> Point:
     return float(point[0]), float(point[1])
-
-
-def _point3(point: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = point
-    return float(x), float(y), float(z)
-
-
-def _said(value: object, otherwise: str) -> str:
-    return value if isinstance(value, str) else otherwise
-
-
-def _number(value: object) -> float | None:
-    """Return a number of a line as it was recorded; what the line did not say is None."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labrig.analysis.mapping import load_mapping
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
+from labrig.experiments.insertion.events import InsertionRole
 from labrig.experiments.insertion.figure import insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
@@ -165,7 +166,7 @@ def _moments(run: Run, one: InsertionTrial) -> Iterator[_Moment]:
             occasion = _OCCASIONS.get(plan.because, plan.because)
             yield _Moment(frame, plan.t_s - one.start_t_s, plan.depth_mm, occasion, one.plans[: index + 1])
     if one.final_frame is not None:
-        t_s = float(run.frame_table.iloc[one.final_frame]["t_s"])
+        t_s = run.frame_lines[one.final_frame].t_s
         yield _Moment(
             one.final_frame, t_s - one.start_t_s, one.length_mm or 0.0, f"stopped, {one.cause}", one.plans
         )
@@ -186,9 +187,8 @@ def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
 
 def _scene(run: Run, trial: int) -> int | None:
     """Return the picture that was taken before the needle moved."""
-    frames = run.frame_table
-    own = frames.loc[(frames["role"] == "scene") & (frames["trial"] == trial), "frame"]
-    return None if own.empty else int(own.iloc[-1])
+    own = [line for line in run.frame_lines if (line.role, line.trial) == (InsertionRole.SCENE, trial)]
+    return own[-1].frame if own else None
 
 
 def _panel(run: Run, moment: _Moment, one: InsertionTrial, plane: PlaneMap) -> Panel | None:

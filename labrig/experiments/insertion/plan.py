@@ -9,8 +9,8 @@ from labrig.errors import LabrigError, Problem
 from labrig.experiments.insertion.aim import aim_of, aim_problems, pixel_problems
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.shared.rig_view import load_plane_map, load_tip_view
 from labrig.experiments.shared.roll_zero_search import RollZeroOrder
-from labrig.experiments.shared.sight import load_eye, load_plane_map
 from labrig.protocol.sections import RollZeroSteps
 from labrig.runner.experiment import RunPlan, total_duration_s
 from labrig.runner.plan import (
@@ -75,14 +75,14 @@ def _roll_zero_problems(protocol: InsertionProtocol, rig: RigDescription) -> Ite
 def _sight_problems(protocol: InsertionProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield what the camera cannot see of an insertion, and what cannot be aimed at."""
     try:
-        eye = load_eye(rig)
+        plane = load_tip_view(rig).plane
     except LabrigError as error:
         yield Problem("calibration.template", error.message, error.hint)
         return
-    astray = tuple(pixel_problems(protocol, eye.plane))
+    astray = tuple(pixel_problems(protocol, plane))
     yield from astray
     if not (astray or protocol.target.ask):
-        yield from aim_problems(protocol, aim_of(protocol, eye.plane), eye.plane)
+        yield from aim_problems(protocol, aim_of(protocol, plane), plane)
 
 
 def _foreseen_refusal(protocol: InsertionProtocol, rig: RigDescription) -> Problem | None:

@@ -11,28 +11,33 @@ origin and linear encoder allow ends the insertion before the needle leaves it.
 """
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
-import numpy as np
-
+from labrig.analysis.origin import find_sheath
 from labrig.analysis.result import TrialOrigin
-from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, TargetMissedError
 from labrig.experiments.insertion.aim import Aim, aim_of, aim_problems, obstacles_of
+from labrig.experiments.insertion.events import (
+    BevelTurn,
+    InsertionRole,
+    InsertionSheath,
+    InsertionStart,
+    InsertionStop,
+    NeedleHeld,
+    PathSought,
+    RecordedEstimate,
+    RecordedPose,
+    TipObserved,
+)
 from labrig.experiments.insertion.plan import roll_zero_order, roll_zero_s
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings, starting_at
+from labrig.experiments.shared.needle_events import NeedleRole
+from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
-from labrig.experiments.shared.sight import (
-    Eye,
-    TipSeen,
-    load_eye,
-    look_for_sheath,
-    look_for_tip,
-    require_light,
-)
 from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
 from labrig.runner.session import Look, Session
 from labrig.runner.stance import Stance, stance_of
@@ -40,6 +45,7 @@ from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering
+from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from labrig.vision.overlay import DrawnPlan, draw_plan
 from labrig.vision.picture import Picture
 
@@ -59,15 +65,15 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     CalibrationRefusedError
         When grid pictures before and after them say that the camera was bumped.
     """
-    eye = load_eye(session.rig.description)
-    before = watch_grid(protocol.sentinel, BEFORE_ROLE, session)
+    view = load_tip_view(session.rig.description)
+    before = watch_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _certified_roll_zero(protocol, session)
     missed: list[SteeringCommand] = []
     for trial in range(protocol.repetitions):
-        command = _insert_once(protocol, session, eye, roll_zero, trial)
+        command = _insert_once(protocol, session, view, roll_zero, trial)
         missed += [command] if command.stop != "target_reached" else []
-    after = watch_grid(protocol.sentinel, AFTER_ROLE, session)
-    require_same_grid(before, after, protocol.sentinel, eye.plane)
+    after = watch_grid(protocol.sentinel, GridRole.AFTER, session)
+    require_same_grid(before, after, protocol.sentinel, view.plane)
     if missed:
         made = protocol.repetitions
         reason = missed[0].stop if missed[0].stop in _UNSURE else "target_missed"
@@ -104,15 +110,15 @@ def _go_to_the_start(protocol: InsertionProtocol, session: Session) -> None:
 
 
 def _insert_once(
-    protocol: InsertionProtocol, session: Session, eye: Eye, roll_zero: RollZero, trial: int
+    protocol: InsertionProtocol, session: Session, view: TipView, roll_zero: RollZero, trial: int
 ) -> SteeringCommand:
     """Place the block, plan, let the operator look at it, insert, hold, withdraw; return the last command."""
     rig, sheath = session.rig, protocol.sheath
     session.progress(_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}")
-    aim = _aim(protocol, session, eye, trial)
+    aim = _aim(protocol, session, view, trial)
     settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = start_steering(settings)
-    insertion = _Insertion(protocol, session, eye, roll_zero, trial, settings)
+    insertion = _Insertion(protocol, session, view, roll_zero, trial, settings)
     insertion.tell_start(aim, state)
     if command.stop is not None:
         raise TargetMissedError(
@@ -122,7 +128,7 @@ def _insert_once(
     session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
     insertion.path.append(stance_of(rig.read_states()))
-    look = session.see("scene", trial)
+    look = session.see(InsertionRole.SCENE, trial)
     origin = insertion.find_sheath(look)
     if origin is not None:
         state, command = insertion.begin_at(origin, state)
@@ -149,20 +155,20 @@ def _steer(
     return state, command
 
 
-def _aim(protocol: InsertionProtocol, session: Session, eye: Eye, trial: int) -> Aim:
+def _aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: int) -> Aim:
     """Have the block placed, and return target and obstacles, the target asked for where the protocol says so."""
     specimen = protocol.specimen
     obstacles = tuple(
-        (eye.pixel_of(one.position_mm), one.radius_mm) for one in obstacles_of(protocol, eye.plane)
+        (view.pixel_of(one.position_mm), one.radius_mm) for one in obstacles_of(protocol, view.plane)
     )
     name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
     picked_px = None
     if protocol.target.ask:
-        look = session.see("target", trial)
+        look = session.see(InsertionRole.TARGET, trial)
         picked_px = session.ask(PickTarget(str(session.picture_path(look.frame)))).pixel
-    aim = aim_of(protocol, eye.plane, picked_px)
-    if problems := tuple(aim_problems(protocol, aim, eye.plane)):
+    aim = aim_of(protocol, view.plane, picked_px)
+    if problems := tuple(aim_problems(protocol, aim, view.plane)):
         raise FileFormatError(problems)
     return aim
 
@@ -179,7 +185,7 @@ class _Insertion:
 
     protocol: InsertionProtocol
     session: Session
-    eye: Eye
+    view: TipView
     roll_zero: RollZero
     trial: int
     settings: SteeringSettings
@@ -195,9 +201,8 @@ class _Insertion:
         from_rad = self.roll_zero.zero_rad + self.bevel_rad
         self.bevel_rad += -abs(roll_rad) if self.bevel_rad > 0.0 else abs(roll_rad)
         to_rad = self.roll_zero.zero_rad + self.bevel_rad
-        self.session.note(
-            "flip", trial=self.trial, depth_mm=self.path[-1].insertion_mm, from_rad=from_rad, to_rad=to_rad
-        )
+        depth_mm = self.path[-1].insertion_mm
+        self.session.record(BevelTurn(trial=self.trial, depth_mm=depth_mm, from_rad=from_rad, to_rad=to_rad))
         self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
         self.session.rig.wait(rotation.lag_s)
         self.path.append(stance_of(self.session.rig.read_states()))
@@ -215,26 +220,26 @@ class _Insertion:
             there = states["insertion"].target_reached or (
                 passing and self.path[-1].insertion_mm >= command.observe_at_mm
             )
-        return self.session.see("observe", self.trial)
+        return self.session.see(NeedleRole.OBSERVE, self.trial)
 
-    def find_tip(self, look: Look, state: SteeringState) -> TipSeen:
+    def find_tip(self, look: Look, state: SteeringState) -> TipSearched:
         """Look for the tip in a picture, where the last state expects it."""
         require_light(look.image)
         inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
-        return look_for_tip(
-            self.eye, look.image, state.predict(inserted_mm, self.settings), state.tip, self.bevel_rad
-        )
+        expected = state.predict(inserted_mm, self.settings)
+        return find_tip(self.view, look.image, expected, state.tip, self.bevel_rad)
 
     def find_sheath(self, look: Look) -> TrialOrigin | None:
         """Find where the sheath stands before the needle leaves it, and write it down; None where that is not asked."""
         sheath = self.protocol.sheath
         if sheath.origin is None:
             return None
+        require_light(look.image)
         linear_mm = look.stance.linear_mm
-        origin = look_for_sheath(
-            look.image, self.eye.plane, sheath, linear_mm, trial=self.trial, frame=look.frame
+        origin = find_sheath(
+            look.image, self.view.plane, sheath, linear_mm, trial=self.trial, frame=look.frame
         )
-        self.session.note("origin", **origin.model_dump())
+        self.session.record(InsertionSheath(origin=origin))
         return origin
 
     def begin_at(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
@@ -260,17 +265,17 @@ class _Insertion:
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),
         )
-        file = self.session.draw(draw_plan(image, self.eye.plane, drawn), "plan", self.trial)
+        file = self.session.draw(draw_plan(image, self.view.plane, drawn), InsertionRole.PLAN, self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
-        self.session.ask(ConfirmPlan(str(file), self.eye.pixel_of(aim.target_mm), plan))
+        self.session.ask(ConfirmPlan(str(file), self.view.pixel_of(aim.target_mm), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> None:
         """Hold, take the last picture, write down what is true, and withdraw along the path."""
         session, protocol = self.session, self.protocol
-        session.note("hold", trial=self.trial, stop=command.stop, detail=command.detail)
+        session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
-        final_frame = session.look("final", self.trial)
+        final_frame = session.look(NeedleRole.FINAL, self.trial)
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
@@ -284,62 +289,77 @@ class _Insertion:
         )
         withdraw(session, self.path, speeds)
         reached = command.stop == "target_reached"
-        session.note(
-            "trial_stop",
-            trial=self.trial,
-            exit_status="success" if reached else "failed",
-            outcome="reached" if reached else "stopped" if command.stop in _UNSURE else "missed",
-            stop=command.stop,
-            cause=command.detail,
-            final_frame=final_frame,
-            depth_mm=state.insertion_mm,
-            replans=state.replans,
+        session.record(
+            InsertionStop(
+                trial=self.trial,
+                exit_status="success" if reached else "failed",
+                outcome="reached" if reached else "stopped" if command.stop in _UNSURE else "missed",
+                stop=command.stop,
+                cause=command.detail,
+                final_frame=final_frame,
+                depth_mm=state.insertion_mm,
+                replans=state.replans,
+            )
         )
 
     def tell_start(self, aim: Aim, state: SteeringState) -> None:
         """Append what is aimed at, and the first plan."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
-        self.session.note(
-            "trial_start",
-            trial=self.trial,
-            specimen=specimen.name,
-            gelatin_percent=specimen.gelatin_percent,
-            hole=0,
-            hole_position_mm=0.0,
-            needle_id=needle.needle_id,
-            target_mm=list(aim.target_mm),
-            tolerance_mm=self.settings.problem.tolerance_mm,
-            obstacles=[asdict(one) for one in aim.obstacles],
-            start_mm=[0.0, 0.0, 0.0],
-            start_heading_rad=0.0,
-            roll_zero_rad=self.roll_zero.zero_rad,
-            roll_zero_sd_rad=self.roll_zero.sd_rad,
+        self.session.record(
+            InsertionStart(
+                trial=self.trial,
+                specimen=specimen.name,
+                gelatin_percent=specimen.gelatin_percent,
+                hole=0,
+                hole_position_mm=0.0,
+                needle_id=needle.needle_id,
+                target_mm=aim.target_mm,
+                tolerance_mm=self.settings.problem.tolerance_mm,
+                obstacles=aim.obstacles,
+                start_mm=(0.0, 0.0, 0.0),
+                start_heading_rad=0.0,
+                roll_zero_rad=self.roll_zero.zero_rad,
+                roll_zero_sd_rad=self.roll_zero.sd_rad,
+            )
         )
         self._tell_plan(state, None)
 
-    def tell(self, look: Look, seen: TipSeen, before: SteeringState, state: SteeringState) -> None:
+    def tell(self, look: Look, seen: TipSearched, before: SteeringState, state: SteeringState) -> None:
         """Append what was seen and estimated, and the plan where one was sought."""
-        tip = state.tip
-        inserted_mm = state.insertion_mm
-        self.session.note(
-            "observation",
-            trial=self.trial,
-            frame=look.frame,
-            depth_mm=inserted_mm,
-            step_mm=inserted_mm - before.insertion_mm,
-            bevel_rad=self.bevel_rad,
-            **seen.to_json(),
-            estimate={
-                "position_mm": tip.position_mm.tolist(),
-                "heading_rad": tip.heading_rad,
-                "position_sd_mm": tip.position_sd_mm,
-                "heading_sd_rad": tip.heading_sd_rad,
-                "radius_mm": 1.0 / tip.curvature if tip.curvature else None,
-            },
-            innovation_mm=_innovation(seen, before, inserted_mm, self.settings),
-            nis=tip.nis,
-            believed=tip.accepted,
-            misses=tip.misses,
+        tip, fix, inserted_mm = state.tip, seen.fix, state.insertion_mm
+        innovation_mm = None
+        if seen.position_mm is not None:
+            expected_mm = before.predict(inserted_mm, self.settings)[:3, 3]
+            innovation_mm = (seen.position_mm - expected_mm).tolist()
+        self.session.record(
+            TipObserved(
+                trial=self.trial,
+                frame=look.frame,
+                depth_mm=inserted_mm,
+                step_mm=inserted_mm - before.insertion_mm,
+                bevel_rad=self.bevel_rad,
+                accepted=fix.accepted,
+                reason=fix.reason,
+                tip_px=fix.tip_px,
+                heading_rad=seen.heading_rad,
+                score=fix.score,
+                distinctness=fix.distinctness,
+                seen_heading_rad=fix.heading_rad,
+                near_px=seen.near_px,
+                region_px=seen.region_px,
+                tip_mm=None if seen.position_mm is None else seen.position_mm.tolist(),
+                estimate=RecordedEstimate(
+                    position_mm=tip.position_mm.tolist(),
+                    heading_rad=tip.heading_rad,
+                    position_sd_mm=tip.position_sd_mm,
+                    heading_sd_rad=tip.heading_sd_rad,
+                    radius_mm=1.0 / tip.curvature if tip.curvature else None,
+                ),
+                innovation_mm=innovation_mm,
+                nis=tip.nis,
+                believed=tip.accepted,
+                misses=tip.misses,
+            )
         )
         if state.why is not None:
             self._tell_plan(state, look.frame)
@@ -349,29 +369,20 @@ class _Insertion:
 
     def _tell_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         pose = state.plan_start
-        self.session.note(
-            "plan",
-            trial=self.trial,
-            frame=frame,
-            depth_mm=state.insertion_mm,
-            because=because or state.why,
-            refusal=state.refusal,
-            replans=state.replans,
-            from_mm=state.plan_from_mm,
-            start={
-                "position_mm": pose[:3, 3].tolist(),
-                "heading_rad": math.atan2(pose[1, 2], pose[2, 2]),
-                "rotation": pose[:3, :3].tolist(),
-            },
-            **state.plan.to_json(),
+        self.session.record(
+            PathSought(
+                trial=self.trial,
+                frame=frame,
+                depth_mm=state.insertion_mm,
+                because=because or str(state.why),
+                refusal=state.refusal,
+                replans=state.replans,
+                from_mm=state.plan_from_mm,
+                start=RecordedPose(
+                    position_mm=pose[:3, 3].tolist(),
+                    heading_rad=math.atan2(pose[1, 2], pose[2, 2]),
+                    rotation=pose[:3, :3].tolist(),
+                ),
+                **vars(state.plan),
+            )
         )
-
-
-def _innovation(
-    seen: TipSeen, before: SteeringState, inserted_mm: float, settings: SteeringSettings
-) -> list[float] | None:
-    """Return by how much the tip was seen elsewhere than predicted, (x, y, z); None where it was not seen."""
-    if seen.position_mm is None:
-        return None
-    off = np.asarray(seen.position_mm) - before.predict(inserted_mm, settings)[:3, 3]
-    return [float(one) for one in off]

@@ -1,12 +1,12 @@
 """What an insertion protocol says to planner, estimator and policy; the live run and its reanalysis read it here."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from labrig.analysis.result import TrialOrigin
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.steering.parameters import PlanWeights, SteeringPolicy
 from labrig.steering.policy import SteeringSettings
@@ -68,12 +68,11 @@ def starting_at(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad
     return replace(settings, problem=replace(settings.problem, start=start))
 
 
-def started_at(settings: SteeringSettings, events: Iterable[Mapping[Any, Any]]) -> SteeringSettings:
-    """Return the settings that an insertion was steered by, given the events of its trial.
+def started_at(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
+    """Return the settings that an insertion was steered by, given where its sheath was found.
 
     It started at the sheath's tip where one was found and accepted, else at the plane's origin.
     """
-    for event in events:
-        if event["kind"] == "origin" and event["accepted"]:
-            return starting_at(settings, event["tip_mm"], float(event["heading_rad"]))
-    return settings
+    if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
+        return settings
+    return starting_at(settings, origin.tip_mm, origin.heading_rad)

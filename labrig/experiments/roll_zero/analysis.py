@@ -1,26 +1,24 @@
 """The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import ReadFrame, aside_mm, find_origins
+from labrig.analysis.origin import aside_mm, find_origins
 from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import Findings, TrialOrigin
 from labrig.analysis.sentinel import sentinel_of
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.protocol.sections import Sheath
 from labrig.record.reader import Run
 from labrig.steering.roll_zero import RollZeroFit, fit_roll_zero
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.plane import PlaneMap
-
-_SHEATH_ROLE = "roll-zero-sheath"
 
 
 def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Analysis[Findings]:
@@ -33,18 +31,19 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     RecordError
         When its lines are damaged.
     """
-    lines = run.frame_table.to_dict("records")
-    pictures = [line for line in lines if line["role"] == "roll-zero"]
+    pictures = [line for line in run.frame_lines if line.role == RollZeroRole.NEEDLE]
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
-    places = tuple(run.pictures[int(one["frame"])] for one in pictures)
+    places = tuple(run.pictures[line.frame] for line in pictures)
     plane = load_mapping(run)
-    origins = _origins(run.read_frame, lines, plane, protocol.sheath)
-    sentinel = sentinel_of(protocol.sentinel, run.read_frame, lines, plane)
+    origins = _origins(run, plane, protocol.sheath)
+    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     measured = (yield PictureWork(places, plane, settings, request.mask)).measured
     seen = [
-        (float(line["rotation_rad"]), aside_mm(each.tip_mm, _before(int(line["frame"]), origins)))
+        (roll_rad, aside_mm(each.tip_mm, _before(line.frame, origins)))
         for line, each in zip(pictures, measured, strict=True)
-        if isinstance(each, CurvatureMeasurement) and each.tip_mm is not None
+        if isinstance(each, CurvatureMeasurement)
+        and each.tip_mm is not None
+        and (roll_rad := line.rotation_rad) is not None
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]
     steps = protocol.roll_zero
@@ -73,16 +72,13 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     return Findings(result)
 
 
-def _origins(
-    read: ReadFrame, lines: Sequence[Mapping[Any, Any]], plane: PlaneMap, sheath: Sheath
-) -> tuple[TrialOrigin, ...]:
+def _origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ...]:
     """Return where the sheath stood in each hole, where the protocol asks for it; holes are counted as trials here."""
     if sheath.origin is None:
         return ()
-    shown = [line for line in lines if line["role"] == _SHEATH_ROLE]
-    return find_origins(
-        read, [{**line, "trial": step} for step, line in enumerate(shown)], plane, sheath, _SHEATH_ROLE
-    )
+    shown = [line for line in run.frame_lines if line.role == RollZeroRole.SHEATH]
+    holes = [line.model_copy(update={"trial": hole}) for hole, line in enumerate(shown)]
+    return find_origins(run.read_frame, holes, plane, sheath)
 
 
 def _before(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
+from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
 from labrig.report.calibration_rows import calibration_rows
 from labrig.report.figures import SETTINGS, svg
@@ -129,13 +130,12 @@ def _figure(result: RollZeroResult, name: str) -> Markup:
 
 
 def _shots(run: Run) -> list[Shot]:
-    frames = run.frame_table
-    lines = frames.loc[frames["role"] == "roll-zero"].to_dict("records")
     return [
         Shot(
-            int(line["frame"]),
-            math.degrees(float(line["rotation_rad"])),
-            data_uri(jpeg(run.read_frame(int(line["frame"])), THUMBNAIL), "image/jpeg"),
+            line.frame,
+            math.degrees(line.rotation_rad or 0.0),
+            data_uri(jpeg(run.read_frame(line.frame), THUMBNAIL), "image/jpeg"),
         )
-        for line in lines
+        for line in run.frame_lines
+        if line.role == RollZeroRole.NEEDLE
     ]

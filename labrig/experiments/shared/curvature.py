@@ -1,12 +1,9 @@
 """Radii of curvature in every picture of the needle, of a steerability run or imported."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
 
 from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.mapping import load_mapping
@@ -14,28 +11,30 @@ from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import sentinel_of
-from labrig.errors import RecordError
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
-from labrig.experiments.shared.grouping import Trial, final_pictures, mean_of_means, summarise_specimens
+from labrig.experiments.shared.grouping import final_pictures, mean_of_means, summarise_specimens
+from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import from_origins, refused_by_origin, watched
 from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
 from labrig.record.durable import write_atomically
+from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
 from labrig.record.reader import Frames, Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings
 from labrig.vision.mask import Mask
 from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 
-MEASURED_ROLES = ("advance", "final", "imported")
+_OF_THE_TRIAL = {"trial", "specimen", "gelatin_percent", "hole", "needle_id"}
+_MEASURED = (NeedleRole.ADVANCE, NeedleRole.FINAL, NeedleRole.IMPORTED)
 
 
 @dataclass(frozen=True)
 class _Picture:
-    """A line of frames.jsonl, with the trial that it belongs to."""
+    """What a run says of a picture, with the trial that it belongs to."""
 
-    line: Mapping[str, Any]
-    trial: Trial | None
+    line: FrameLine
+    trial: SpecimenTrialStart | None
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,8 @@ class CurvatureOrder:
         Which part of the shaft is fitted, and what is accepted.
     sheath : Sheath or None
         How the sheath is brought in, so that each trial's origin is found; None for pictures without trials.
+    sheath_role : PictureRole or None
+        Of the pictures that show the sheath alone.
     sentinel : GridSentinel or None
         The graph paper before and after the run.
     """
@@ -57,6 +58,7 @@ class CurvatureOrder:
     needle: NeedleInPicture
     window: AnalysisWindow
     sheath: Sheath | None = None
+    sheath_role: PictureRole | None = None
     sentinel: GridSentinel | None = None
 
     @property
@@ -82,10 +84,11 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     settings, roll_sd_deg, mask = order.settings, order.window.roll_sd_deg, request.mask
     trials = _trials(run)
     pictures = _pictures(run, trials)
-    places = tuple(run.pictures[int(picture.line["frame"])] for picture in pictures)
-    plane, read, lines = load_mapping(run), partial(_picture, run.frames), _lines(run.frame_table)
+    places = tuple(run.pictures[picture.line.frame] for picture in pictures)
+    plane, read, lines = load_mapping(run), partial(_picture, run.frames), run.frame_lines
+    sheaths = [line for line in lines if line.role == order.sheath_role]
     others = (
-        partial(_origins, order.sheath, read, lines, plane),
+        partial(_origins, order.sheath, read, sheaths, plane),
         partial(sentinel_of, order.sentinel, read, lines, plane),
     )
     named = None if mask is None else mask.with_names(_sources(pictures))
@@ -120,7 +123,7 @@ def _picture(frames: Frames, frame: int) -> Picture:
 
 
 def _origins(
-    sheath: Sheath | None, read: ReadFrame, lines: Sequence[Mapping[str, Any]], plane: PlaneMap
+    sheath: Sheath | None, read: ReadFrame, lines: Sequence[FrameLine], plane: PlaneMap
 ) -> tuple[TrialOrigin, ...]:
     """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
     return () if sheath is None else find_origins(read, lines, plane, sheath)
@@ -128,9 +131,7 @@ def _origins(
 
 def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
     """Return what each imported picture was called, by its file's name in the record."""
-    return {
-        Path(one.line["file"]).name: str(one.line["source"]) for one in pictures if one.line.get("source")
-    }
+    return {Path(one.line.file).name: one.line.source for one in pictures if one.line.source}
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:
@@ -140,69 +141,41 @@ def _kept(mask: Mask | None) -> dict[str, str]:
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
     """Return the pictures that are not as they were recorded: file, what is wrong."""
     return {
-        one.line["file"]: each.reason
+        one.line.file: each.reason
         for one, each in zip(pictures, measured, strict=True)
         if isinstance(each, Unreadable) and each.damaged
     }
 
 
-def _trials(run: Run) -> list[Trial]:
+def _trials(run: Run) -> list[SpecimenTrialStart]:
     # Of an interrupted one another was made in its stead.
-    made = [line for line in _lines(run.trials) if line["exit_status"] != "interrupted"]
-    try:
-        return [
-            Trial(
-                int(line["trial"]),
-                line["specimen"],
-                float(line["gelatin_percent"]),
-                int(line["hole"]),
-                line["needle_id"],
-            )
-            for line in made
-        ]
-    except KeyError as error:
-        raise RecordError(
-            f"{run.path / 'events.jsonl'}: the beginning of a trial does not say its {error}",
-            "no labrig wrote it so; take the file from a copy of the run",
-        ) from error
+    recorded = run.read_trials(SpecimenTrialStart, TrialStop)
+    return [trial.start for trial in recorded if trial.exit_status != INTERRUPTED]
 
 
-def _pictures(run: Run, trials: Sequence[Trial]) -> list[_Picture]:
-    by_number = {one.trial: one for one in trials}
+def _pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:
+    by_number = {trial.trial: trial for trial in trials}
     return [
-        _Picture(line, by_number.get(int(line["trial"])) if line.get("trial") is not None else None)
-        for line in _lines(run.frame_table)
-        if line["role"] in MEASURED_ROLES
+        _Picture(line, None if line.trial is None else by_number.get(line.trial))
+        for line in run.frame_lines
+        if line.role in _MEASURED
     ]
 
 
 def _drawn_radii(run: Run) -> dict[int, float]:
-    return {int(line["trial"]): float(line["radius_mm"]) for line in _lines(run.truth)}
-
-
-def _lines(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows as they were recorded: what a line did not say is None."""
-    return [
-        {
-            str(key): None if pd.api.types.is_scalar(value) and pd.isna(value) else value
-            for key, value in row.items()
-        }
-        for row in table.to_dict("records")
-    ]
+    drawn = run.read_truth(DrawnRadius)
+    return {trial: line.radius_mm for trial, line in drawn.items() if line.radius_mm is not None}
 
 
 def _result(picture: _Picture, measured: Measured) -> PictureResult:
     line, trial = picture.line, picture.trial
     place = {
-        "frame": int(line["frame"]),
-        "image": str(line.get("source") or line["file"]),
-        "role": line["role"],
-        "trial": None if trial is None else trial.trial,
-        "specimen": None if trial is None else trial.specimen,
-        "gelatin_percent": None if trial is None else trial.gelatin_percent,
-        "hole": None if trial is None else trial.hole,
-        "needle_id": None if trial is None else trial.needle_id,
-        "insertion_mm": line.get("insertion_mm"),
+        "frame": line.frame,
+        "image": line.source or line.file,
+        "role": line.role,
+        **dict.fromkeys(_OF_THE_TRIAL),
+        **({} if trial is None else trial.model_dump(include=_OF_THE_TRIAL)),
+        "insertion_mm": line.insertion_mm,
     }
     if isinstance(measured, Unreadable):
         return PictureResult(**place, found=False, accepted=False, reason=measured.reason)

@@ -15,6 +15,7 @@ from labrig.experiments.shared.curvature_result import (
     SpecimenResult,
     SpecimenTruth,
 )
+from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.needle_pictures import (
     CameraView,
     DrawnPicture,
@@ -92,7 +93,7 @@ def curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_mapping(run)
     rows = gel_rows(content)
-    shown = [each for each in content.measurements if each.role in {"final", "imported"}]
+    shown = [each for each in content.measurements if each.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
     return Page(
         facts,
         TEMPLATE,
@@ -155,7 +156,7 @@ def _figure(
     design: Design, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
 ) -> Markup | None:
     """Return figure 8 of the paper; None where nothing was measured."""
-    accepted = [each for each in content.measurements if each.role == "final" and each.accepted]
+    accepted = [each for each in content.measurements if each.role == NeedleRole.FINAL and each.accepted]
     if not accepted:
         return None
     bends = [each.bend for each in accepted]
@@ -187,7 +188,9 @@ def _camera_view(
     """Return the view of the last accepted final picture of the first gel, in which older tracks are seen."""
     first = content.specimens[0].name if content.specimens else None
     candidates = [
-        one for one in content.measurements if one.role == "final" and one.accepted and one.specimen == first
+        one
+        for one in content.measurements
+        if one.role == NeedleRole.FINAL and one.accepted and one.specimen == first
     ] or [one for one in content.measurements if one.accepted]
     if not candidates:
         return None
@@ -208,7 +211,7 @@ def _belongs(one: PictureResult, row: GelRow) -> bool:
 
 def _stands_alone(one: PictureResult) -> bool:
     """Return whether a refusal is listed by itself: every one but those of short insertions on the way."""
-    return not one.accepted and not (one.role == "advance" and one.found)
+    return not one.accepted and not (one.role == NeedleRole.ADVANCE and one.found)
 
 
 def _expected_refusals(measurements: Sequence[PictureResult]) -> list[ExpectedRefusals]:

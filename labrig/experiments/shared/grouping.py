@@ -2,33 +2,17 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from labrig.analysis.statistics import spread, with_roll
 from labrig.experiments.shared.curvature_result import PictureResult, SpecimenResult
+from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialStart
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One insertion: its number, and the needle and gel that it was made with."""
-
-    trial: int
-    specimen: str
-    gelatin_percent: float
-    hole: int
-    needle_id: str
-
-    @property
-    def pair(self) -> tuple[str, str]:
-        """Needle and specimen, by which insertions are grouped."""
-        return self.needle_id, self.specimen
-
-
-def group_trials(trials: Sequence[Trial]) -> dict[tuple[str, str], list[Trial]]:
+def group_trials(trials: Sequence[SpecimenTrialStart]) -> dict[tuple[str, str], list[SpecimenTrialStart]]:
     """Return the trials of each needle in each specimen, in the order in which they were first met."""
-    groups: dict[tuple[str, str], list[Trial]] = {}
+    groups: dict[tuple[str, str], list[SpecimenTrialStart]] = {}
     for trial in trials:
         groups.setdefault(trial.pair, []).append(trial)
     return groups
@@ -36,18 +20,18 @@ def group_trials(trials: Sequence[Trial]) -> dict[tuple[str, str], list[Trial]]:
 
 def final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
     """Return the final picture of each trial that has one."""
-    return {one.trial: one for one in pictures if one.role == "final" and one.trial is not None}
+    return {one.trial: one for one in pictures if one.role == NeedleRole.FINAL and one.trial is not None}
 
 
 def summarise_specimens(
-    trials: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float = 0.0
+    trials: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float = 0.0
 ) -> tuple[SpecimenResult, ...]:
     """Return the mean, spread and interval of each group, from the accepted radii of final pictures."""
     return tuple(_summarise(group, finals, roll_sd_deg) for group in group_trials(trials).values())
 
 
 def _summarise(
-    group: Sequence[Trial], finals: Mapping[int, PictureResult], roll_sd_deg: float
+    group: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float
 ) -> SpecimenResult:
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
     radii = [one.radius_mm for one in pictures if one.accepted and one.radius_mm is not None]

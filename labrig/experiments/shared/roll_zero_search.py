@@ -6,13 +6,14 @@ How far is told from the sheath, as it was found in each hole before the needle 
 import math
 from dataclasses import asdict, dataclass
 
-from labrig.analysis.origin import aside_mm
+from labrig.analysis.origin import aside_mm, find_sheath
 from labrig.analysis.result import TrialOrigin
-from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.errors import MeasurementRefusedError
-from labrig.experiments.shared.sight import load_plane_map, look_for_sheath
+from labrig.experiments.shared.rig_view import load_plane_map, require_light
+from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
 from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
 from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
 from labrig.runner.session import Session
@@ -68,17 +69,18 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     rig.reference_axes()
-    before = watch_grid(order.sentinel, BEFORE_ROLE, session)
+    before = watch_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
     strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
-    session.note(
-        "roll_zero",
-        needle_id=order.needle.needle_id,
-        roll_rad=rolls_rad,
-        deflection_mm=strays_mm,
-        **asdict(fit),
+    session.record(
+        RollZeroFound(
+            needle_id=order.needle.needle_id,
+            roll_rad=tuple(rolls_rad),
+            deflection_mm=tuple(strays_mm),
+            **asdict(fit),
+        )
     )
     if math.degrees(fit.sd_rad) > steps.max_sd_deg:
         raise MeasurementRefusedError(
@@ -86,7 +88,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             "most that is certified",
             "insert at more rolls or further, and look at the pictures",
         )
-    require_same_grid(before, watch_grid(order.sentinel, AFTER_ROLE, session), order.sentinel, plane)
+    require_same_grid(before, watch_grid(order.sentinel, GridRole.AFTER, session), order.sentinel, plane)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
     rig.needle.certify_roll_zero(certified)
     return certified
@@ -104,7 +106,7 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     look = None
     if origin is None or origin.accepted:
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
-        look = session.see("roll-zero")
+        look = session.see(RollZeroRole.NEEDLE)
     speeds = WithdrawalSpeeds(
         advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
     )
@@ -125,9 +127,8 @@ def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Sess
     """Find where the sheath stands before the needle leaves it; None where that is not asked for."""
     if order.sheath.origin is None:
         return None
-    look = session.see("roll-zero-sheath")
-    origin = look_for_sheath(
-        look.image, plane, order.sheath, look.stance.linear_mm, trial=step, frame=look.frame
-    )
-    session.note("roll_zero_sheath", **origin.model_dump())
+    look = session.see(RollZeroRole.SHEATH)
+    require_light(look.image)
+    origin = find_sheath(look.image, plane, order.sheath, look.stance.linear_mm, trial=step, frame=look.frame)
+    session.record(RollZeroSheath(origin=origin))
     return origin

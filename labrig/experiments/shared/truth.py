@@ -11,11 +11,12 @@ from labrig.experiments.shared.curvature_result import (
     SpecimenTruth,
     TruthComparison,
 )
-from labrig.experiments.shared.grouping import Trial, group_trials
+from labrig.experiments.shared.grouping import group_trials
+from labrig.experiments.shared.needle_events import SpecimenTrialStart
 
 
 def compare_with_truth(
-    trials: Sequence[Trial],
+    trials: Sequence[SpecimenTrialStart],
     finals: Mapping[int, PictureResult],
     specimens: Sequence[SpecimenResult],
     drawn_mm: Mapping[int, float],
@@ -54,7 +55,10 @@ def compare_with_truth(
 
 
 def _compare(
-    group: Sequence[Trial], mean_mm: float | None, errors: Mapping[int, float], drawn_mm: Mapping[int, float]
+    group: Sequence[SpecimenTrialStart],
+    mean_mm: float | None,
+    errors: Mapping[int, float],
+    drawn_mm: Mapping[int, float],
 ) -> SpecimenTruth:
     radii = [drawn_mm[trial.trial] for trial in group if trial.trial in drawn_mm]
     drawn_mean_mm = float(np.mean(radii))

@@ -4,11 +4,14 @@ from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Analysis
 from labrig.analysis.result import Findings
 from labrig.experiments.shared.curvature import CurvatureOrder, analyze_curvature
+from labrig.experiments.steerability.events import SweepRole
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run
 
 
 def analyze(run: Run, protocol: SteerabilityProtocol, request: AnalysisRequest) -> Analysis[Findings]:
     """Measure every picture, as `analyze_curvature` does."""
-    order = CurvatureOrder(protocol.pictured_needle, protocol.analysis, protocol.sheath, protocol.sentinel)
+    order = CurvatureOrder(
+        protocol.pictured_needle, protocol.analysis, protocol.sheath, SweepRole.SHEATH, protocol.sentinel
+    )
     return (yield from analyze_curvature(run, order, request))

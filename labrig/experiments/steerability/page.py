@@ -1,16 +1,19 @@
 """What the page of a steerability sweep shows."""
 
+from collections.abc import Iterator
+
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.shared.curvature_page import curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
+from labrig.experiments.steerability.events import SweepTrialStart
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
 from labrig.report.heading import trials_done
 from labrig.report.page import Page
-from labrig.report.words import Rows, count_of, interval, joined, number
+from labrig.report.words import UNKNOWN, Rows, count_of, interval, joined, number
 
 
 def make_page(
@@ -34,7 +37,20 @@ def _facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
         ("Insertions made", trials_done(run)),
+        ("Repeated", "; ".join(_repetitions(run)) or UNKNOWN),
     )
+
+
+def _repetitions(run: Run) -> Iterator[str]:
+    """Yield a sentence for each insertion that was made in the stead of an interrupted one."""
+    starts = {start.trial: start for start in run.read_events(SweepTrialStart)}
+    for again in starts.values():
+        if again.repeats is not None:
+            lost = starts[again.repeats]
+            yield (
+                f"trial {lost.trial} was interrupted and repeated as trial {again.trial}, "
+                f"{again.hole_position_mm:g} mm from the first entry point instead of {lost.hole_position_mm:g} mm"
+            )
 
 
 def _design_radius(needle: Needle) -> str:

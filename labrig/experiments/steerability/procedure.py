@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from labrig.analysis.sentinel import AFTER_ROLE, BEFORE_ROLE
+from labrig.analysis.sentinel import GridRole
 from labrig.devices.axis import AxisReadback
 from labrig.devices.operator import ConfirmAxesAtZero, MountNeedle, PlaceSpecimen, ShiftToHole
+from labrig.experiments.shared.needle_events import NeedleRole
+from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.plan import trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import PlannedTrial, whole_sweep
@@ -34,7 +36,7 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> None:
     """Make insertions in their order, each specimen placed when its first one is due."""
-    watch_grid(protocol.sentinel, BEFORE_ROLE, session)
+    watch_grid(protocol.sentinel, GridRole.BEFORE, session)
     placed: Specimen | None = None
     behind = len(whole_sweep(protocol)) - len(trials)
     for done, trial in enumerate(trials, start=max(behind, 0)):
@@ -42,7 +44,7 @@ def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTria
             session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
             placed = trial.specimen
         _insert_once(protocol, trial, done, session)
-    watch_grid(protocol.sentinel, AFTER_ROLE, session)
+    watch_grid(protocol.sentinel, GridRole.AFTER, session)
 
 
 def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
@@ -54,23 +56,24 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
         done * total_s, f"{specimen.name}, insertion {planned.hole + 1} of {protocol.insertions_per_specimen}"
     )
     session.ask(ShiftToHole(specimen.name, planned.hole, planned.hole_position_mm))
-    session.note(
-        "trial_start",
-        trial=trial,
-        specimen=specimen.name,
-        gelatin_percent=specimen.gelatin_percent,
-        hole=planned.hole,
-        hole_position_mm=planned.hole_position_mm,
-        needle_id=protocol.needle.needle_id,
-        **({} if planned.repeats is None else {"repeats": planned.repeats}),
+    session.record(
+        SweepTrialStart(
+            trial=trial,
+            specimen=specimen.name,
+            gelatin_percent=specimen.gelatin_percent,
+            hole=planned.hole,
+            hole_position_mm=planned.hole_position_mm,
+            needle_id=protocol.needle.needle_id,
+            repeats=planned.repeats,
+        )
     )
-    session.look("hole", trial)
+    session.look(SweepRole.HOLE, trial)
     session.rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    session.look("sheath", trial)
+    session.look(SweepRole.SHEATH, trial)
     pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
     session.move("insertion", insertion.length_mm, insertion.speed_mm_s, pictures)
-    final_frame = session.look("final", trial)
+    final_frame = session.look(NeedleRole.FINAL, trial)
     for line in session.rig.truth():
         session.recorder.truth(trial=trial, **line)
     session.progress(
@@ -79,7 +82,7 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
     session.move("insertion", 0.0, insertion.withdraw_speed_mm_s)
     session.move("linear", 0.0, sheath.speed_mm_s)
     session.rig.needle.mark_out()
-    session.note("trial_stop", trial=trial, exit_status="success", final_frame=final_frame)
+    session.record(SweepTrialStop(trial=trial, exit_status="success", final_frame=final_frame))
     session.progress((done + 1) * total_s, f"{specimen.name}, insertion {planned.hole + 1} done")
 
 
@@ -95,5 +98,5 @@ class _PicturesOnTheWay:
 
     def __call__(self, states: Mapping[str, AxisReadback]) -> None:
         if self._next_mm < self._length_mm and states["insertion"].position >= self._next_mm:
-            self._session.look("advance", self._trial)
+            self._session.look(NeedleRole.ADVANCE, self._trial)
             self._next_mm += self._every_mm

@@ -1,26 +1,24 @@
 """Going on with a sweep that was interrupted: what its record holds, and what is done before the next insertion."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import pandas as pd
 
 from labrig.devices.operator import ConfirmNeedleOut, WithdrawNeedle
 from labrig.devices.past_insertion import PastInsertion
+from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import BegunTrial, rest_of_sweep
-from labrig.record.events import TrialStop
+from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
 from labrig.runner.stance import Stance
 from labrig.runner.withdrawal import recorded_path, withdraw
-
-INTERRUPTED = "interrupted"
-"""How a trial ended that a later session found without an end."""
 
 
 @dataclass(frozen=True)
@@ -63,37 +61,35 @@ def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
 
 def past_of(run: Run) -> Past:
     """Read what a run holds of its sweep. Raises `RecordError` when the record is damaged."""
-    rows: list[dict[str, Any]] = run.trials.to_dict("records")  # type: ignore[assignment]
+    trials = run.read_trials(SweepTrialStart, SweepTrialStop)
     return Past(
-        begun=tuple(_begun(row) for row in rows),
-        insertions=tuple(_insertions(run.states, rows)),
-        unmarked=tuple(int(row["trial"]) for row in rows if row["exit_status"] == "incomplete"),
+        begun=tuple(
+            BegunTrial(
+                trial=trial.start.trial,
+                specimen=trial.start.specimen,
+                hole=trial.start.hole,
+                hole_position_mm=trial.start.hole_position_mm,
+                finished=trial.exit_status == "success",
+                repeats=trial.start.repeats,
+            )
+            for trial in trials
+        ),
+        insertions=tuple(_insertions(run.states, [trial.start for trial in trials])),
+        unmarked=tuple(trial.start.trial for trial in trials if trial.stop is None),
         needle_path=recorded_path(run),
     )
 
 
-def _begun(row: dict[str, Any]) -> BegunTrial:
-    repeats = row.get("repeats")
-    return BegunTrial(
-        trial=int(row["trial"]),
-        specimen=str(row["specimen"]),
-        hole=int(row["hole"]),
-        hole_position_mm=float(row["hole_position_mm"]),
-        finished=row["exit_status"] == "success",
-        repeats=None if repeats is None or pd.isna(repeats) else int(repeats),
-    )
-
-
-def _insertions(states: pd.DataFrame, rows: Sequence[dict[str, Any]]) -> Iterator[PastInsertion]:
-    starts_s = [float(row["start_t_s"]) for row in rows]
-    for row, start_s, end_s in zip(rows, starts_s, [*starts_s, float("inf")][1:], strict=True):
-        during = states[(states["t_s"] >= start_s) & (states["t_s"] < end_s)]
+def _insertions(states: pd.DataFrame, starts: Sequence[SweepTrialStart]) -> Iterator[PastInsertion]:
+    ends_s = [*(start.t_s for start in starts), math.inf][1:]
+    for start, end_s in zip(starts, ends_s, strict=True):
+        during = states[(states["t_s"] >= start.t_s) & (states["t_s"] < end_s)]
         path = zip(during["insertion_mm"], during["rotation_rad"], during["linear_mm"], strict=True)
         yield PastInsertion(
-            specimen=str(row["specimen"]),
-            gelatin_percent=float(row["gelatin_percent"]),
-            hole=int(row["hole"]),
-            hole_position_mm=float(row["hole_position_mm"]),
+            specimen=start.specimen,
+            gelatin_percent=start.gelatin_percent,
+            hole=start.hole,
+            hole_position_mm=start.hole_position_mm,
             path=tuple((float(a), float(b), float(c)) for a, b, c in path),
         )
 

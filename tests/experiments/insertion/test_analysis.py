@@ -3,13 +3,17 @@
 import hashlib
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from labrig.devices.camera import Exposure, PictureSource
 from labrig.errors import InputError
 from labrig.record.reader import open_run
 from tests.analysis.insertions import analysed, observations, recorded
+from tests.experiments.insertion.test_procedure import EVEN, certified, insertion
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
@@ -98,3 +102,34 @@ def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path)
     content = analysed(open_run(copy))
     assert (content.reached, content.causes) == (False, {"target_missed": 1})
     assert "measured" in content.insertions[0].cause
+
+
+class _CoveredSource:
+    """A camera before which something is held from its eighth exposure to its tenth."""
+
+    def __init__(self, source: PictureSource) -> None:
+        self.exposures = 0
+        self._source = source
+        self.set, self.get, self.close = source.set, source.get, source.close
+
+    def read(self) -> Exposure | None:
+        """Return the picture, or that of what is held before the lens."""
+        exposure = self._source.read()
+        self.exposures += 1
+        if exposure is None or not 8 <= self.exposures <= 10:
+            return exposure
+        return replace(exposure, image=np.full_like(exposure.image, 100 + self.exposures))
+
+
+def test_an_insertion_whose_tip_was_lost_from_sight_comes_out_as_it_was(tmp_path: Path) -> None:
+    """After misses the search is wider and tries every heading, in the analysis as it did in the run."""
+    protocol = insertion()
+    with certified(tmp_path, protocol, EVEN) as opened:
+        camera = opened.opened.rig.camera
+        camera._source = _CoveredSource(camera._source)
+        _, run = opened.conduct(protocol)
+    misses = [one["misses"] for one in observations(run)]
+    assert max(misses) >= 3
+    assert misses[-1] == 0
+    content = analysed(run)
+    assert content.insertions[0].as_recorded

@@ -3,16 +3,24 @@
 import pytest
 
 from labrig.experiments.shared.curvature_result import PictureResult
-from labrig.experiments.shared.grouping import Trial, mean_of_means, summarise_specimens
+from labrig.experiments.shared.grouping import mean_of_means, summarise_specimens
+from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
 from labrig.experiments.shared.truth import compare_with_truth
 
 
-def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> Trial:
-    return Trial(number, specimen, 10.0, number, needle_id)
+def _trial(number: int, specimen: str = "gel", needle_id: str = "N1") -> SpecimenTrialStart:
+    return SpecimenTrialStart(
+        trial=number,
+        specimen=specimen,
+        gelatin_percent=10.0,
+        hole=number,
+        hole_position_mm=10.0 * number,
+        needle_id=needle_id,
+    )
 
 
-def _picture(trial: Trial, radius_mm: float | None, reason: str | None = None) -> PictureResult:
+def _picture(trial: SpecimenTrialStart, radius_mm: float | None, reason: str | None = None) -> PictureResult:
     return PictureResult(
         frame=trial.trial,
         image=f"frames/{trial.trial:06d}.png",

@@ -11,40 +11,41 @@ from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.aim import aim_of
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.settings import insertion_settings
-from labrig.experiments.shared.sight import Eye, TipSeen, load_eye, look_for_tip
+from labrig.experiments.shared.rig_view import load_tip_view
 from labrig.protocol.load import load_protocol
 from labrig.steering.step import start_steering
+from labrig.steering.tip_search import TipSearched, TipView, find_tip
 from tests.runner.sessions import PROTOCOLS
 
-SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"
+SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 
 
-def _seen(off_rad: float, misses: int) -> TipSeen:
+def _seen(off_rad: float, misses: int) -> TipSearched:
     """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
-    eye = load_eye(load_rig(SIMULATED))
-    aim = aim_of(protocol, eye.plane)
+    view = load_tip_view(load_rig(SIMULATED))
+    aim = aim_of(protocol, view.plane)
     state, _ = start_steering(insertion_settings(protocol, aim.target_mm, aim.obstacles))
-    image, (y_mm, z_mm) = _picture(eye)
-    heading_rad = eye.template.heading_rad + off_rad
+    image, (y_mm, z_mm) = _picture(view)
+    heading_rad = view.template.heading_rad + off_rad
     expected = np.eye(4)
     expected[1:3, 3] = y_mm, z_mm
     expected[1:3, 1:3] = (
         (math.cos(heading_rad), math.sin(heading_rad)),
         (-math.sin(heading_rad), math.cos(heading_rad)),
     )
-    return look_for_tip(eye, image, expected, replace(state.tip, misses=misses), eye.template.roll_rad)
+    return find_tip(view, image, expected, replace(state.tip, misses=misses), view.template.roll_rad)
 
 
-def _picture(eye: Eye) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], tuple[float, float]]:
+def _picture(view: TipView) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], tuple[float, float]]:
     """Return a grey picture with the template's own tip in it, and where that is in the plane."""
-    patch = eye.template.picture
+    patch = view.template.picture
     image = np.full((720, 1280), int(np.median(patch)), np.uint8)
     u, v = 350, 300
     image[v : v + patch.shape[0], u : u + patch.shape[1]] = patch
-    tip_px = np.array([[u + eye.template.tip_px[0], v + eye.template.tip_px[1]]])
-    y_mm, z_mm = eye.plane.to_mm(tip_px)[0].tolist()
+    tip_px = np.array([[u + view.template.tip_px[0], v + view.template.tip_px[1]]])
+    y_mm, z_mm = view.plane.to_mm(tip_px)[0].tolist()
     return image, (y_mm, z_mm)
 
 

@@ -1,0 +1,14 @@
+"""What `labrig import` writes beside the pictures."""
+
+from typing import ClassVar
+
+from labrig.record.events import Event
+
+
+class PictureRefused(Event):
+    """A file that is no picture was left out."""
+
+    kind: ClassVar[str] = "picture_refused"
+
+    source: str
+    reason: str

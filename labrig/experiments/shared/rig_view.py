@@ -1,0 +1,63 @@
+"""What a rig's calibration files make of its camera's pictures, and which pictures show nothing."""
+
+from labrig.devices.rig_file import RigDescription
+from labrig.errors import CameraError, InputError
+from labrig.steering.tip_search import TipView
+from labrig.vision.calibration_file import load_intrinsics, load_plane
+from labrig.vision.mask import load_mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.template_file import load_template
+
+_DARKEST_GREY = 12.0
+
+
+def load_tip_view(rig: RigDescription) -> TipView:
+    """Return plane, template and mask of a rig from its calibration files.
+
+    Raises
+    ------
+    InputError
+        When one is missing; `find_problems` says so before a run.
+    """
+    plane = load_plane_map(rig)
+    files = rig.template_paths()
+    if not files:
+        raise InputError(
+            "the rig file names no template of the tip",
+            "labrig calibrate template makes one; see calibration:",
+        )
+    template = load_template(files["template.png"]).relative_to(plane.insertion)
+    masks = [load_mask(path) for path in rig.mask_paths().values()]
+    return TipView(plane, template, masks[0] if masks else None)
+
+
+def load_plane_map(rig: RigDescription) -> PlaneMap:
+    """Return the plane map of a rig from its calibration files.
+
+    Raises
+    ------
+    InputError
+        When it has none, or one that cannot be read.
+    """
+    paths = rig.calibration_paths()
+    if "plane.json" not in paths:
+        raise InputError("the rig file names no plane", "labrig run protocols/calibration.yaml finds it")
+    lens = paths.get("intrinsics.json")
+    return load_plane(paths["plane.json"], None if lens is None else load_intrinsics(lens))
+
+
+def require_light(image: Picture) -> None:
+    """Refuse a picture in which nothing can be seen.
+
+    Raises
+    ------
+    CameraError
+        For a dark picture, with its mean and the limit.
+    """
+    mean = float(image.mean())
+    if mean < _DARKEST_GREY:
+        raise CameraError(
+            f"the picture is dark: its mean is {mean:.1f} of 255, and {_DARKEST_GREY:g} is the least",
+            "check the light and the lens cap; then take the needle out with labrig devices withdraw",
+        )

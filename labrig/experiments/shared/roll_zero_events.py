@@ -1,0 +1,34 @@
+"""What is written while the roll zero of a needle is found, by a run of its own or before an insertion."""
+
+from typing import ClassVar
+
+from labrig.experiments.shared.sheath_event import SheathEvent
+from labrig.record.events import Event, PictureRole
+
+
+class RollZeroRole(PictureRole):
+    """Pictures of a hole: the sheath before the needle leaves it, and the needle at its roll."""
+
+    SHEATH = "roll-zero-sheath"
+    NEEDLE = "roll-zero"
+
+
+class RollZeroSheath(SheathEvent):
+    """The sheath in a hole; holes are counted as trials."""
+
+    kind: ClassVar[str] = "roll_zero_sheath"
+
+
+class RollZeroFound(Event):
+    """How far aside the tip was seen at each roll, and the cosine that was fitted to it."""
+
+    kind: ClassVar[str] = "roll_zero"
+
+    needle_id: str
+    roll_rad: tuple[float, ...]
+    deflection_mm: tuple[float, ...]
+    zero_rad: float
+    sd_rad: float
+    bend_mm: float
+    expected_mm: float
+    residual_rms_mm: float

@@ -1,0 +1,92 @@
+"""Where in a picture the tip is looked for: where the estimate expects it, wider and at any heading after misses.
+
+A live insertion and the analysis of its record search by this one function, so that a record is gone through again as
+it was.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from labrig.needle.kinematics import FloatArray
+from labrig.steering.tip import TipState
+from labrig.vision.mask import Mask
+from labrig.vision.picture import Picture
+from labrig.vision.plane import PlaneMap
+from labrig.vision.tip import TipFix, locate_tip, next_region_px
+from labrig.vision.tip_template import TipTemplate
+
+_SIGMAS = 4.0
+_LEAST_REACH_PX = 12.0
+_MISSES_WITH_HEADING = 2
+"""A cavity leads the heading astray by as much as a fix may turn; after so many misses every heading is tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class TipView:
+    """What turns a picture into a place: plane map, mask, and the template with its heading told from that plane."""
+
+    plane: PlaneMap
+    template: TipTemplate
+    mask: Mask | None = None
+
+    def pixel_of(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
+        u, v = self.plane.to_px(np.array([place_mm[1:]]))[0].tolist()
+        return u, v
+
+
+@dataclass(frozen=True, eq=False)
+class TipSearched:
+    """Where the tip was looked for, and what was found; `position_mm` (3,) is None where it was not.
+
+    region_px : side of the square around `near_px` that was searched.
+    """
+
+    fix: TipFix
+    position_mm: FloatArray | None
+    near_px: tuple[float, float]
+    heading_rad: float
+    region_px: float
+
+
+def find_tip(
+    view: TipView,
+    image: Picture,
+    expected: FloatArray,
+    tip: TipState,
+    roll_rad: float,
+    *,
+    file_name: str = "",
+) -> TipSearched:
+    """Find the tip near where it is expected; the more pictures have shown none, the wider, and then at any heading.
+
+    Parameters
+    ----------
+    expected : (4, 4) array
+        Predicted pose of the tip.
+    tip : TipState
+        The last estimate, whose uncertainty and misses set how far is searched.
+    roll_rad : float
+        Of the bevel.
+    file_name : str
+        Of a recorded picture, where a mask has a picture of its own for each.
+    """
+    u, v = view.plane.to_px(expected[None, 1:3, 3])[0].tolist()
+    heading_rad = math.atan2(expected[1, 2], expected[2, 2])
+    reach_px = max(_LEAST_REACH_PX, _SIGMAS * tip.position_sd_mm / view.plane.mm_per_px)
+    region_px = next_region_px(max(view.template.picture.shape) + 2 * reach_px, tip.misses)
+    fix = locate_tip(
+        image,
+        view.template,
+        near_px=(u, v),
+        heading_rad=heading_rad if tip.misses < _MISSES_WITH_HEADING else None,
+        roll_rad=roll_rad,
+        region_px=region_px,
+        mask=None if view.mask is None else view.mask.masked(file_name, image),
+    )
+    position = None
+    if fix.tip_px is not None:
+        position = np.array((0.0, *view.plane.to_mm(np.array([fix.tip_px]))[0]))
+    return TipSearched(fix, position, (u, v), heading_rad, region_px)

@@ -1,7 +1,7 @@
 """vision: pixels to mm: camera model, calibration, plane map, shaft, tip and curvature.
 
-Everything here is a pure function of pictures and numbers; only `read_picture` and the calibration files
-touch the disk. The same functions serve the live run and later reanalysis.
+Everything here is a pure function of pictures and numbers; only pictures, masks, templates and calibrations are read
+from or written to disk. A live run and a later reanalysis call the same functions.
 """
 
 from labrig.vision.zhang import calibrate_intrinsics

@@ -1,11 +1,11 @@
-"""What a bend of the ruled paper leaves uncertain in the map that was fitted to it.
+"""The uncertainty of a plane map that comes from a bend of the ruled paper.
 
-Paper at a height h over the needle's plane is seen where that plane lies at p + (p - c) h / D, from a camera at the
-distance D over the point c of the plane (plane and parallax). A bent sheet shows this in its residuals; most of it the
-homography takes up, and is then wrong by as much. By how much, a fit says that knows of the bend: where it explains
-residuals, the map with it and without it lie one standard deviation apart, and so do the heights of the sheet, anywhere
-among which the needle's plane may be. In rendered pictures with paper bent by 0.4 mm the 95 % intervals of the radius
-held the truth in 58 of 100 without this, and in 40 of 40 with it.
+Paper at a height h above the needle's plane appears where that plane lies at p + (p - c) h / D, for a camera at the
+distance D above the point c of the plane (plane and parallax). A bent sheet shows in the residuals, but the homography
+absorbs most of the bend and is then wrong by as much. A second fit that includes the bend measures this error. If it
+explains residuals, the maps with and without the bend count as one standard deviation apart. So do the heights of the
+sheet, because the needle's plane may lie anywhere among them. In rendered pictures with paper bent by 0.4 mm the 95 %
+intervals of the radius contained the truth in 58 of 100 without these variations, and in 40 of 40 with them.
 """
 
 import cv2
@@ -23,14 +23,14 @@ _TRIAL = 1e-3
 
 
 def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _FloatArray) -> list[_FloatArray]:
-    """Return other homographies that the bend of the paper leaves possible, none where it shows no bend.
+    """Return other homographies that the bend of the paper allows; none if the paper shows no bend.
 
     Parameters
     ----------
     px : ndarray (N, 2)
-        Crossings, ideal pixels.
+        Ideal pixels of the crossings.
     paper_mm : ndarray (N, 2)
-        The same on the paper.
+        Their places on the paper.
     foot_mm : ndarray (2,)
         The point of the paper's plane under the camera.
     """
@@ -38,7 +38,7 @@ def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _Flo
     away = paper_mm - foot_mm
     flat, left = _fit_homography(px, paper_mm)
     trials = [_fit_homography(px, paper_mm + _TRIAL * away * height[:, None])[1] for height in heights.T]
-    design = np.column_stack([(one - left) / _TRIAL for one in trials])
+    design = np.column_stack([(trial - left) / _TRIAL for trial in trials])
     coefficients = -np.linalg.lstsq(design, left, rcond=None)[0]
     height = heights @ coefficients
     bent, rest = _fit_homography(px, paper_mm + away * height[:, None])
@@ -51,7 +51,7 @@ def find_bent_homographies(px: _FloatArray, paper_mm: _FloatArray, foot_mm: _Flo
 
 
 def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:
-    """Return the heights (N, 3) of a sheet bent along, across and aslant, without level and slope."""
+    """Return the heights (N, 3) of a sheet bent along each axis and diagonally, without level and slope."""
     normal = (paper_mm - paper_mm.mean(axis=0)) / np.ptp(paper_mm, axis=0).max()
     a, b = normal.T
     bends = np.column_stack((a * a, a * b, b * b))
@@ -60,6 +60,6 @@ def _bend_shapes(paper_mm: _FloatArray) -> _FloatArray:
 
 
 def _fit_homography(px: _FloatArray, paper_mm: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
-    """Return the homography of least squares and its residuals (2 N,)."""
+    """Return the least-squares homography and its residuals (2 N,)."""
     found = np.asarray(cv2.findHomography(px, paper_mm)[0], dtype=np.float64)
     return found, (apply_homography(found, px) - paper_mm).ravel()

@@ -1,17 +1,17 @@
 """The corners of a flat board in a photograph: chessboards, whole or cut by the frame, and ChArUco boards.
 
-Decided here, with figures measured on OpenCV's own thirteen photographs of a board:
+Decisions, with figures measured on OpenCV's own thirteen photographs of a board:
 
-- A whole board comes from `findChessboardCorners`. The newer `findChessboardCornersSB`, asked to be accurate and
-  exhaustive, misses a board that the classic one finds and takes thirty times as long; it serves where the frame cuts
-  the board, since it alone finds a part of one. Which part does not matter: each view has a pose of its own.
-- OpenCV takes what borders on the board for a row more (in 3 of 20 photographs of a board that the frame cuts, by up
-  to a square). So a corner of a part counts only where light and dark alternate twice around it: of the variance along
-  a small circle at least 0.6 belongs to the second harmonic (0.84 to 0.90 at true corners, 0.36 at most of the others),
-  and where it lies in the grid of the others.
-- Every corner is refined by `cornerSubPix` with a window that is a third of the smallest corner spacing. Half of the
-  spacing reaches neighbouring corners (RMS 0.35 px, fx 1.9 px off), a third gives RMS 0.178 px. ChArUco corners are
-  refined in the same way, because OpenCV's own were half a pixel off in some versions.
+- `findChessboardCorners` finds whole boards. The newer `findChessboardCornersSB`, in its accurate and exhaustive mode,
+  misses a board that the classic function finds and takes thirty times as long. It serves boards that the frame cuts,
+  because it alone finds a part of a board. Which part it finds does not matter: each view has its own pose.
+- OpenCV sometimes takes what borders on the board for a further row (in 3 of 20 photographs of a board that the frame
+  cuts, by up to a square). So a corner of a part counts only if light and dark alternate twice around it, and if it
+  lies on the grid of the others. Light and dark alternate if the second harmonic holds at least 0.6 of the variance
+  along a small circle (0.84 to 0.90 at true corners, at most 0.36 at most false ones).
+- `cornerSubPix` refines every corner with a window of a third of the smallest corner spacing. Half the spacing reaches
+  neighbouring corners (RMS 0.35 px, fx 1.9 px off); a third gives RMS 0.178 px. ChArUco corners are refined in the
+  same way, because OpenCV's own were half a pixel off in some versions.
 """
 
 from dataclasses import dataclass
@@ -30,12 +30,12 @@ _PART_FLAGS = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMA
 _SMALLEST_WINDOW_PX = 2
 _LARGEST_WINDOW_PX = 11
 _WINDOW_PER_SPACING = 1.0 / 3.0
-# Parts that are looked for, grown as far as they go; and the least that is worth a view.
+# Sizes at which the search for a part of a board starts before it grows, and the fewest corners of a view.
 _PARTS = ((5, 4), (4, 4), (4, 3))
 _LEAST_PART = 12
-# The circle around a corner, in corner spacings, its samples, and the least share of the second harmonic.
+# Radius of the circle around a corner in corner spacings, its samples, and the least share of the second harmonic.
 _CIRCLE, _CIRCLE_SAMPLES, _LEAST_ALTERNATION = 0.25, 32, 0.6
-# A corner further from the grid of the others, in spacings, is none of them; a lens bends the grid by less.
+# A corner further than this from the grid of the others, in spacings, is false; a lens bends the grid by less.
 _OFF_GRID = 0.25
 
 
@@ -46,9 +46,9 @@ class Charuco:
     Attributes
     ----------
     dictionary : str
-        OpenCV's name of the markers' dictionary, "DICT_5X5_100" for example.
+        OpenCV's name of the markers' dictionary, for example "DICT_5X5_100".
     marker_share : float
-        Side of a marker in sides of a square.
+        Side of a marker over the side of a square.
     """
 
     dictionary: str
@@ -57,16 +57,16 @@ class Charuco:
 
 @dataclass(frozen=True)
 class BoardSearch:
-    """How the board is looked for.
+    """How to search for the board.
 
     Attributes
     ----------
     partial : bool
-        Whether a chessboard may be cut by the frame; ChArUco boards always may.
+        Whether the frame may cut a chessboard; it may always cut a ChArUco board.
     charuco : Charuco or None
         None for a plain chessboard.
     window_px : int or None
-        Half side of the refinement window; None binds it to the corner spacing, which is right.
+        Half side of the refinement window; None (recommended) derives it from the corner spacing.
     """
 
     partial: bool = False
@@ -80,19 +80,19 @@ class BoardSearch:
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """Corners that were found: which ones (N, 2), column and row, and where (N, 2), pixels (u, v)."""
+    """The corners found: their columns and rows on the board (N, 2), and their pixels (u, v) (N, 2)."""
 
     cells: NDArray[np.int64]
     pixels: _FloatArray
 
 
 def board_points_mm(columns: int, rows: int, square_mm: float) -> _FloatArray:
-    """Return the inner corners (columns * rows, 2) of a board [mm], in the order of `find_board_corners`.
+    """Return the inner corners (columns * rows, 2) of a board [mm], row by row.
 
     Raises
     ------
     InputError
-        If the board is smaller than 3 x 3 inner corners or the squares have no size.
+        If the board has fewer than 3 x 3 inner corners, or `square_mm` is not positive.
     """
     if columns < 3 or rows < 3:
         raise InputError(
@@ -108,39 +108,25 @@ def _cells(columns: int, rows: int) -> NDArray[np.int64]:
     return np.column_stack((column.ravel(), row.ravel()))
 
 
-def find_board_corners(image: Picture, columns: int, rows: int) -> _FloatArray:
-    """Find the inner corners of a whole chessboard to a fraction of a pixel.
+def find_board(image: Picture, columns: int, rows: int, search: BoardSearch | None = None) -> BoardView:
+    """Find the inner corners of a board, or of its visible part, to a fraction of a pixel, row by row.
 
     Parameters
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
     columns, rows : int
         Inner corners, not squares.
-
-    Returns
-    -------
-    ndarray (columns * rows, 2)
-        Pixels (u, v), row by row.
+    search : BoardSearch, optional
+        Kind of board, and how to search for it; without it, a whole chessboard.
 
     Raises
     ------
     MeasurementRefusedError
-        If the whole board is not seen, or is too small in the picture for its corners to be told apart.
-    """
-    return find_board(image, columns, rows, BoardSearch()).pixels
-
-
-def find_board(image: Picture, columns: int, rows: int, search: BoardSearch) -> BoardView:
-    """Find the corners of a board, or of the part of it that is seen, to a fraction of a pixel.
-
-    Raises
-    ------
-    MeasurementRefusedError
-        If no board, or too little of it, is seen, or its corners are too close to be told apart.
+        If the picture shows no board or too little of it, or its corners are too close to be told apart.
     InputError
-        If the ChArUco board cannot be.
+        If the ChArUco board is impossible.
     """
-    grey = as_grey(image)
+    grey, search = as_grey(image), search or BoardSearch()
     require_contrast(grey)
     if search.charuco is not None:
         found = _find_charuco(grey, columns, rows, search.charuco)
@@ -164,7 +150,7 @@ def _find_whole(grey: Picture, columns: int, rows: int) -> BoardView | None:
 
 
 def _find_part(grey: Picture, columns: int, rows: int) -> BoardView | None:
-    """Return the largest part of a chessboard that is seen."""
+    """Return the largest visible part of a chessboard."""
     largest: BoardView | None = None
     most = sorted((columns, rows))
     for least in _PARTS:
@@ -178,7 +164,7 @@ def _find_part(grey: Picture, columns: int, rows: int) -> BoardView | None:
 
 
 def _select_true_corners(grey: Picture, found: BoardView) -> BoardView | None:
-    """Return the corners that are some and lie in the grid of the others; None where they are too few."""
+    """Return the true corners: light and dark alternate, and they fit the grid; None if there are too few."""
     spacing = _smallest_spacing(found)
     true = _has_alternation(grey, found.pixels, _CIRCLE * spacing)
     if true.sum() >= _LEAST_PART:
@@ -189,7 +175,7 @@ def _select_true_corners(grey: Picture, found: BoardView) -> BoardView | None:
 
 
 def _has_alternation(grey: Picture, pixels: _FloatArray, radius: float) -> NDArray[np.bool_]:
-    """Return around which pixels (N,) light and dark alternate twice."""
+    """Return for each pixel (N,) whether light and dark alternate twice around it."""
     angles = np.arange(_CIRCLE_SAMPLES) * 2.0 * np.pi / _CIRCLE_SAMPLES
     u, v = (
         (pixels[:, axis, None] + radius * turn).astype(np.float32)
@@ -202,7 +188,7 @@ def _has_alternation(grey: Picture, pixels: _FloatArray, radius: float) -> NDArr
 
 
 def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> BoardView | None:
-    """Return the corners of a ChArUco board beside which markers are seen."""
+    """Return the corners of a ChArUco board that have visible markers."""
     dictionary = getattr(cv2.aruco, board.dictionary, None)
     if not board.dictionary.startswith("DICT_") or dictionary is None:
         raise InputError(f"there is no dictionary {board.dictionary!r}", "for example DICT_5X5_100")
@@ -221,7 +207,7 @@ def _find_charuco(grey: Picture, columns: int, rows: int, board: Charuco) -> Boa
 
 
 def _refine(grey: Picture, found: BoardView, window_px: int | None) -> BoardView:
-    """Return the corners refined in windows that do not reach their neighbours, unless another window is forced."""
+    """Refine the corners in windows that do not reach their neighbours, unless `window_px` sets another size."""
     spacing = _smallest_spacing(found)
     bound = int(np.clip(spacing * _WINDOW_PER_SPACING, _SMALLEST_WINDOW_PX, _LARGEST_WINDOW_PX))
     window = bound if window_px is None else window_px
@@ -238,7 +224,7 @@ def _refine(grey: Picture, found: BoardView, window_px: int | None) -> BoardView
 
 
 def _smallest_spacing(found: BoardView) -> float:
-    """Return the least distance [px] between corners that are neighbours on the board."""
+    """Return the least distance [px] between neighbouring corners of the board."""
     apart = found.cells[:, None, :] - found.cells[None, :, :]
     neighbours = np.abs(apart).sum(axis=2) == 1
     if not neighbours.any():

@@ -1,9 +1,9 @@
 """Camera and poses from corners by least squares, with the covariance of every parameter.
 
-Two models of the lens. "brown" is OpenCV's with five coefficients, fitted by OpenCV. "zhang" is that of Zhang 2000
-(IEEE PAMI 22:1330): two radial coefficients and a skew of the pixel axes, which OpenCV does not have; it is fitted here
-by Gauss-Newton from OpenCV's answer without skew. The covariance is that of least squares with the noise taken from the
-residuals and their degrees of freedom; OpenCV's own standard deviations count a corner as one observation, not two.
+There are two lens models. "brown" is OpenCV's with five coefficients, fitted by OpenCV. "zhang" is the model of Zhang
+2000 (IEEE PAMI 22:1330): two radial coefficients and a skew of the pixel axes. OpenCV has no skew, so Gauss-Newton fits
+it here, starting from OpenCV's answer. The covariance is that of least squares; the residuals and their degrees of
+freedom give the noise. OpenCV's own standard deviations count a corner as one observation, not two.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,15 +26,15 @@ FREE: dict[LensModel, list[int]] = {"brown": list(range(9)), "zhang": [0, 1, 2, 
 _FLAGS: dict[LensModel, int] = {"brown": 0, "zhang": cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3}
 _POSE = 6
 _MAX_STEPS = 30
-# Convergence: the largest effect of a step on all residuals together.
+# Convergence: the largest effect of a step on all residuals together [px].
 _STEP_TOLERANCE_PX = 1e-9
-# Beyond this condition number of the scaled normal equations nothing is known of some parameter.
+# Above this condition number of the scaled normal equations a parameter is undetermined.
 _LARGEST_CONDITION = 1e13
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One photograph's corners: board (N, 3) [mm], pixels (N, 2)."""
+    """The corners of one photograph: board points (N, 3) [mm], pixels (N, 2)."""
 
     name: str
     board: _FloatArray
@@ -43,7 +43,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A camera and the boards before it.
+    """A fitted camera and the poses of the boards in front of it.
 
     Attributes
     ----------
@@ -51,10 +51,10 @@ class Fit:
     parameters : ndarray (10,)
         In the order of `PARAMETERS`.
     poses : ndarray (V, 6)
-        Of each board: rotation vector, then shift [mm].
+        Rotation vector, then shift [mm], of each board.
     rms_px : float
     covariance : ndarray (10, 10) or None
-        Of the parameters; zero where the model fixes one. None where the views do not determine them.
+        Of the parameters; zero for a parameter that the model fixes. None if the views do not determine them.
     """
 
     model: LensModel
@@ -76,13 +76,13 @@ class Fit:
 
     @property
     def focal_sigma(self) -> float:
-        """Standard deviation of the focal length as a part of it; infinite where it is not determined."""
+        """Relative standard deviation of the focal length; infinite if it is undetermined."""
         if self.covariance is None:
             return float("inf")
         return float(np.sqrt(self.covariance[0, 0]) / self.parameters[0])
 
     def with_views(self, views: Sequence[View]) -> "Fit":
-        """Return the same camera before other boards, each with the pose that suits it."""
+        """Return the same camera with the poses of other views; a pose is NaN if none fits."""
         poses = [find_pose(self, view) for view in views]
         return replace(
             self, poses=np.array([np.full(_POSE, np.nan) if pose is None else pose for pose in poses])
@@ -95,7 +95,7 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
     Raises
     ------
     CalibrationRefusedError
-        If no camera explains them.
+        If no camera explains the views.
     """
     corners, unknown = sum(len(view.pixels) for view in views), len(FREE[model]) + _POSE * len(views)
     if 2 * corners < unknown:
@@ -124,7 +124,7 @@ def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -
 
 @contextmanager
 def _single_thread() -> Iterator[None]:
-    """Let OpenCV add up in one order: with several threads the last digits of a camera change from call to call."""
+    """Run OpenCV in one thread: with several threads the last digits of a camera change from call to call."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -134,24 +134,24 @@ def _single_thread() -> Iterator[None]:
 
 
 def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:
-    """Return where a board's points (N, 3) [mm] appear (N, 2) [px] when it is held so."""
+    """Return the pixels (N, 2) of a board's points (N, 3) [mm] in a pose (6,)."""
     return _project(fit, pose, board)[0]
 
 
 def find_pose(fit: Fit, view: View) -> _FloatArray | None:
-    """Return the pose (6,) of another board before the same camera, None where there is none."""
+    """Return the pose (6,) of another view through the same camera; None if there is none."""
     straight = view.pixels.copy()
     fy, cy = fit.parameters[1], fit.parameters[3]
-    # The skew moves a pixel along u by how far it is from the middle row.
+    # The skew shifts a pixel along u in proportion to its distance from row cy.
     straight[:, 0] -= fit.parameters[9] * (view.pixels[:, 1] - cy) / fy
     solved, turn, shift = cv2.solvePnP(view.board, straight, fit.matrix, fit.distortion)
     return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
 
 def estimate_focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]:
-    """Return by which part the focal length would change to suit one view alone, the rest held, and its deviation.
+    """Return the relative change of the focal length that fits one view alone, and its standard deviation.
 
-    The deviation is infinite where the view does not tell a focal length from a distance.
+    The rest of the lens is held. The deviation is infinite if the view does not separate focal length from distance.
     """
     pixels, by_lens, by_pose = _project(fit, pose, view.board)
     by_focal = by_lens[:, :, :2] @ fit.parameters[:2]
@@ -169,7 +169,7 @@ def estimate_focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[floa
 
 
 def _project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
-    """Return pixels (N, 2) and their derivatives by the ten parameters (N, 2, 10) and the pose (N, 2, 6)."""
+    """Return pixels (N, 2) and their derivatives with respect to ten parameters (N, 2, 10) and the pose (N, 2, 6)."""
     flat, slopes = cv2.projectPoints(board, pose[:3], pose[3:], fit.matrix, fit.distortion)
     pixels = np.asarray(flat, dtype=np.float64).reshape(-1, 2)
     slopes = np.asarray(slopes, dtype=np.float64).reshape(len(pixels), 2, -1)
@@ -203,7 +203,7 @@ def _build_normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArra
 
 
 def _minimise(fit: Fit, views: Sequence[View]) -> Fit:
-    """Bring a fit to its minimum by Gauss-Newton."""
+    """Move a fit to its minimum by Gauss-Newton."""
     free = FREE[fit.model]
     for _ in range(_MAX_STEPS):
         normal, side, _ = _build_normal_equations(fit, views)

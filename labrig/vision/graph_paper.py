@@ -1,16 +1,16 @@
 """The crossings of the ruled lines on graph paper, to a fraction of a pixel, with their row and column.
 
-The lines are found in a small patch first, where they are straight and evenly spaced: the two directions in
-which the picture changes most, then the darkness added up along each. The nearest lines there set the pitch,
-so heavier lines every 5 or 10 mm do not mislead it. From a crossing in that patch the grid is followed
-outwards, ring by ring, each crossing predicted by the steps between its neighbours and then refined on its own.
+The search starts in a small patch, where the lines are straight and evenly spaced: it finds the two directions in which
+the picture changes most, then sums the darkness along each. The closest lines there set the pitch, so heavier lines
+every 5 or 10 mm do not mislead it. From a crossing in that patch the grid grows outwards, ring by ring: the steps
+between its neighbours predict each crossing, which is then refined on its own.
 
-Where the darkness alone shows no large grid, because pen traces and printed dots lie over it or it is faint, the ink is
-looked for as well: colour and darkness together, with what is far darker than any line taken out; each line is followed
-further from its crossing; and that of these grids is taken in which most crossings lie evenly between their neighbours.
+If the darkness alone shows no large grid, because the grid is faint or lies under pen traces and printed dots, the
+search also uses the ink: colour and darkness together, without pixels far darker than any line, and with each line
+averaged over a longer stretch. Of these grids the one wins in which most crossings lie evenly between their neighbours.
 
-Where only the heavier lines can be followed, those between them are counted in the mean over all cells, so that all
-crossings are numbered in the finest lines all the same. Those that their neighbours contradict are left out.
+If only the heavier lines can be followed, the finer lines between them are counted in the mean over all cells, so that
+all crossings are numbered in the finest lines. Crossings that their neighbours contradict are left out.
 """
 
 from dataclasses import dataclass, replace
@@ -25,50 +25,50 @@ from labrig.vision.picture import Picture
 
 _FloatArray = NDArray[np.float64]
 
-# Half the side of the patch in which the lines are looked for first, as shares of the picture's shorter side:
-# in a smaller one a slanted view is more even, in a larger one the lines of a coarse grid are enough.
+# Half the side of the first patch, as shares of the picture's shorter side: in a smaller patch a slanted view is more
+# even, and a larger patch holds enough lines of a coarse grid.
 _PATCH_SHARES = (1.0 / 6.0, 1.0 / 12.0, 1.0 / 3.0)
 _INK_PATCH_SHARES = (1.0 / 6.0, 1.0 / 3.0)
 _PATCH_PX = (40, 160)
-# Where patches are tried, as shares of the picture, the middle first.
+# Centres of the patches, as shares of the picture, the middle first.
 _PATCH_PLACES = sorted(
     product((0.25, 0.5, 0.75), repeat=2), key=lambda at: abs(at[0] - 0.5) + abs(at[1] - 0.5)
 )
 _LEAST_LINES = 5
-# Crossings beyond which no other patch is tried.
+# Number of crossings above which no other patch is tried.
 _ENOUGH = 400
 _LEAST_PITCH_PX = 5.0
-# A line must stand out by this share of the tenth darkest one: paper has lines of two or three weights.
+# Least depth of a line, as a share of the 90 % quantile: paper has lines of two or three weights.
 _LEAST_DEPTH = 0.15
-# Share of the pitch by which a line or a crossing may be off its prediction.
+# Largest distance of a line or a crossing from its prediction, as a share of the pitch.
 _LARGEST_SHIFT = 0.3
-# The fainter line of a crossing must stand out by this share of what it does where the search began.
+# Least contrast of the fainter line of a crossing, as a share of the contrast where the search began.
 _LEAST_CONTRAST = 0.3
-# Where the density is taken around a crossing, in steps to the next one: across a line, and along it.
+# Where the density is sampled around a crossing, in steps to the next crossing: across a line, and along it.
 _ACROSS = np.linspace(-0.45, 0.45, 25)
 _ALONG = np.array([-0.45, -0.35, -0.25, 0.25, 0.35, 0.45])
-# Where fainter lines are looked for between two lines, in steps from the middle, and the share of the lines'
-# own darkness that they must have.
+# Where fainter lines are searched for between two lines, in steps from the middle, and their least darkness as a share
+# of the lines' own.
 _BETWEEN = np.linspace(-0.4, 0.4, 81)
 _FINER_LINE = 0.02
 _MOST_CELLS = 2000
-# How many finer steps there may be to a heavier one, and how much of what is between two lines they must explain.
+# Possible numbers of fine steps in a heavy step, and the least share of the profile between two lines they explain.
 _SUBDIVISIONS = (5, 10)
 _LEAST_EXPLAINED = 0.7
-# The ink without traces: what is so much darker than this quantile of the picture is a trace, and is taken out with its
-# surroundings; and how much the rest is smoothed [px].
+# The ink without traces: a pixel darker than this quantile of the picture by this factor is a trace. It is removed with
+# its surroundings, and the rest is smoothed.
 _INK_QUANTILE, _TRACE = 0.93, 1.8
 _TRACE_MARGIN_PX = 3
 _INK_BLUR_PX = 2.0
-# Printed dots, what is left of traces, and noise disturb a crossing: its lines are then followed further, in steps.
+# Printed dots, remains of traces and noise disturb a crossing: its lines are then averaged over more steps.
 _FAR_ALONG = np.concatenate([sign * (np.linspace(0.25, 0.75, 6) + k) for sign in (-1, 1) for k in range(3)])
 _INK_SLOW_PX = 21
-# A crossing so many times further from where its neighbours put it than is usual is left out.
-_STRAY = 4.0
-# A crossing so near to where its neighbours put it, in pitches, lies evenly.
+# A crossing is left out if it is this many times the median distance from where its neighbours predict it.
+_OUTLIER = 4.0
+# A crossing this close to where its neighbours predict it, in pitches, lies evenly.
 _EVEN = 0.1
 _PAIRS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
-# Beyond this, across a line, there is bare paper.
+# Further than this from a line, across it, the paper is bare.
 _FLANK = 0.32
 _REFINEMENTS = 3
 # Steps are averaged over this many cells to each side.
@@ -82,13 +82,13 @@ class Crossings:
     Attributes
     ----------
     pixels : ndarray (N, 2)
-        Where they are in the picture (u, v).
+        Pixels of the crossings (u, v).
     indices : ndarray of int (N, 2)
-        Which line of either family; neighbouring lines differ by one.
+        Numbers of their lines in both families; neighbouring lines differ by one.
     pitch_px : float
         Distance between neighbouring lines where the search began.
     step : int
-        Difference of the indices of neighbouring crossings: above one where only heavier lines were followed.
+        Difference of the indices of neighbouring crossings: above one if only heavier lines were followed.
     """
 
     pixels: _FloatArray
@@ -99,7 +99,7 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class _Seed:
-    """The grid in a patch: one crossing (2,), and the steps to the next ones as rows (2, 2)."""
+    """The grid in a patch: a crossing (2,), and the steps to the next crossings as rows (2, 2)."""
 
     crossing: _FloatArray
     steps: _FloatArray
@@ -111,7 +111,7 @@ class _Seed:
 
 @dataclass(frozen=True, eq=False)
 class _Ring:
-    """Crossings to look at: cells (N, 2), predicted pixels (N, 2), steps along either axis (N, 2, 2)."""
+    """Crossings to refine: cells (N, 2), predicted pixels (N, 2), steps along either axis (N, 2, 2)."""
 
     cells: NDArray[np.int64]
     predicted: _FloatArray
@@ -132,20 +132,20 @@ def find_crossings(image: Picture) -> Crossings:
     Raises
     ------
     MeasurementRefusedError
-        If no two families of evenly spaced lines are seen, or the lines are too close together.
+        If the picture shows no two families of evenly spaced lines, or the lines are too close together.
     """
     darkness = _measure_darkness(_darkest_channel(image))
     found = _find_largest_grid(darkness)
     if found is None or _count(found) < _ENOUGH:
         others = (_refine_along_lines(darkness, found), _find_ink_grid(image))
-        found = max((one for one in (found, *others) if one is not None), key=_count_even, default=None)
+        found = max((grid for grid in (found, *others) if grid is not None), key=_count_even, default=None)
     if found is None or _count(found) < _LEAST_LINES**2:
         raise MeasurementRefusedError(
             "no grid of ruled lines in the picture",
             "fill it with sharp, evenly lit graph paper, close enough that the nearest lines are "
             f"{_LEAST_PITCH_PX:.0f} px apart or more",
         )
-    return _number_in_finest(darkness, _remove_strays(found))
+    return _number_in_finest(darkness, _remove_outliers(found))
 
 
 def _count(found: Crossings) -> int:
@@ -164,7 +164,7 @@ def _darkest_channel(image: Picture) -> Picture:
 def _find_largest_grid(
     flat: NDArray[np.float32], shares: tuple[float, ...] = _PATCH_SHARES
 ) -> Crossings | None:
-    """Return the grid with the most crossings among those that start in one patch or another."""
+    """Return the grid with the most crossings of the grids grown from all patches."""
     largest: Crossings | None = None
     for share, place in product(shares, _PATCH_PLACES):
         seed = _find_seed(flat, np.array(place) * (flat.shape[1], flat.shape[0]), share)
@@ -179,13 +179,13 @@ def _find_largest_grid(
 
 
 def _find_ink_grid(image: Picture) -> Crossings | None:
-    """Return the grid as its ink shows it, with pen traces taken out."""
+    """Return the grid that the ink shows, without pen traces."""
     ink = _blur(_measure_ink(image), _INK_BLUR_PX)
     return _refine_along_lines(ink, _find_largest_grid(ink, _INK_PATCH_SHARES))
 
 
 def _refine_along_lines(flat: NDArray[np.float32], found: Crossings | None) -> Crossings | None:
-    """Return the crossings by their lines over several steps to both sides; None where there are too few."""
+    """Refine crossings by their lines over several steps to both sides; None if there are too few."""
     if found is None or _count(found) < _LEAST_LINES**2:
         return None
     _, steps, cells = _tabulate(found)
@@ -196,12 +196,12 @@ def _refine_along_lines(flat: NDArray[np.float32], found: Crossings | None) -> C
 
 
 def _measure_ink(image: Picture) -> NDArray[np.float32]:
-    """Return the optical density of the lines, of their darkness and colour together, zero where a trace is."""
+    """Return the optical density of the lines, darkness and colour together, without pen traces."""
     darkness = _remove_slow_light(_density(_darkest_channel(image)))
     level = float(np.quantile(darkness, _INK_QUANTILE))
     side = np.ones((_TRACE_MARGIN_PX, _TRACE_MARGIN_PX), np.uint8)
     trace = cv2.dilate((darkness > _TRACE * level).astype(np.uint8), side) > 0
-    # A median of bytes: levels of a hundredth of density are finer than any line.
+    # Bytes suffice for the median: a hundredth of density is less than any line.
     bytes_ = np.clip(128.0 + 100.0 * darkness, 0, 255).astype(np.uint8)
     around = (cv2.medianBlur(bytes_, _INK_SLOW_PX).astype(np.float32) - 128.0) / 100.0
     ink = np.where(trace, around, np.minimum(darkness, level))
@@ -217,7 +217,7 @@ def _density(channel: Picture) -> NDArray[np.float32]:
 
 
 def _remove_slow_light(density: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the density without uneven light, which is a slow term of it."""
+    """Return the density without uneven light, its slowly varying part."""
     slow = cv2.GaussianBlur(density, (0, 0), max(min(density.shape) / 40.0, 8.0))
     return np.asarray(density - slow, dtype=np.float32)
 
@@ -227,8 +227,8 @@ def _blur(density: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
 
 
 def _tabulate(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.int64]]:
-    """Return crossings as a table of places (R, C, 2), the steps between them (R, C, 2, 2), and their cells (N, 2)."""
-    # A margin of unknown cells keeps the first from being taken for neighbours of the last.
+    """Return a table of the crossings' places (R, C, 2), the steps between them (R, C, 2, 2), their cells (N, 2)."""
+    # With a margin of unknown cells, `np.roll` does not make the first cells neighbours of the last.
     cells = found.indices - found.indices.min(axis=0) + 2
     places = np.full((*(cells.max(axis=0) + 3), 2), np.nan)
     places[tuple(cells.T)] = found.pixels
@@ -236,7 +236,7 @@ def _tabulate(found: Crossings) -> tuple[_FloatArray, _FloatArray, NDArray[np.in
 
 
 def _measure_offsets(found: Crossings) -> _FloatArray:
-    """Return how far crossings (N,) [px] are from the middle between their neighbours; NaN where there are none."""
+    """Return the distances (N,) [px] of crossings from the middle between their neighbours; NaN without neighbours."""
     if not _count(found):
         return np.empty(0)
     places, _, cells = _tabulate(found)
@@ -251,21 +251,21 @@ def _measure_offsets(found: Crossings) -> _FloatArray:
     return np.asarray(np.linalg.norm(found.pixels - middle, axis=1))
 
 
-def _remove_strays(found: Crossings) -> Crossings:
-    """Return the crossings without those that are far from the middle between their neighbours."""
+def _remove_outliers(found: Crossings) -> Crossings:
+    """Return the crossings that are not far from the middle between their neighbours."""
     off = _measure_offsets(found)
     seen = np.isfinite(off)
-    kept = seen & (off <= _STRAY * np.median(off[seen])) if seen.any() else seen
+    kept = seen & (off <= _OUTLIER * np.median(off[seen])) if seen.any() else seen
     return replace(found, pixels=found.pixels[kept], indices=found.indices[kept])
 
 
 def _measure_darkness(grey: Picture) -> NDArray[np.float32]:
-    """Return the optical density of the lines, uneven light taken off."""
+    """Return the optical density of the lines without uneven light."""
     return _blur(_remove_slow_light(_density(grey)), 1.0)
 
 
 def _find_seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> _Seed | None:
-    """Return the grid around `centre`, or None where it is not seen."""
+    """Return the grid around `centre`, or None if there is none."""
     reach = int(np.clip(min(flat.shape) * share, *_PATCH_PX))
     normals, offsets, pitches = [], [], []
     for angle in _find_normals(_cut_square(flat, centre, 0.0, reach)):
@@ -283,7 +283,7 @@ def _find_seed(flat: NDArray[np.float32], centre: _FloatArray, share: float) -> 
 def _cut_square(
     flat: NDArray[np.float32], centre: _FloatArray, angle: float, reach: int
 ) -> NDArray[np.float32]:
-    """Return the square around `centre` that is turned so that `angle` runs along its rows."""
+    """Return the square around `centre`, turned so that `angle` runs along its rows."""
     cos, sin = np.cos(angle), np.sin(angle)
     turn = np.array([[cos, -sin], [sin, cos]])
     affine = np.column_stack((turn, centre - turn @ (reach, reach)))
@@ -295,7 +295,7 @@ def _cut_square(
 
 
 def _find_normals(patch: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the two directions [rad] along which a patch changes most, at least 50 degrees apart."""
+    """Return the two directions [rad] in which a patch changes most, at least 50 degrees apart."""
     across, down = cv2.Sobel(patch, cv2.CV_32F, 1, 0), cv2.Sobel(patch, cv2.CV_32F, 0, 1)
     degrees = np.rad2deg(np.arctan2(down, across)) % 180.0
     weights = across**2 + down**2
@@ -329,7 +329,7 @@ def _find_line_family(
 
 
 def _find_dark_lines(profile: _FloatArray) -> _FloatArray:
-    """Return where a profile of optical density has its lines [px], to a fraction of a pixel."""
+    """Return the places of the lines in a profile of optical density [px], to a fraction of a pixel."""
     inner = profile[1:-1]
     tops = np.flatnonzero((inner > profile[:-2]) & (inner >= profile[2:])) + 1
     if len(tops) < _LEAST_LINES:
@@ -343,8 +343,8 @@ def _find_dark_lines(profile: _FloatArray) -> _FloatArray:
 
 
 def _grow(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
-    """Follow the grid from its seed to the edge of what is seen."""
-    # Room for a grid that perspective makes half as wide again.
+    """Grow the grid from its seed to its edge in the picture."""
+    # Leave room for a grid that perspective makes wider by half.
     half = int(1.5 * np.hypot(*flat.shape) / seed.pitch_px) + 4
     places = np.full((2 * half + 1, 2 * half + 1, 2), np.nan)
     tries = np.zeros(places.shape[:2], dtype=int)
@@ -365,14 +365,14 @@ def _grow(flat: NDArray[np.float32], seed: _Seed) -> Crossings:
 
 
 def _predict_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int, ...]) -> _Ring:
-    """Return the crossings next to known ones, predicted by one local step from each neighbour.
+    """Return the unknown crossings next to known crossings, predicted by a local step from each neighbour.
 
-    A cell is tried again, up to four times, once more of its neighbours are known.
+    A cell is tried again, up to four times, when more of its neighbours are known.
     """
     known = np.argwhere(np.isfinite(places[..., 0]))
     if not len(known):
         return _Ring(np.empty((0, 2), dtype=int), np.empty((0, 2)), np.empty((0, 2, 2)))
-    # Only the part that is known and a margin, which also keeps `np.roll` from bringing in the other side.
+    # Only the known part and a margin; the margin also keeps `np.roll` from bringing in the other side.
     low, high = np.maximum(known.min(axis=0) - 2, 0), np.minimum(known.max(axis=0) + 3, len(places))
     window = (slice(low[0], high[0]), slice(low[1], high[1]))
     steps = _average_steps(places[window])
@@ -386,7 +386,7 @@ def _predict_ring(places: _FloatArray, tries: NDArray[np.int_], shape: tuple[int
 
 
 def _extrapolate(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, NDArray[np.int_]]:
-    """Return where each cell's known neighbours expect it (R, C, 2), and how many of them are known (R, C)."""
+    """Return the mean prediction of each cell from its known neighbours (R, C, 2), and their number (R, C)."""
     total = np.zeros_like(places)
     count = np.zeros(places.shape[:2], dtype=int)
     for axis, sign in product((0, 1), (1, -1)):
@@ -398,7 +398,7 @@ def _extrapolate(places: _FloatArray, steps: _FloatArray) -> tuple[_FloatArray, 
 
 
 def _average_steps(places: _FloatArray) -> _FloatArray:
-    """Return the mean steps (R, C, 2, 2) to the next crossing along either axis among the cells around, or NaN."""
+    """Return the mean steps (R, C, 2, 2) to the next crossing along either axis over the cells around, or NaN."""
     means = []
     for axis in (0, 1):
         steps = places - np.roll(places, 1, axis=axis)
@@ -413,10 +413,9 @@ def _average_steps(places: _FloatArray) -> _FloatArray:
 def _refine(
     flat: NDArray[np.float32], ring: _Ring, along_at: _FloatArray = _ALONG
 ) -> tuple[_FloatArray, _FloatArray]:
-    """Return where the two lines through each prediction cross (N, 2), and how dark the fainter one is (N,).
+    """Return the crossing of the two lines at each prediction (N, 2), and the contrast of the fainter line (N,).
 
-    Each line is centred between its own two flanks, beside the crossing, where the other line does not
-    disturb.
+    Each line is located between its two flanks, beside the crossing, away from the other line.
     """
     found = ring.predicted.copy()
     contrast = np.full(len(found), np.inf)
@@ -441,7 +440,7 @@ def _sample_profiles(
 ) -> _FloatArray:
     """Return the density across a line (N, samples), averaged along it on both sides of the crossing.
 
-    `at` and `along_at` are the places of the samples, in steps to the next line.
+    `at` and `along_at` place the samples, in steps to the next line.
     """
     spread = (at[:, None, None, None] * across + along_at[:, None, None] * along).reshape(-1, *centres.shape)
     maps = (centres + spread).astype(np.float32)
@@ -462,13 +461,13 @@ def _locate_lines(profiles: _FloatArray) -> tuple[_FloatArray, _FloatArray]:
 
 
 def _number_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossings:
-    """Return the crossings numbered in the finest lines, also where those are too faint or close to be followed.
+    """Return the crossings numbered in the finest lines, even if these are too faint or too close to follow.
 
     Raises
     ------
     MeasurementRefusedError
-        If there is something between the lines found, but not lines that divide their distance evenly: every length
-        could be wrong.
+        If something lies between the lines found that does not divide their distance evenly: every length could
+        be wrong.
     """
     places, steps, cells = _tabulate(found)
     cells = cells[np.isfinite(steps[tuple(cells.T)]).all(axis=(1, 2))]
@@ -486,7 +485,7 @@ def _number_in_finest(flat: NDArray[np.float32], found: Crossings) -> Crossings:
 def _count_divisions(
     flat: NDArray[np.float32], places: _FloatArray, steps: _FloatArray, axis: int
 ) -> int | None:
-    """Return how many steps of the finest lines there are from one line to the next; None where it is not clear."""
+    """Return the number of fine steps from a line to the next; None if it is unclear."""
     across, along = steps[:, axis], steps[:, 1 - axis]
     depth = float(_locate_lines(_sample_profiles(flat, places, across, along, _ACROSS))[1].mean())
     between = _sample_profiles(flat, places + 0.5 * across, across, along, _BETWEEN).mean(axis=0)
@@ -506,6 +505,6 @@ def _count_divisions(
 
 
 def _highest_top(profile: _FloatArray) -> float:
-    """Return how far the profile's highest inner top stands above the higher of its two sides' lowest points."""
+    """Return the largest height of an inner peak above the higher of the minima on its two sides."""
     left, right = np.minimum.accumulate(profile), np.minimum.accumulate(profile[::-1])[::-1]
     return float((profile - np.maximum(left, right)).max())

@@ -1,8 +1,8 @@
-"""Whether the camera still sees what it was calibrated for: ruled paper before and after a run.
+"""Whether a plane map still holds: pictures of ruled paper before and after a run.
 
-Seen through the plane map, paper must have its own pitch in every direction. What it has instead, its scale along two
-axes and how far its crossings are from an even grid, is compared before and after. The paper may be laid anew in
-between, so where it lies says nothing; a camera that was bumped out of its pose shows in scale and shape.
+Through a valid plane map the paper has its own pitch in every direction. The deviation from that, as scales along two
+axes and as distances of the crossings from an even grid, is compared before and after the run. The paper may be moved
+in between, so its place and direction do not count; a camera that was bumped shows in scale and shape.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from labrig.vision.plane import PlaneMap
 from labrig.vision.rounding import round_up
 
 _LEAST_CROSSINGS = 60
-# A crossing further off than this part of the pitch was mistaken for something else.
+# A crossing further off than this share of the pitch is a false detection.
 _GROSS = 0.25
 _LARGEST_DRIFT = 0.005
 _LARGEST_BENDING_MM = 0.1
@@ -29,9 +29,9 @@ class GridCheck:
     Attributes
     ----------
     scale, other_scale : float
-        Lengths through the map over true ones, the largest and the least over all directions.
+        Lengths through the map over true lengths: the largest and the least over all directions.
     residual_mm : float
-        Rms distance of the crossings from an even grid of these scales.
+        Rms distance of the crossings from an even grid with these scales.
     crossings : int
     """
 
@@ -48,9 +48,9 @@ class GridDrift:
     Attributes
     ----------
     relative : float
-        Largest change of scale in any direction: the error bar that a length of the run gets.
+        Largest change of scale in any direction: the error bar of every length of the run.
     bending_mm : float
-        By how much more the crossings are off an even grid.
+        Increase of the crossings' distance from an even grid.
     accepted : bool
     reason : str or None
     """
@@ -62,12 +62,12 @@ class GridDrift:
 
 
 def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
-    """Return what ruled paper of a known pitch looks like through a plane map.
+    """Measure ruled paper of a known pitch through a plane map.
 
     Raises
     ------
     CalibrationRefusedError
-        If the paper is not seen well enough.
+        If too little of the paper is visible.
     PictureError
         If the picture has another size than the map is for.
     """
@@ -94,7 +94,7 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
 
 
 def compare_grids(before: GridCheck, after: GridCheck) -> GridDrift:
-    """Return what changed, refused where it is more than an error bar can stand for."""
+    """Return what changed; refused if the change is too large for an error bar."""
     drift = max(abs(after.scale / before.scale - 1.0), abs(after.other_scale / before.other_scale - 1.0))
     bending = float(np.sqrt(max(after.residual_mm**2 - before.residual_mm**2, 0.0)))
     reason = None

@@ -1,8 +1,7 @@
-"""What a lens does: the pinhole with radial and tangential distortion, and how well it is known.
+"""The lens of a camera: a pinhole with radial and tangential distortion, and the uncertainty of its parameters.
 
 The model is Brown's with five coefficients in OpenCV's order (k1, k2, p1, p2, k3), and a skew of the pixel axes that
-is zero unless Zhang's own model was asked for. "Ideal" pixels are where the same camera matrix would put a point if the
-lens did not distort.
+is zero except in Zhang's own model.
 """
 
 import hashlib
@@ -18,9 +17,9 @@ from labrig.errors import InputError, MeasurementRefusedError
 
 _FloatArray = NDArray[np.float64]
 
-# Newton steps to undo the distortion; lenses that can be undone at all take four or five.
+# Newton steps to undo the distortion; an invertible lens takes four or five.
 _MAX_NEWTON_STEPS = 30
-# Distance between a pixel and its image through undistortion and distortion [focal lengths].
+# Distance between a pixel and itself after undistortion and distortion [focal lengths].
 _UNDISTORTION_TOLERANCE = 1e-11
 
 
@@ -33,13 +32,13 @@ class ViewResidual:
     image : str
         Name of the photograph.
     rms_px : float or None
-        Root mean square distance between its corners and their reprojections; None where it has no corners.
+        Root mean square distance between its corners and their reprojections; None without corners.
     used : bool
         Whether its corners entered the fit.
     reason : str or None
-        Why it was not used, or what is odd about it.
+        Why it was not used, or what is unusual about it.
     corners_px, errors_px : tuple of (float, float)
-        Its corners and how far their reprojections are from them, to be drawn; not kept in files.
+        Its corners and their reprojection errors, for drawings; not kept in files.
     """
 
     image: str
@@ -52,38 +51,37 @@ class ViewResidual:
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """A camera's lens, with standard deviations and the evidence for them.
+    """The calibrated lens of a camera, with standard deviations and evidence.
 
     Attributes
     ----------
     image_size : (int, int)
-        Width and height [px] of every picture that this describes.
+        Width and height [px] of the pictures of this camera.
     fx, fy, cx, cy : float
         Focal lengths and principal point [px], pixel centres at integers.
     distortion : 5 floats
         k1, k2, p1, p2, k3.
     sigma : dict
-        Standard deviations of fx, fy, cx, cy [px] and of k1, k2, p1, p2, k3; with Zhang's model also of the skew. None
-        where the views do not determine a parameter.
+        Standard deviations of fx, fy, cx, cy [px] and k1, k2, p1, p2, k3, or of the parameters of Zhang's model; None
+        for a parameter that the views do not determine.
     rms_px : float
-        Reprojection error of the corners that were fitted. It says nothing about the error of the focal
-        length.
+        Reprojection error of the fitted corners. It says nothing about the error of the focal length.
     holdout_rms_px : float or None
-        Reprojection error of photographs left out of the fit that predicts them.
+        Reprojection error of photographs that were left out of the fit.
     views : tuple of ViewResidual
     accepted : bool
-        Whether measurements may rest on it.
+        Whether measurements may rely on it.
     reasons : tuple of str
         Why not, each with what to photograph next.
     skew : float
-        Of the pixel axes: how far u moves [px] with one focal length in v.
+        Of the pixel axes: shift of u [px] per focal length in v.
     covariance : tuple of rows or None
         Of fx, fy, cx, cy, k1, k2, p1, p2, k3 and skew, ten by ten.
     projection_sigma_px : tuple of rows of floats or None
-        How uncertain a direction's pixel is (one standard deviation), over the picture row by row from corner to
-        corner; see `labrig.vision.projection_sigma_px`.
+        Standard deviation of the pixel of a direction over the picture, row by row from corner to corner; see
+        `labrig.vision.projection`.
     coverage : float or None
-        Share of the picture inside the hull of all corners.
+        Share of the picture inside the convex hull of all corners.
     different_views : int or None
     tilt_spread_deg : float or None
         Largest angle between two boards.
@@ -109,11 +107,11 @@ class Intrinsics:
     tilt_spread_deg: float | None = None
 
     def camera_matrix(self) -> _FloatArray:
-        """Return the 3x3 matrix from directions to ideal pixels."""
+        """Return the matrix (3, 3) from directions to ideal pixels."""
         return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def directions(self, px: ArrayLike) -> _FloatArray:
-        """Return the unit vectors (N, 3), z away from the camera, from which light reaches pixels (N, 2)."""
+        """Return the unit vectors (N, 3), z away from the camera, that appear at pixels (N, 2)."""
         flat = self._to_directions(self.undistort_px(px))
         rays = np.column_stack((flat, np.ones(len(flat))))
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
@@ -137,7 +135,7 @@ class Intrinsics:
         Raises
         ------
         MeasurementRefusedError
-            If the model cannot be inverted at a pixel: it lies outside the region that the calibration saw,
+            If the model cannot be inverted at a pixel: it lies outside the region that the boards covered,
             where the fitted distortion folds over.
         """
         wanted = self._to_directions(px)
@@ -151,13 +149,13 @@ class Intrinsics:
         return self._to_px(found)
 
     def fingerprint(self) -> str:
-        """Return the SHA-256 of size, matrix and distortion, by which a plane map names its lens."""
+        """Return the SHA-256 of size, matrix and distortion, by which a plane map identifies its lens."""
         numbers = [*self.image_size, self.fx, self.fy, self.cx, self.cy, *self.distortion]
         numbers += [self.skew] if self.skew else []
         return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the document that `labrig calibrate intrinsics --json` prints; what is unknown is None."""
+        """Return the document that `labrig calibrate intrinsics --json` prints; unknown values are None."""
         return {
             "accepted": self.accepted,
             "reasons": list(self.reasons),
@@ -203,7 +201,7 @@ def _rows(table: tuple[tuple[float, ...], ...] | None) -> list[list[float]] | No
 
 
 def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
-    """Return distorted directions (N, 2) and their Jacobians (N, 2, 2) with respect to the ideal ones."""
+    """Return distorted directions (N, 2) and their Jacobians (N, 2, 2) with respect to the ideal directions."""
     k1, k2, p1, p2, k3 = distortion
     x, y = points[:, 0], points[:, 1]
     s = x * x + y * y
@@ -223,7 +221,7 @@ def _distort(points: _FloatArray, distortion: tuple[float, ...]) -> tuple[_Float
 
 
 def _undistort(wanted: _FloatArray, distortion: tuple[float, ...]) -> tuple[_FloatArray, _FloatArray]:
-    """Return ideal directions (N, 2) and how far their distortion is from `wanted` (N,)."""
+    """Return ideal directions (N, 2) and the distances (N,) of their distorted images from `wanted`."""
     found = wanted.copy()
     for _ in range(_MAX_NEWTON_STEPS):
         moved, jacobian = _distort(found, distortion)

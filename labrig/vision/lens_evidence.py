@@ -1,11 +1,11 @@
-"""What speaks for a calibrated lens, what against it, and what to photograph next.
+"""The evidence for and against a calibrated lens, and what to photograph next.
 
-The RMS of the fit never decides: nearly identical photographs can give 0.2 px and a focal length 20 % off. What decides
-is the number of different poses, their tilts, how much of the picture they cover, the standard deviation of the focal
-lengths, how uncertain a direction's pixel is over the working area, and the error in predicting photographs that were
-left out. On OpenCV's thirteen photographs, of random subsets of 3, 5 and 8 of them 7, 61 and 97 % are accepted under
-the limits on poses, focal length and prediction; the worst focal length among them is 0.5, 0.75 and 0.4 % off, and
-without the limits it is 2.8, 1.35 and 0.4 %.
+The RMS of the fit never decides: nearly identical photographs can give 0.2 px and a focal length 20 % off. The decision
+rests on the number of different poses, their tilts, the share of the picture that they cover, the standard deviation
+of the focal lengths, the uncertainty of pixels over the working area, and the error in predicting photographs that were
+left out. Of random subsets of 3, 5 and 8 of OpenCV's thirteen photographs, the limits on poses, focal length and
+prediction accept 7, 61 and 97 %. The worst focal length among these is 0.5, 0.75 and 0.4 % off; without the limits it
+is 2.8, 1.35 and 0.4 % off.
 """
 
 from collections.abc import Sequence
@@ -24,16 +24,16 @@ from labrig.vision.rounding import round_down, round_up
 _FloatArray = NDArray[np.float64]
 
 LEAST_DIFFERENT_VIEWS = 3
-# Limits of a calibration that is accepted.
+# Limits of an accepted calibration.
 _LEAST_TILT_SPREAD_RAD = np.deg2rad(20.0)
 _LEAST_COVERAGE = 0.35
 _LARGEST_SIGMA_SHARE = 0.002
 _LARGEST_HOLDOUT_PX = 1.0
-# The working area is the picture but for this margin; there a pixel may be as uncertain as this.
+# The working area is the picture inside this margin; a pixel there may be as uncertain as this.
 WORKING_MARGIN = 0.15
 _WORKING_SHAPE = (9, 7)
 LARGEST_PROJECTION_SIGMA_PX = 1.0
-# Poses are one pose if their tilts and their places (in distances from the camera) differ by less.
+# Poses whose tilts and places (in distances from the camera) differ by less count as one pose.
 _SAME_TILT_RAD = np.deg2rad(4.0)
 _SAME_PLACE = 0.04
 
@@ -45,7 +45,7 @@ def judge_lens(
     size: tuple[int, int],
     residuals: tuple[ViewResidual, ...],
 ) -> Intrinsics:
-    """Return the fitted lens with the evidence for it, accepted or with the reasons why not."""
+    """Return the fitted lens with its evidence, accepted or with the reasons for refusing it."""
     normals, centres = _find_poses(views, fit)
     spread = float(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0)))
     bare = replace(
@@ -84,7 +84,7 @@ def _make_intrinsics(fit: Fit, size: tuple[int, int], residuals: tuple[ViewResid
 
 
 def _list_sigmas(fit: Fit) -> dict[str, float | None]:
-    """Return the standard deviation of each parameter that the model has."""
+    """Return the standard deviation of each parameter of the model."""
     names = [PARAMETERS[index] for index in FREE[fit.model]]
     if fit.covariance is None:
         return dict.fromkeys(names)
@@ -99,7 +99,7 @@ def _finite_or_none(value: float | None) -> float | None:
 
 
 def _judge_poses(found: Intrinsics, normals: _FloatArray, seen: _FloatArray) -> list[str]:
-    """Say what the board's poses lack."""
+    """Return what the board's poses lack."""
     reasons = []
     if (found.different_views or 0) < LEAST_DIFFERENT_VIEWS:
         reasons.append(
@@ -127,7 +127,7 @@ def _count(count: int, thing: str) -> str:
 
 
 def _describe_missing_tilt(normals: _FloatArray) -> str:
-    """Return which way the boards were tilted least."""
+    """Return the direction in which the boards were tilted least."""
     across, down = np.ptp(normals[:, :2], axis=0)
     return (
         "the left edge towards the camera, then the right"
@@ -159,7 +159,7 @@ def _find_poses(views: Sequence[View], fit: Fit) -> tuple[_FloatArray, _FloatArr
 
 
 def _count_different(normals: _FloatArray, centres: _FloatArray) -> int:
-    """Count poses, taking those for one whose tilts and places are nearly the same."""
+    """Count poses; poses of nearly the same tilt and place count as one."""
     kept: list[int] = []
     for index, (normal, centre) in enumerate(zip(normals, centres, strict=True)):
         same_tilt = normals[kept] @ normal > np.cos(_SAME_TILT_RAD)
@@ -176,7 +176,7 @@ def _measure_coverage(views: Sequence[View], size: tuple[int, int]) -> float:
 
 
 def _judge_focal_lengths(found: Intrinsics) -> list[str]:
-    """Say which focal length is too uncertain."""
+    """Return which focal length is too uncertain."""
     focal = {"fx": found.fx, "fy": found.fy}
     limits = {name: _LARGEST_SIGMA_SHARE * value for name, value in focal.items()}
     sigmas = {name: found.sigma[name] for name in focal}
@@ -196,7 +196,7 @@ def _judge_focal_lengths(found: Intrinsics) -> list[str]:
 
 
 def _judge_numbers(found: Intrinsics, seen: _FloatArray) -> list[str]:
-    """Say which of the calibration's own numbers are not good enough."""
+    """Return which numbers of the calibration are not good enough."""
     reasons = _judge_focal_lengths(found)
     holdout = found.holdout_rms_px
     if holdout is None or holdout > _LARGEST_HOLDOUT_PX:
@@ -215,7 +215,7 @@ def _judge_numbers(found: Intrinsics, seen: _FloatArray) -> list[str]:
 
 
 def _judge_projection(found: Intrinsics, seen: _FloatArray) -> list[str]:
-    """Say where in the working area the lens is too uncertain."""
+    """Return where in the working area the lens is too uncertain."""
     places = picture_grid(found.image_size, _WORKING_SHAPE, WORKING_MARGIN)
     try:
         sigma = projection_sigma_px(found, places, seen)

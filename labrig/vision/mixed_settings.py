@@ -1,9 +1,10 @@
-"""Whether all views of a board are of one camera setting.
+"""Whether all views of a board come from one camera setting.
 
-A zoom, a focus or a camera that changed among the views is shared out by the fit over all of them: the residual hardly
-grows, and the focal length that comes out is none of any. So each view is asked, with the rest of the lens held, for a
-focal length of its own. Where these fall into two groups, the lens is fitted to the larger one alone, and whatever
-contradicts that is of another setting. In eight careful views a change by 1 % is found; one by half a percent is not.
+If zoom, focus or camera changed between the views, the fit spreads the change over all of them: the residual hardly
+grows, and the fitted focal length belongs to no setting. So the focal length of each view is estimated on its own, with
+the rest of the lens held. If these values fall into two groups, the lens is fitted to the larger group alone, and every
+view that contradicts this lens is of another setting. In eight careful views a change of 1 % is found, and a change of
+0.5 % is not.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,12 +18,12 @@ from labrig.vision.bundle import Fit, View, estimate_focal_change
 
 _FloatArray = NDArray[np.float64]
 
-# A view is of another setting if its focal length differs by more than this part, and by so many standard deviations.
+# A view is of another setting if its focal length differs by more than this share and this many standard deviations.
 _LEAST_APART = 0.006
 _LEAST_SIGMAS = 5.0
-# Two groups are worth a second look from so many on.
+# Standard deviations between two groups above which the larger group is fitted alone.
 _SUSPICIOUS_SIGMAS = 3.0
-# A view says something of the focal length if it knows it to this part.
+# Largest relative standard deviation of the focal length with which a view takes part in the grouping.
 _LARGEST_SIGMA = 0.02
 _LEAST_OF_A_SETTING = 3
 _ROUNDS = 4
@@ -30,19 +31,19 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class OtherSetting:
-    """Views that are of another camera setting than the most, and by which part their focal length is longer."""
+    """Views of another camera setting than the majority, and the relative excess of their focal length."""
 
     others: tuple[str, ...]
     longer: float
 
     @property
     def difference(self) -> str:
-        """Say how the focal length differs."""
+        """Return in words how the focal length differs."""
         return f"about {100.0 * abs(self.longer):.1f} % {'longer' if self.longer > 0.0 else 'shorter'}"
 
     @property
     def reason(self) -> str:
-        """Say why the calibration is refused."""
+        """Return why the calibration is refused."""
         return (
             "the views are of two cameras, or of one whose zoom or focus changed: the focal length of "
             f"{', '.join(self.others)} is {self.difference} than that of the rest: photograph all of them with one "
@@ -53,17 +54,17 @@ class OtherSetting:
 def find_other_setting(
     fit: Fit, views: Sequence[View], refit: Callable[[list[View]], Fit]
 ) -> OtherSetting | None:
-    """Return which views are of another camera setting than most, or None where nothing speaks for that.
+    """Return the views of another camera setting than most; None if there is no evidence for another setting.
 
-    Where no camera explains the larger group alone, nothing does.
+    There is none either if no camera explains the larger group alone.
 
     Parameters
     ----------
     fit : Fit
-        Of all views.
+        Fit to all views.
     views : sequence of View
     refit : callable
-        Fits a camera to some of them.
+        Fits a camera to some of the views.
     """
     kept = _find_larger_group(_estimate_changes(fit, views))
     for _ in range(_ROUNDS):
@@ -88,7 +89,7 @@ def find_other_setting(
 
 
 def _estimate_changes(fit: Fit, views: Sequence[View]) -> _FloatArray:
-    """Return of each view (V, 2) by which part its focal length differs, and the standard deviation of that."""
+    """Return for each view (V, 2) the relative change of its focal length, and the standard deviation of the change."""
     return np.array(
         [
             estimate_focal_change(fit, view, pose) if np.isfinite(pose).all() else (0.0, np.inf)
@@ -98,7 +99,7 @@ def _estimate_changes(fit: Fit, views: Sequence[View]) -> _FloatArray:
 
 
 def _find_larger_group(changes: _FloatArray) -> NDArray[np.intp] | None:
-    """Return the views of the larger of two groups, with those that say nothing; None where there is one group."""
+    """Return the larger of two groups of views; None if there is only one group."""
     known = np.flatnonzero(changes[:, 1] < _LARGEST_SIGMA)
     order = known[np.argsort(changes[known, 0])]
     if len(order) < _LEAST_OF_A_SETTING + 1:
@@ -115,7 +116,7 @@ def _find_larger_group(changes: _FloatArray) -> NDArray[np.intp] | None:
 def _significance(values: _FloatArray, sigmas: _FloatArray, cut: int) -> float:
     """Return by how many standard deviations the means before and after a cut differ.
 
-    What the views of a group differ among themselves counts as uncertainty too.
+    The scatter within a group counts as uncertainty too.
     """
     means, variance = [], 0.0
     for part in (slice(None, cut), slice(cut, None)):

@@ -1,13 +1,13 @@
 """Pixels of a picture to mm in the steering plane, and back.
 
-The map undoes the lens (the intrinsics, or one radial term fitted with the plane where there are none), applies one
-homography, and bends rays at the gel's surface where a gel is stated. It holds for one plane only: without a stated gel
-the graph paper must lie where the needle will be, at the needle's depth **in the same gel**. Left out, paper at needle
-depth but in air makes radii too large by 0.3 to 2 %, paper on top of the gel makes them too small by 1 to 6 %.
+The map undoes the lens (by the intrinsics, or by one radial term fitted with the plane), applies one homography, and
+refracts rays at the surface of a stated gel. It holds for one plane only: without a stated gel the graph paper must
+lie where the needle will be, at the needle's depth **in the same gel**. Otherwise, paper at needle depth but in air
+makes radii 0.3 to 2 % too large, and paper on top of the gel makes them 1 to 6 % too small.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,15 +27,13 @@ PICTURE_AXES: dict[Insertion, tuple[tuple[int, int], tuple[int, int]]] = {
     "left": ((0, 1), (-1, 0)),
     "up": ((-1, 0), (0, -1)),
 }
-
-
 _MAX_NEWTON_STEPS = 30
 _RADIAL_TOLERANCE_PX = 1e-10
 
 
 @dataclass(frozen=True)
 class Radial:
-    """One radial term of distortion, where no lens is known: an ideal pixel is c + (p - c) (1 + k |p - c|^2).
+    """One radial term of distortion for an unknown lens: an ideal pixel is c + (p - c) (1 + k |p - c|^2).
 
     Attributes
     ----------
@@ -52,7 +50,7 @@ class Radial:
         return np.asarray(px + aside * (self.k_per_px2 * np.sum(aside**2, axis=1))[:, None])
 
     def distort_px(self, px: _FloatArray) -> _FloatArray:
-        """Return where the lens puts ideal pixels (N, 2)."""
+        """Return the pixels (N, 2) in a picture of ideal pixels (N, 2)."""
         wanted = np.hypot(*(px - self.centre_px).T)
         found = wanted.copy()
         for _ in range(_MAX_NEWTON_STEPS):
@@ -66,13 +64,13 @@ class Radial:
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """The map moved along one independent axis of what is uncertain in it, by one standard deviation.
+    """The map moved by one standard deviation along one independent axis of its uncertainty.
 
     Attributes
     ----------
     homography : ndarray (3, 3)
     lens : tuple of float or None
-        The lens's ten parameters; None where it is the map's own.
+        The lens's ten parameters; None for the map's own lens.
     """
 
     homography: _FloatArray
@@ -81,23 +79,23 @@ class Variation:
 
 @dataclass(frozen=True)
 class Bend:
-    """Why crossings are off a plane: the sheet is bent. It explains residuals, and is no part of the map.
+    """A bend of the sheet that explains why crossings are off a plane. It is no part of the map.
 
     Attributes
     ----------
     order : int
-        Of the polynomial that the height is of the place on the sheet, chosen by the crossings left out.
+        Order of the polynomial for the height over the sheet, chosen by the error of crossings left out.
     holdout_rms_mm : float
-        Error of crossings that the fit did not see, with the bend.
+        Error of crossings left out of the fit, with the bend.
     largest_shift_mm : float
-        The most of a crossing's residual that it explains.
+        The largest part of a crossing's residual that the bend explains.
     largest_shift_px : (float, float)
-        Where that is in the picture.
+        Pixel of that crossing.
     height_mm, sigma_mm : float or None
-        The highest crossing above the lowest one, over the best plane, and the standard deviation of that; None where
-        no intrinsics say where the camera is: its place, one radial term and the height stand for one another then.
+        Height of the highest crossing above the lowest, relative to the best plane, and its standard deviation; None
+        without intrinsics, because camera place, radial term and height then have the same effect.
     highest_px, lowest_px : (float, float) or None
-        Where these crossings are in the picture.
+        Pixels of these crossings.
     """
 
     order: int
@@ -110,7 +108,7 @@ class Bend:
     lowest_px: tuple[float, float] | None = None
 
     def sentence(self) -> str:
-        """Return it in words; without a lens's calibration it could also be the lens."""
+        """Return the bend in words; without intrinsics the lens could be the cause as well."""
         u, v = self.largest_shift_px
         moved = f"That moves its lines by up to {self.largest_shift_mm:.2f} mm, around ({u:.0f}, {v:.0f}) px."
         left_out = f"With it, crossings left out are predicted within {self.holdout_rms_mm:.3f} mm rms."
@@ -135,39 +133,39 @@ class PlaneMap:
     homography : ndarray (3, 3)
         From homogeneous ideal pixels (u, v, 1) to homogeneous (y, z, 1) [mm].
     intrinsics : Intrinsics or None
-        The lens; None takes pixels as they are.
+        The lens; None if it is unknown, or the picture is rectified.
     origin_px : (float, float)
-        The pixel, in the picture, that is (0, 0) mm.
+        The pixel of the picture at (0, 0) mm.
     insertion : "right", "left", "up" or "down"
-        Where the insertion points in the picture, within 45 degrees.
+        Direction of the insertion in the picture, within 45 degrees.
     image_size : (int, int) or None
-        Width and height [px] of the pictures it holds for; None where that is not known.
+        Width and height [px] of the pictures that the map holds for; None if unknown.
     mm_per_px : float
         Square root of the area of the pixel at the origin.
     rms_mm, worst_mm : float or None
         Distances between the paper's crossings and their fitted places; None for a stated scale.
     holdout_rms_mm : float or None
-        The same for crossings that the fit did not see.
+        The same for crossings left out of the fit.
     residual_field_mm : tuple of 3 x 3 floats or None
-        `rms_mm` in the ninths of the picture, row by row, None where nothing was found: paper is not flat,
-        and this is where it is not.
+        `rms_mm` in the ninths of the picture, row by row: it shows where the paper is not flat. None for a ninth
+        without crossings.
     crossings : int
-        How many crossings of the paper's lines were fitted.
+        Number of fitted crossings of the paper's lines.
     accepted : bool
     reasons : tuple of str
-        Why not, each with what to do.
+        Why the map is not accepted, each with what to do.
     radial : Radial or None
-        Fitted with the plane where no intrinsics were given.
+        Fitted with the plane if there are no intrinsics.
     gel : Gel or None
-        Bends the rays; None for a plane in air, or paper that lay in the same gel.
+        Refracts the rays; None for a plane in air, or if the paper lay in the same gel.
     flatness_mm : float or None
-        How far the paper is from flat: the largest mean residual over a part of the picture.
+        Deviation of the paper from flat: the largest median residual of a part of the picture.
     crossing_noise_mm : float or None
-        How far a crossing is off on its own, rms, by the differences of neighbours: no fit gets below it.
+        Rms noise of a single crossing, from the differences of neighbours: no fit gets below it.
     bend : Bend or None
-        Why the crossings are off a plane, where a bent sheet explains it.
+        Explains why the crossings are off a plane; None if a bent sheet does not.
     variations : tuple of Variation
-        What is uncertain in the map; the variance of any length is the sum of its squared changes over these.
+        The map's uncertainty: the variance of any length is the sum of its squared changes over these.
     """
 
     homography: _FloatArray
@@ -198,7 +196,7 @@ class PlaneMap:
         insertion: Insertion,
         image_size: tuple[int, int] | None = None,
     ) -> Self:
-        """Make the map of pictures that are rectified already: one scale, no lens.
+        """Make the map of rectified pictures: one scale, no lens.
 
         Raises
         ------
@@ -224,23 +222,23 @@ class PlaneMap:
         """
         ideal = undistort(self.intrinsics or self.radial, _as_points(px, "pixels"))
         straight = apply_homography(self.homography, ideal)
-        return straight if self.gel is None else self.gel.bent(straight, self.camera_mm())
+        return straight if self.gel is None else self.gel.bend(straight, self.camera_mm())
 
     def to_px(self, mm: ArrayLike) -> _FloatArray:
         """Return pixels (N, 2) in a picture of points (N, 2) in the plane, columns (y, z) [mm]."""
         points = _as_points(mm, "points in the plane")
-        straight = points if self.gel is None else self.gel.straight(points, self.camera_mm())
+        straight = points if self.gel is None else self.gel.straighten(points, self.camera_mm())
         ideal = apply_homography(np.linalg.inv(self.homography), straight)
         lens = self.intrinsics or self.radial
         return ideal if lens is None else lens.distort_px(ideal)
 
     def camera_mm(self) -> _FloatArray:
-        """Return where the camera stands: its foot (y, z) on the paper's plane, and its height over it [mm].
+        """Return the place of the camera (3,) [mm]: its foot (y, z) on the paper's plane, and its height above it.
 
         Raises
         ------
         InputError
-            Without intrinsics: the homography alone does not say it.
+            Without intrinsics: the homography alone does not determine it.
         """
         if self.intrinsics is None:
             raise InputError(
@@ -249,17 +247,17 @@ class PlaneMap:
         return find_camera_mm(self.homography, self.intrinsics)
 
     def variants(self) -> "list[PlaneMap]":
-        """Return the map moved along each independent axis of its uncertainty, one standard deviation each."""
+        """Return the map moved by one standard deviation along each independent axis of its uncertainty."""
         moved = []
-        for one in self.variations:
+        for variation in self.variations:
             lens = self.intrinsics
-            if lens is not None and one.lens is not None:
-                lens = lens.with_parameters(one.lens)
-            moved.append(replace(self, homography=one.homography, intrinsics=lens, variations=()))
+            if lens is not None and variation.lens is not None:
+                lens = lens.with_parameters(variation.lens)
+            moved.append(replace(self, homography=variation.homography, intrinsics=lens, variations=()))
         return moved
 
     def to_json(self) -> dict[str, Any]:
-        """Return the document that `labrig calibrate plane --json` prints; what is unknown is None."""
+        """Return the document that `labrig calibrate plane --json` prints; unknown values are None."""
         return {
             "accepted": self.accepted,
             "reasons": list(self.reasons),
@@ -280,8 +278,8 @@ class PlaneMap:
             "crossing_noise_mm": self.crossing_noise_mm,
             "bend": self.bend and {**vars(self.bend), "sentence": self.bend.sentence()},
             "variations": [
-                {"homography": one.homography.tolist(), "lens": one.lens and list(one.lens)}
-                for one in self.variations
+                {"homography": variation.homography.tolist(), "lens": variation.lens and list(variation.lens)}
+                for variation in self.variations
             ],
         }
 
@@ -294,12 +292,12 @@ def _as_points(points: ArrayLike, what: str) -> _FloatArray:
 
 
 def undistort(lens: Intrinsics | Radial | None, px: _FloatArray) -> _FloatArray:
-    """Return ideal pixels (N, 2) of pixels (N, 2) in a picture; the same ones where no lens is known."""
+    """Return the ideal pixels (N, 2) of pixels (N, 2) in a picture; the pixels themselves without a lens."""
     return px if lens is None else lens.undistort_px(px)
 
 
 def find_camera_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
-    """Return where the camera stands (3,): its foot on the plane that a homography leads to, and its height [mm].
+    """Return the place of the camera (3,) [mm]: its foot on the plane of a homography, and its height above it.
 
     Parameters
     ----------
@@ -315,21 +313,17 @@ def find_camera_mm(homography: _FloatArray, lens: Intrinsics) -> _FloatArray:
 
 
 def apply_homography(homography: NDArray[np.floating], points: _FloatArray) -> _FloatArray:
-    """Return points (N, 2) through a 3 x 3 homography."""
+    """Return points (N, 2) mapped by a homography (3, 3)."""
     homogeneous = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
 
 def check_frame(origin_px: tuple[float, float], insertion: str) -> tuple[tuple[float, float], Insertion]:
-    """Return origin and direction of a steering plane frame, or raise InputError naming what is wrong."""
-    for known in get_args(Insertion):
-        if insertion == known:
-            break
-    else:
-        raise InputError(
-            f"insertion {insertion!r} is no direction", f"one of {', '.join(get_args(Insertion))}"
-        )
+    """Return origin and direction of a steering plane frame; raises InputError, which names the fault."""
+    directions: dict[str, Insertion] = {direction: direction for direction in PICTURE_AXES}
+    if insertion not in directions:
+        raise InputError(f"insertion {insertion!r} is not a direction", f"one of {', '.join(directions)}")
     u, v = origin_px
     if not (np.isfinite(u) and np.isfinite(v)):
         raise InputError(f"origin ({u}, {v}) px is not finite", "give the pixel that is to be (0, 0) mm")
-    return (float(u), float(v)), known
+    return (float(u), float(v)), directions[insertion]

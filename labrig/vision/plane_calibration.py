@@ -1,9 +1,9 @@
 """The plane map from one picture of graph paper.
 
-The fit (`plane_fit`) is over all crossings (some thousands), so that the map is far better than one crossing: on drawn
-pictures at 15 px/mm crossings scatter by 0.007 mm and the map is right to 0.001 mm. What is left out is only what is a
-quarter of a line's distance or more off; the rest, be it the lens or paper that is not flat, shows in the residuals,
-over the picture in `residual_field_mm`, and decides whether the map is accepted.
+The fit (`plane_fit`) uses all crossings (some thousands), so the map is far better than a single crossing: on drawn
+pictures at 15 px/mm crossings scatter by 0.007 mm, and the map is right to 0.001 mm. Only crossings that are off by a
+quarter of the line spacing or more are left out. Any other error, from the lens or from paper that is not flat, shows
+in the residuals (over the picture: `residual_field_mm`), and these decide whether the map is accepted.
 """
 
 from dataclasses import replace
@@ -36,24 +36,23 @@ from labrig.vision.sheet_bend import find_bend
 
 _FloatArray = NDArray[np.float64]
 
-# Limits of a map that is accepted. The map is wanted to 0.02 mm; that many crossings average their own errors
-# out, so what this residual limits is the paper's unevenness and the lens.
+# Limits of an accepted map. The map must be right to 0.02 mm. So many crossings average out their own errors, so this
+# residual limits the errors of lens and uneven paper.
 _LARGEST_RMS_MM = 0.05
 _LEAST_CROSSINGS = 60
 _LEAST_COVERAGE = 0.25
 _LARGEST_GROSS_SHARE = 0.1
 _LARGEST_TURN_RAD = float(np.deg2rad(30.0))
-# A crossing further than this from its place, in pitches, was mistaken for something else.
+# A crossing further than this from its place, in pitches, is a false detection.
 _GROSS = 0.25
-# Parts of the picture, columns and rows, over which the paper's unevenness is looked for; and what is too much of it.
+# Parts of the picture, columns and rows, in which the paper's unevenness is measured, and its limit.
 _PARTS = (6, 4)
 _LEAST_IN_A_PART = 8
 _LARGEST_UNEVENNESS_MM = 1.0
 _LEAST_IN_A_HALF = 8
-# Where the origin's ray ends up moves with the frame; each shift leaves a thousandth of it.
+# The end of the origin's ray moves with the frame; each shift leaves a thousandth of the error.
 _MAX_SHIFTS = 6
-# Side of the blocks of crossings that the hold-out leaves out in turn: neighbours would vouch for one
-# another.
+# Side of the blocks of crossings that the hold-out leaves out in turn: the errors of neighbours are correlated.
 _BLOCK = 5
 
 
@@ -68,27 +67,27 @@ def calibrate_plane(
 ) -> PlaneMap:
     """Make the map from one picture of graph paper that lies in the steering plane.
 
-    +z runs along the ruled lines that are nearest to `insertion` in the picture, and the origin is exactly
-    `origin_px`, on a line or not.
+    +z runs along the ruled lines nearest to `insertion` in the picture; the origin is exactly `origin_px`, on a
+    line or not.
 
     Parameters
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
-        As the camera took it, not undistort.
+        As the camera took it, not undistorted.
     intrinsics : Intrinsics or None
-        Without them one radial term is fitted with the plane; what else the lens does shows in `rms_mm`.
+        Without them one radial term is fitted with the plane; the rest of the distortion shows in `rms_mm`.
     pitch_mm : float
         Distance between the nearest lines of the paper; heavier ones every 5 or 10 mm do not matter.
     origin_px : (float, float)
-        The pixel that is to be (0, 0) mm.
+        The pixel of (0, 0) mm.
     insertion : "right", "left", "up" or "down"
     gel : Gel, optional
-        Corrects for refraction; takes intrinsics.
+        Corrects for refraction; needs intrinsics.
 
     Returns
     -------
     PlaneMap
-        `accepted` is False, with reasons, where it should not be relied on.
+        `accepted` is False, with reasons, if measurements should not rely on it.
 
     Raises
     ------
@@ -127,7 +126,7 @@ def calibrate_plane(
 
 
 def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
-    """Return the map behind a gel, its origin still at the origin's pixel."""
+    """Return the map behind a gel, with its origin still at the origin's pixel."""
     if gel is None:
         return plane
     height_mm = float(plane.camera_mm()[2])
@@ -139,11 +138,13 @@ def _add_gel(plane: PlaneMap, gel: Gel | None) -> PlaneMap:
         )
     bent = replace(plane, gel=gel)
     shift = np.eye(3)
-    # The frame moves with the paper's plane; where the origin's ray ends up is (0, 0) again.
+    # The frame moves with the paper's plane until the origin's ray ends at (0, 0) again.
     for _ in range(_MAX_SHIFTS):
         moved = replace(bent, homography=shift @ plane.homography)
         shift[:2, 2] -= moved.to_mm([plane.origin_px])[0]
-    variations = tuple(replace(one, homography=shift @ one.homography) for one in plane.variations)
+    variations = tuple(
+        replace(variation, homography=shift @ variation.homography) for variation in plane.variations
+    )
     final = replace(bent, homography=shift @ plane.homography, variations=variations)
     return replace(final, mm_per_px=_measure_mm_per_px(final))
 
@@ -161,7 +162,7 @@ def _check_inputs(pitch_mm: float, origin: tuple[float, float], size: tuple[int,
 def _find_paper(
     image: Picture, intrinsics: Intrinsics | None, origin: tuple[float, float]
 ) -> tuple[Crossings, _FloatArray, _FloatArray]:
-    """Return the paper's crossings, their ideal pixels (N, 2), and the origin's (1, 2)."""
+    """Return the paper's crossings, their ideal pixels (N, 2), and the ideal pixel of the origin (1, 2)."""
     try:
         found = find_crossings(image)
         return found, undistort(intrinsics, found.pixels), undistort(intrinsics, np.array([origin]))
@@ -170,12 +171,12 @@ def _find_paper(
 
 
 def _select_odd_blocks(found: Crossings) -> NDArray[np.bool_]:
-    """Return which crossings (N,) are in every other block, as on a chessboard."""
+    """Return whether each crossing (N,) is in an odd block of a chessboard pattern."""
     return np.asarray((found.indices // (_BLOCK * found.step)).sum(axis=1) % 2 == 1)
 
 
 def _measure_crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
-    """Return how far crossings are off on their own, rms [mm]: neighbours differ by the square root of two of it."""
+    """Return the rms noise of single crossings [mm]; neighbours differ by sqrt(2) times as much."""
     cells = (found.indices - found.indices.min(axis=0)) // found.step
     off = np.full((*(cells.max(axis=0) + 1), 2), np.nan)
     off[tuple(cells[fit.kept].T)] = fit.residuals_mm[fit.kept]
@@ -187,7 +188,7 @@ def _measure_crossing_noise(found: Crossings, fit: PlaneFit) -> float | None:
 def _find_bend(
     bare: PlaneMap, found: Crossings, ideal: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit
 ) -> Bend | None:
-    """Return the sheet's bend, its height in mm where the camera's lens is known."""
+    """Return the sheet's bend, with its height if the lens is known."""
     if bare.crossing_noise_mm is None:
         return None
     lens = bare.intrinsics
@@ -198,7 +199,7 @@ def _find_bend(
 def _measure_holdout_rms(
     ideal: _FloatArray, paper: _FloatArray, odd: NDArray[np.bool_], fit: PlaneFit, gross_mm: float
 ) -> float | None:
-    """Return the error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
+    """Return the rms error [mm] of each half of the paper, in alternate blocks, through the map of the other half."""
     if min((odd & fit.kept).sum(), (~odd & fit.kept).sum()) < _LEAST_IN_A_HALF:
         return None
     errors = []
@@ -211,26 +212,26 @@ def _measure_holdout_rms(
 def _find_variations(
     found: Crossings, fit: PlaneFit, frame: "_SteeringFrame", lens: Intrinsics | None, paper: _FloatArray
 ) -> tuple[Variation, ...]:
-    """Return what is uncertain: the homography by its crossings, and the lens, the plane fitted anew to each."""
+    """Return the variations of the map: by the crossings' noise, by the lens, and by the bend of the paper."""
     blocks = np.unique(found.indices[fit.kept] // (_BLOCK * found.step), axis=0, return_inverse=True)[
         1
     ].ravel()
-    by_paper = [Variation(frame.transform(one), None) for one in fit.vary_homography(blocks)]
+    pixels, places = found.pixels[fit.kept], paper[fit.kept]
     by_lens = []
-    pixels = found.pixels[fit.kept]
-    for one in [] if lens is None else vary_lens(lens):
-        moved = np.asarray(cv2.findHomography(one.undistort_px(pixels), paper[fit.kept])[0], dtype=np.float64)
-        by_lens.append(Variation(frame.transform(moved), one.parameters()))
+    for moved in [] if lens is None else vary_lens(lens):
+        homography = np.asarray(cv2.findHomography(moved.undistort_px(pixels), places)[0], dtype=np.float64)
+        by_lens.append(Variation(frame.transform(homography), moved.parameters()))
     ideal = fit.paper_px(undistort(lens, pixels))
-    foot = _find_foot_mm(fit.homography, lens, ideal)
-    by_bend = [
-        Variation(frame.transform(one), None) for one in find_bent_homographies(ideal, paper[fit.kept], foot)
-    ]
-    return (*by_paper, *by_lens, *by_bend)
+    bent = find_bent_homographies(ideal, places, _find_foot_mm(fit.homography, lens, ideal))
+    by_noise, by_bend = (
+        [Variation(frame.transform(homography), None) for homography in homographies]
+        for homographies in (fit.vary_homography(blocks), bent)
+    )
+    return (*by_noise, *by_lens, *by_bend)
 
 
 def _find_foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _FloatArray) -> _FloatArray:
-    """Return the point of the paper (2,) [mm] under the camera; without a lens the one in the crossings' middle."""
+    """Return the point of the paper (2,) [mm] under the camera; without a lens, the middle of the crossings."""
     if lens is None:
         return np.asarray(apply_homography(homography, ideal.mean(axis=0)[None])[0])
     return find_camera_mm(homography, lens)[:2]
@@ -239,7 +240,7 @@ def _find_foot_mm(homography: _FloatArray, lens: Intrinsics | None, ideal: _Floa
 class _SteeringFrame:
     """The steering plane frame: `origin` (1, 2) in ideal pixels, +z along the lines nearest to the insertion.
 
-    Which line that is, is decided once, by the fitted homography; moved ones are put into the same frame.
+    The fitted homography decides once which lines these are; its variations share that frame.
     """
 
     def __init__(self, origin: _FloatArray, insertion: Insertion, homography: _FloatArray) -> None:
@@ -247,7 +248,7 @@ class _SteeringFrame:
         place = apply_homography(homography, origin)[0]
         ahead = apply_homography(np.linalg.inv(homography), place + 1e-3 * np.eye(2)) - origin
         lines = ahead / np.linalg.norm(ahead, axis=1)[:, None]
-        # Rows +y and +z, columns the paper's two axes: the cosines between them in the picture.
+        # Cosines in the picture between +y, +z (rows) and the paper's two axes (columns).
         along = np.array(PICTURE_AXES[insertion], dtype=np.float64) @ lines.T
         z_line = int(np.argmax(np.abs(along[1])))
         self._turn = np.zeros((2, 2))
@@ -264,7 +265,7 @@ class _SteeringFrame:
 
 
 def _measure_mm_per_px(plane: PlaneMap) -> float:
-    """Return the square root of the area [mm] of the pixel at the origin."""
+    """Return the square root of the area of the pixel at the origin [mm]."""
     sides = np.asarray(plane.origin_px) + 0.5 * np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
     mm = plane.to_mm(sides)
     return float(np.sqrt(np.abs(np.linalg.det(np.array([mm[1] - mm[0], mm[3] - mm[2]])))))
@@ -294,7 +295,7 @@ def _judge(bare: PlaneMap, found: Crossings, fit: PlaneFit, turn_rad: float) -> 
 
 
 def _judge_paper(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> list[str]:
-    """Say what the paper in the picture lacks."""
+    """Return what the paper in the picture lacks."""
     reasons = []
     if len(pixels) < _LEAST_CROSSINGS:
         reasons.append(
@@ -304,8 +305,7 @@ def _judge_paper(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> li
     if coverage < _LEAST_COVERAGE:
         reasons.append(
             f"the paper's lines cover {round_down(100.0 * coverage, 1)} % of the picture, "
-            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: "
-            "use a larger sheet, evenly lit"
+            f"{100.0 * _LEAST_COVERAGE:.0f} % are needed: use a larger sheet, evenly lit"
         )
     if gross > _LARGEST_GROSS_SHARE:
         reasons.append(
@@ -319,12 +319,12 @@ def _judge_paper(pixels: _FloatArray, gross: float, size: tuple[int, int]) -> li
 def _measure_flatness(
     pixels: _FloatArray, off_mm: _FloatArray, size: tuple[int, int]
 ) -> tuple[float, tuple[float, float]]:
-    """Return the largest mean residual [mm] over a part of the picture, and that part's middle [px]."""
+    """Return the largest median residual [mm] of a part of the picture, and the middle of that part [px]."""
     columns, rows = np.clip((np.array(_PARTS) * (pixels + 0.5) / size).astype(int), 0, np.array(_PARTS) - 1).T
     part = rows * _PARTS[0] + columns
     worst, where = 0.0, (0.0, 0.0)
-    for one in np.unique(part):
-        inside = part == one
+    for number in np.unique(part):
+        inside = part == number
         mean = float(np.hypot(*np.median(off_mm[inside], axis=0)))
         if inside.sum() >= _LEAST_IN_A_PART and mean > worst:
             u, v = pixels[inside].mean(axis=0)
@@ -333,7 +333,7 @@ def _measure_flatness(
 
 
 def _judge_flatness(flatness_mm: float, where: tuple[float, float]) -> list[str]:
-    """Say where the paper is bent or folded."""
+    """Return where the paper is bent or folded."""
     if flatness_mm <= _LARGEST_UNEVENNESS_MM:
         return []
     reason = (
@@ -344,7 +344,7 @@ def _judge_flatness(flatness_mm: float, where: tuple[float, float]) -> list[str]
 
 
 def _judge_fit(rms_mm: float, turn_rad: float, bare: PlaneMap) -> list[str]:
-    """Say what is wrong with the fit, or with the lens that it rests on."""
+    """Return the faults of the fit, or of the lens that it relies on."""
     reasons = []
     if bare.intrinsics is not None and not bare.intrinsics.accepted:
         reasons.append("the lens's calibration was itself refused: calibrate the lens again first")

@@ -1,8 +1,8 @@
-"""Crossings to paper: a homography, and one radial term where no lens is known, by robust least squares.
+"""The map from crossings to paper: a homography, and one radial term without a known lens, by robust least squares.
 
-Every crossing takes part, but one that is far off counts less (soft L1, Triggs et al. 2000, Bundle adjustment, section
-3.3); what is a quarter of a pitch or more off was mistaken for something else and is left out. The covariance is the
-sandwich over blocks of neighbouring crossings, because paper that is not flat puts neighbours off alike.
+Every crossing takes part, but crossings that are far off count less (soft L1, Triggs et al. 2000, Bundle adjustment,
+section 3.3). A crossing a quarter of a pitch or more off is a false detection and is left out. The covariance is the
+sandwich estimate over blocks of neighbouring crossings, because uneven paper displaces neighbours alike.
 """
 
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ _FloatArray = NDArray[np.float64]
 
 _MAX_REFITS = 10
 _HOMOGRAPHY = 8
-# The radial term's centre may leave the picture's middle: pictures are cropped. It is held there by as much as one
-# crossing's error holds it over this many half diagonals.
+# The radial term's centre may leave the picture's middle, because pictures are cropped. A weak prior holds it there: a
+# distance of this many half diagonals costs as much as one crossing's typical error.
 _CENTRE_REACH = 1.0
-# Residuals up to so many times their usual size count in full.
+# Residuals up to this many times their typical size count in full.
 _FULL = 2.0
 _MAD_TO_SIGMA = 1.4826
 _LEAST_SCALE_MM = 1e-9
 _LEAST_CROSSINGS = 6
-# For derivatives by central differences; parameters and places are about one.
+# Step of the central differences; parameters and places are of the order of one.
 _DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
-    """What explains the crossings.
+    """The fit of crossings to the paper.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class PlaneFit:
         From ideal pixels to paper [mm].
     radial : Radial or None
     kept : ndarray of bool (N,)
-        Crossings that were not mistaken for something else.
+        Crossings that are not false detections.
     residuals_mm : ndarray (N, 2)
-        From a crossing's place on paper to where the fit puts it.
+        From a crossing's place on the paper to its fitted place.
     jacobian : ndarray (2 M, P)
-        Of the kept crossings' residuals by the parameters, scaled so that its square is the cost's second derivative.
+        Derivatives of the kept residuals, scaled so that J^T J is the second derivative of the cost.
     weighted_mm : ndarray (2 M,)
-        What these residuals pull with, on that scale.
+        The kept residuals with their robust weight, on that scale.
     parameters : ndarray (P,)
     """
 
@@ -61,15 +61,15 @@ class PlaneFit:
     _frame: "_PixelScale"
 
     def paper_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
-        """Return where pixels lie on the paper (N, 2) [mm]: ideal ones, or the picture's with a radial term."""
+        """Return the places on the paper (N, 2) [mm] of ideal pixels, or of the picture's with a radial term."""
         return apply_homography(self.homography, self.paper_px(ideal_or_px))
 
     def paper_px(self, ideal_or_px: _FloatArray) -> _FloatArray:
-        """Return the pixels (N, 2) that the homography is of: ideal ones, or those that the radial term leaves."""
+        """Return the pixels (N, 2) that the homography takes: the radial term, if there is one, is undone."""
         return ideal_or_px if self.radial is None else self.radial.undistort_px(ideal_or_px)
 
     def moves_mm(self, ideal_or_px: _FloatArray) -> _FloatArray:
-        """Return by how much each parameter moves the places of pixels on the paper (N, 2, P) [mm]."""
+        """Return the derivatives (N, 2, P) [mm] of the places on the paper with respect to the parameters."""
         normal = self._frame.normal(ideal_or_px)
         steps = _DIFFERENCE * np.eye(len(self.parameters))
         moves = [
@@ -81,7 +81,7 @@ class PlaneFit:
     def vary_homography(self, blocks: NDArray[np.int64]) -> list[_FloatArray]:
         """Return the homography moved by one standard deviation along each axis of its covariance.
 
-        `blocks` (M,) says of every kept crossing which block of neighbours it belongs to.
+        `blocks` (M,) numbers the block of neighbours of every kept crossing.
         """
         bread = np.linalg.pinv(self.jacobian.T @ self.jacobian)
         scores = self.jacobian * self.weighted_mm[:, None]
@@ -97,7 +97,7 @@ class PlaneFit:
 
 @dataclass(frozen=True)
 class _PixelScale:
-    """Pixels are fitted from the middle of their extent, in units of half its diagonal: all numbers are alike then."""
+    """Pixels relative to the middle of their extent, in units of half its diagonal, so that the fit is well scaled."""
 
     middle: tuple[float, float]
     half: float
@@ -135,14 +135,14 @@ def fit_plane(px: _FloatArray, paper_mm: _FloatArray, gross_mm: float, with_radi
     Parameters
     ----------
     px : ndarray (N, 2)
-        Ideal pixels; where `with_radial`, the picture's own.
+        Ideal pixels; with `with_radial`, the picture's own.
     gross_mm : float
-        A crossing that is further off was mistaken for something else.
+        A crossing that is further off is a false detection.
 
     Raises
     ------
     CalibrationRefusedError
-        If no plane explains them.
+        If no plane explains the crossings.
     """
     frame = _PixelScale.of(px)
     # OpenCV's sampling has a fixed seed of its own.
@@ -187,15 +187,15 @@ def _no_plane_error() -> CalibrationRefusedError:
 def _minimise(
     start: _FloatArray, normal: _FloatArray, paper_mm: _FloatArray, scale_mm: float
 ) -> OptimizeResult:
-    def off(parameters: _FloatArray) -> _FloatArray:
+    def residuals(parameters: _FloatArray) -> _FloatArray:
         held = scale_mm * parameters[_HOMOGRAPHY + 1 :] / _CENTRE_REACH
         return np.concatenate(((_predict(parameters, normal) - paper_mm).ravel(), held))
 
-    return least_squares(off, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
+    return least_squares(residuals, start, loss="soft_l1", f_scale=_FULL * scale_mm, x_scale="jac")
 
 
 def _predict(parameters: _FloatArray, normal: _FloatArray) -> _FloatArray:
-    """Return where normalised pixels (N, 2) lie on the paper [mm]."""
+    """Return the places on the paper (N, 2) [mm] of normalised pixels (N, 2)."""
     if len(parameters) > _HOMOGRAPHY:
         k, x, y = parameters[_HOMOGRAPHY:]
         aside = normal - (x, y)

@@ -1,10 +1,10 @@
 """How uncertain a calibrated camera is, pixel by pixel.
 
-The covariance of the parameters says little by itself: an error of the principal point is very nearly a small turn of
-the camera, and one of the focal length very nearly a shift of everything along the axis, which a plane map takes up.
-What remains after the turn and shift that fit best over the part of the picture that the boards covered is the lens's
-own uncertainty, as in mrcal's maps. On OpenCV's thirteen photographs it is 0.016 px in the middle, 0.135 at (100, 100)
-and 10 at (5, 5); mrcal, whose boards may move each for itself, says 0.026, 0.14 and 7.6.
+The covariance of the parameters says little by itself: an error of the principal point is very nearly a small rotation
+of the camera, and an error of the focal length very nearly a shift along the axis. A plane map absorbs both. So the
+rotation and shift that fit best over the part of the picture covered by boards are removed; the rest is the uncertainty
+of the lens itself, as in mrcal's maps. On OpenCV's thirteen photographs it is 0.016 px in the middle, 0.135 at
+(100, 100) and 10 at (5, 5); mrcal, which lets each board move on its own, gives 0.026, 0.14 and 7.6.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _FloatArray = NDArray[np.float64]
 # Steps of the numerical derivatives, in standard deviations of a parameter.
 _STEP_SIGMAS = 0.05
 _LEAST_STEP = 1e-9
-# The map from corner to corner: columns and rows of places, and those over which turn and shift are fitted.
+# Columns and rows of the map from corner to corner, and of the grid over which rotation and shift are fitted.
 _MAP_SHAPE = (9, 7)
 _FIT_SHAPE = (16, 12)
 _MIDDLE_MARGIN = 0.25
@@ -29,7 +29,7 @@ _LEAST_FITTED = 4
 
 
 def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 0.0) -> _FloatArray:
-    """Return pixels (columns * rows, 2), row by row, evenly from corner to corner but for a margin (a share)."""
+    """Return pixels (columns * rows, 2), row by row, evenly spaced from corner to corner, inside a margin (a share)."""
     axes = (
         np.linspace(margin * (extent - 1), (1.0 - margin) * (extent - 1), count)
         for extent, count in zip(size, shape, strict=True)
@@ -38,9 +38,9 @@ def picture_grid(size: tuple[int, int], shape: tuple[int, int], margin: float = 
 
 
 def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
-    """Return the lens moved by each principal axis of its covariance, one standard deviation each.
+    """Return the lens moved by one standard deviation along each principal axis of its covariance.
 
-    A quantity's variance through the lens is the sum of its squared changes over these.
+    The variance of a quantity due to the lens is the sum of its squared changes over these lenses.
     """
     if lens.covariance is None:
         return []
@@ -51,19 +51,19 @@ def vary_lens(lens: Intrinsics) -> list[Intrinsics]:
 
 
 def projection_sigma_px(lens: Intrinsics, px: ArrayLike, seen_px: ArrayLike | None = None) -> _FloatArray:
-    """Return how uncertain the pixels (N,) of fixed directions are [px]: one standard deviation, both axes together.
+    """Return the standard deviation (N,) of the pixels of fixed directions [px], both axes together.
 
     Parameters
     ----------
     px : array_like (N, 2)
-        Where the directions appear.
+        Pixels of the directions.
     seen_px : array_like (M, 2), optional
-        Pixels inside whose hull turn and shift are fitted; the middle of the picture otherwise.
+        Rotation and shift are fitted inside the hull of these pixels; without them, in the middle of the picture.
 
     Raises
     ------
     MeasurementRefusedError
-        If the lens has no covariance, or its model folds in the picture.
+        If the lens has no covariance, or its model has no inverse in the picture.
     """
     if lens.covariance is None:
         raise MeasurementRefusedError(
@@ -84,7 +84,7 @@ def projection_sigma_px(lens: Intrinsics, px: ArrayLike, seen_px: ArrayLike | No
 def projection_map_px(
     lens: Intrinsics, seen_px: ArrayLike | None = None
 ) -> tuple[tuple[float, ...], ...] | None:
-    """Return the uncertainty over the picture, 7 rows of 9 places from corner to corner, None where it is unknown."""
+    """Return the uncertainty over the picture, 7 rows of 9 places from corner to corner; None if it is unknown."""
     try:
         sigma = projection_sigma_px(lens, picture_grid(lens.image_size, _MAP_SHAPE), seen_px)
     except MeasurementRefusedError:
@@ -94,7 +94,7 @@ def projection_map_px(
 
 
 def _choose_fit_px(size: tuple[int, int], seen_px: ArrayLike | None) -> _FloatArray:
-    """Return the pixels (N, 2) over which turn and shift are fitted."""
+    """Return the pixels (N, 2) over which rotation and shift are fitted."""
     middle = picture_grid(size, _FIT_SHAPE, _MIDDLE_MARGIN)
     if seen_px is None:
         return middle
@@ -110,7 +110,7 @@ def _root(covariance: Sequence[Sequence[float]]) -> _FloatArray:
 
 
 def _differentiate_lens(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
-    """Return the derivatives (2 N, 10) of the pixels of fixed directions by the lens's parameters."""
+    """Return the derivatives (2 N, 10) of the pixels of fixed directions with respect to the lens's parameters."""
     ideal = lens.directions(px)
     base = np.array(lens.parameters())
     sigmas = np.sqrt(np.maximum(np.diag(np.array(lens.covariance)), 0.0))
@@ -123,9 +123,9 @@ def _differentiate_lens(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
 
 
 def _differentiate_camera(lens: Intrinsics, px: _FloatArray) -> _FloatArray:
-    """Return the derivatives (2 N, 4) of the pixels by a small turn of the camera about each axis and a shift along it.
+    """Return the derivatives (2 N, 4) of the pixels with respect to rotations about three axes and a shift along z.
 
-    The shift is that of a flat scene before the camera, in distances from it; shifts aside are turns as good as.
+    The shift is that of a flat scene, in units of its distance; sideways shifts look like rotations.
     """
     rays = lens.directions(px)
     small = 1e-6

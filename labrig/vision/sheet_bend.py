@@ -1,13 +1,13 @@
-"""Why crossings are off a plane: the sheet is bent, and this is its height over the plane.
+"""The bend of a sheet of ruled paper that explains why its crossings are off a plane.
 
-A point of the sheet at height h over the plane is seen, from a camera at height D over its foot C, where the plane's
-point q is seen: it lies at q + (C - q) h / D (plane and parallax, Kumar, Anandan & Hanna 1994). So a bent sheet moves
-every crossing towards or away from one point, and by that it differs from a lens. The height is a polynomial of the
-place without its level and slope, which are the plane's own; its order is the lowest whose error, for crossings left
-out in blocks, comes near the least of all orders. Where nothing is known of the camera, its foot is fitted too; then
-the bend still predicts crossings, but foot, radial term and height stand for one another, and no height is stated.
+From a camera at height D above its foot C, a point of the sheet at height h above the plane appears at the plane's
+point q if it lies at q + (C - q) h / D (plane and parallax, Kumar, Anandan & Hanna 1994). So a bent sheet moves every
+crossing towards or away from one point, which distinguishes it from a lens. The height is a polynomial over the sheet
+without level and slope, which belong to the plane. Its order is the lowest whose error, for crossings left out in
+blocks, is close to the least of all orders. If the camera is unknown, its foot is fitted too. The bend then still
+predicts crossings, but foot, radial term and height have the same effect, so no height is stated.
 
-The bend explains why a sheet is refused. It never enters the map: a needle does not lie on the paper's bend.
+The bend explains why a sheet is refused. It never enters the map: a needle does not follow the paper's bend.
 """
 
 from dataclasses import dataclass, replace
@@ -24,19 +24,19 @@ from labrig.vision.plane_fit import PlaneFit
 _FloatArray = NDArray[np.float64]
 
 _ORDERS = (2, 3, 4, 5)
-# An order is taken where its left-out crossings are within this share of the best order's.
+# The lowest order is chosen whose error of left-out crossings is within this factor of the best order's.
 _AS_GOOD = 1.05
-# Where less than this share of the variance is more than the crossings' own noise, there is nothing to explain.
+# If less than this share of the variance exceeds the crossings' own noise, there is nothing to explain.
 _LEAST_SMOOTH_SHARE = 0.1
-# So many residuals' usual sizes off, a crossing does not count.
-_STRAY = 4.0
+# A crossing this many typical residuals off does not count.
+_OUTLIER = 4.0
 _MAD_TO_SIGMA = 1.4826
-# What is plausible beforehand, one standard deviation: heights as shares of the camera's distance, the camera's foot
-# from the sheet's middle in halves of its diagonal, and the fit's own parameters, which are about one.
+# Standard deviations of the prior: heights as shares of the camera's distance, the camera's foot from the sheet's
+# middle in halves of its diagonal, and the parameters of the plane fit, which are of the order of one.
 _PLAUSIBLE_HEIGHT = 0.1
 _PLAUSIBLE_FOOT = 1.5
 _PLAUSIBLE_MOVE = 1.0
-# The sheet's shortening by its slope, from the height that was found: so often, and its polynomial's highest order.
+# Iterations of the correction for the sheet's shortening by its slope, and the highest order of its polynomial.
 _SHORTENINGS = 3
 _MOST_SHORTENING_ORDER = 7
 _DIFFERENCE = 1e-5
@@ -45,10 +45,10 @@ _FEET = tuple(product((-1.2, -0.4, 0.4, 1.2), repeat=2))
 
 @dataclass(frozen=True, eq=False)
 class _Sheet:
-    """Crossings as the bend is fitted to them, lengths in halves of the sheet's diagonal from its middle.
+    """The crossings to which the bend is fitted; lengths are in halves of the sheet's diagonal, from its middle.
 
-    `places` (N, 2) are where the plane fit puts them, `off` (N, 2) how far that is from where they are on the sheet,
-    `moves` (N, 2, P) by how much each parameter of the plane fit moves them; `foot` (2,) is the camera's, if known.
+    `places` (N, 2) are fitted by the plane; `off` (N, 2) are their distances from the true places on the sheet; `moves`
+    (N, 2, P) are the derivatives of `places` by the parameters of the plane fit; `foot` (2,) is the camera's, if known.
     """
 
     places: _FloatArray
@@ -58,13 +58,13 @@ class _Sheet:
     foot: _FloatArray | None
 
     def columns(self, order: int) -> _FloatArray:
-        """Return the heights' terms (N, K) at the crossings, without level and slope."""
+        """Return the terms (N, K) of the height at the crossings, without level and slope."""
         return _legendre(self.places, 2, order)
 
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """A solution: the plane's own moves (P,), the camera's foot (2,), and the coefficients of the height (K,)."""
+    """A solution: moves of the plane's parameters (P,), the camera's foot (2,), coefficients of the height (K,)."""
 
     moves: _FloatArray
     foot: _FloatArray
@@ -72,13 +72,13 @@ class _Surface:
     order: int
 
     def heights(self, sheet: _Sheet) -> _FloatArray:
-        """Return the heights (N,) as shares of the camera's distance; level and slope are any."""
+        """Return the heights (N,) as shares of the camera's distance; level and slope are arbitrary."""
         if not self.order:
             return np.zeros(len(sheet.places))
         return np.asarray(sheet.columns(self.order) @ self.coefficients)
 
-    def left(self, sheet: _Sheet) -> _FloatArray:
-        """Return what it does not explain of the crossings' places (N, 2)."""
+    def residuals(self, sheet: _Sheet) -> _FloatArray:
+        """Return the residuals (N, 2) of the crossings' places."""
         shift = (self.foot - sheet.places) * self.heights(sheet)[:, None]
         return np.asarray(sheet.off + sheet.moves @ self.moves + shift)
 
@@ -92,18 +92,18 @@ def find_bend(
     noise_mm: float,
     camera_mm: _FloatArray | None,
 ) -> Bend | None:
-    """Return the sheet's bend; None where the crossings left out are explained as well without one.
+    """Return the sheet's bend; None if left-out crossings are predicted as well without a bend.
 
     Parameters
     ----------
     px : ndarray (N, 2)
-        As they were fitted: ideal pixels, or the picture's own.
+        The fitted pixels: ideal pixels, or, with a radial term, the picture's own.
     pictured_px : ndarray (N, 2)
         The same crossings in the picture.
     odd : ndarray of bool (N,)
-        Which half of the crossings, in blocks, each belongs to.
+        The half, in alternate blocks, to which each crossing belongs.
     noise_mm : float
-        Of a crossing on its own.
+        Rms noise of a single crossing.
     camera_mm : ndarray (3,) or None
         The camera's foot on the paper, and its height.
     """
@@ -120,11 +120,11 @@ def find_bend(
     if min(part.sum() for part in halves) < _count_terms(_ORDERS[-1]) + moves.shape[2]:
         return None
     errors = {order: _measure_holdout(sheet, halves, order) for order in (0, *_ORDERS)}
-    order = next(one for one, error in errors.items() if error <= _AS_GOOD * min(errors.values()))
+    order = next(order for order, error in errors.items() if error <= _AS_GOOD * min(errors.values()))
     if order == 0:
         return None
     surface = _fit_surface(sheet, order)
-    shift = half * np.linalg.norm(surface.left(sheet) - sheet.off, axis=1)
+    shift = half * np.linalg.norm(surface.residuals(sheet) - sheet.off, axis=1)
     most = int(np.argmax(shift))
     pictured = pictured_px[kept]
     bend = Bend(order, half * errors[order], float(shift[most]), _pixel(pictured, most))
@@ -140,9 +140,9 @@ def _select(sheet: _Sheet, part: NDArray[np.bool_]) -> _Sheet:
 
 
 def _measure_holdout(sheet: _Sheet, halves: tuple[NDArray[np.bool_], ...], order: int) -> float:
-    """Return the rms error of each half of the crossings through the surface of the other."""
-    left = [_fit_surface(_select(sheet, ~half), order).left(_select(sheet, half)) for half in halves]
-    return float(np.sqrt(np.mean(np.sum(np.vstack(left) ** 2, axis=1))))
+    """Return the rms error of each half of the crossings for the surface fitted to the other half."""
+    errors = [_fit_surface(_select(sheet, ~half), order).residuals(_select(sheet, half)) for half in halves]
+    return float(np.sqrt(np.mean(np.sum(np.vstack(errors) ** 2, axis=1))))
 
 
 def _pixel(px: _FloatArray, number: int) -> tuple[float, float]:
@@ -150,14 +150,14 @@ def _pixel(px: _FloatArray, number: int) -> tuple[float, float]:
 
 
 def _add_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, half_mm: float) -> Bend:
-    """Return the bend with its height, for which the sheet's shortening by its own slope is allowed."""
+    """Return the bend with its height, corrected for the sheet's shortening by its own slope."""
     first = surface = _fit_surface(sheet, bend.order)
     for _ in range(_SHORTENINGS):
         shorter = replace(sheet, off=sheet.off + _find_shortening(sheet, surface, distance_mm / half_mm))
         surface = _fit_surface(shorter, bend.order)
-    before, heights = (_remove_plane(sheet, one.heights(sheet)) for one in (first, surface))
+    before, heights = (_remove_plane(sheet, found.heights(sheet)) for found in (first, surface))
     high, low = int(np.argmax(heights)), int(np.argmin(heights))
-    # What the shortening changes is known to first order only: all of it counts as uncertain.
+    # The shortening is known to first order only, so its whole effect counts as uncertain.
     change = float((heights[high] - heights[low]) - (before[high] - before[low]))
     sigma = _estimate_sigma(sheet, surface, (high, low), bend.holdout_rms_mm / half_mm)
     return replace(
@@ -170,10 +170,10 @@ def _add_height(bend: Bend, sheet: _Sheet, px: _FloatArray, distance_mm: float, 
 
 
 def _find_shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _FloatArray:
-    """Return by how much (N, 2) places on the sheet are further out than below it: paper bends, and does not stretch.
+    """Return how much further out (N, 2) places are along the sheet than in projection: paper does not stretch.
 
-    The displacement of least squares whose strain is half the square of the slope (Foeppl, von Karman); `distance` is
-    the camera's, in halves of the diagonal.
+    This is the least-squares displacement whose strain is half the square of the slope (Foeppl, von Karman);
+    `distance` is the camera's, in halves of the diagonal.
     """
     slopes = distance * np.stack(_differentiate(sheet, surface), axis=1)
     order = min(2 * surface.order - 1, _MOST_SHORTENING_ORDER)
@@ -187,14 +187,14 @@ def _find_shortening(sheet: _Sheet, surface: _Surface, distance: float) -> _Floa
 
 
 def _differentiate(sheet: _Sheet, surface: _Surface) -> list[_FloatArray]:
-    """Return the heights' slopes along either axis, those of the best plane taken off."""
+    """Return the slopes of the heights along either axis, minus those of the best plane."""
     level = np.linalg.lstsq(_plane_terms(sheet), surface.heights(sheet), rcond=None)[0]
     gradient = _differentiate_legendre(sheet.places, 2, surface.order)
-    return [one @ surface.coefficients - level[axis] for axis, one in enumerate(gradient)]
+    return [terms @ surface.coefficients - level[axis] for axis, terms in enumerate(gradient)]
 
 
 def _legendre(places: _FloatArray, lowest: int, order: int) -> _FloatArray:
-    """Return products of Legendre polynomials (N, K) whose orders add up to `lowest` ... `order`."""
+    """Return products of Legendre polynomials (N, K) with total orders from `lowest` to `order`."""
     x, y = places.T
     rows = np.eye(order + 1)
     pairs = [(i, total - i) for total in range(lowest, order + 1) for i in range(total + 1)]
@@ -202,7 +202,7 @@ def _legendre(places: _FloatArray, lowest: int, order: int) -> _FloatArray:
 
 
 def _differentiate_legendre(places: _FloatArray, lowest: int, order: int) -> list[_FloatArray]:
-    """Return their derivatives (N, K) along either axis, by central differences."""
+    """Return the derivatives (N, K) of `_legendre` along either axis, by central differences."""
     steps = _DIFFERENCE * np.eye(2)
     return [
         (_legendre(places + step, lowest, order) - _legendre(places - step, lowest, order))
@@ -212,9 +212,9 @@ def _differentiate_legendre(places: _FloatArray, lowest: int, order: int) -> lis
 
 
 def _estimate_sigma(sheet: _Sheet, surface: _Surface, ends: tuple[int, int], left_out: float) -> float:
-    """Return the standard deviation of the height of one crossing over another.
+    """Return the standard deviation of the height of one crossing above another.
 
-    What is left of a crossing is taken to be as large as for those left out, along either axis, and its own.
+    Residuals along both axes count as independent, each as large as the error of crossings left out.
     """
     terms = sheet.columns(surface.order)
     pull = (surface.foot - sheet.places)[:, :, None] * terms[:, None, :]
@@ -237,15 +237,15 @@ def _remove_plane(sheet: _Sheet, heights: _FloatArray) -> _FloatArray:
 
 
 def _fit_surface(sheet: _Sheet, order: int) -> _Surface:
-    """Return the surface of least squares, fitted again without strays."""
+    """Return the least-squares surface, fitted a second time without outliers."""
     first = _solve(sheet, order)
-    off = np.linalg.norm(first.left(sheet), axis=1)
-    near = off <= _STRAY * _MAD_TO_SIGMA * float(np.median(off))
+    off = np.linalg.norm(first.residuals(sheet), axis=1)
+    near = off <= _OUTLIER * _MAD_TO_SIGMA * float(np.median(off))
     return _solve(_select(sheet, near), order)
 
 
 def _solve(sheet: _Sheet, order: int) -> _Surface:
-    """Return the surface: for a camera's foot that is given it is linear, so only the foot is searched for."""
+    """Return the surface. For a given camera's foot the problem is linear, so only the foot is searched for."""
     count = sheet.moves.shape[2]
     if order == 0:
         return _Surface(_Normal.of(sheet, 0).solution(np.zeros(2))[0], np.zeros(2), np.empty(0), 0)
@@ -266,7 +266,7 @@ def _solve(sheet: _Sheet, order: int) -> _Surface:
 class _Normal:
     """Normal equations for any foot (a, b): a term t of the height moves a place by (a, b) t - place t.
 
-    `gram` is that of the columns: the plane's moves, the terms along either axis, place times term, and what is off.
+    `gram` is the Gram matrix of the columns: the plane's moves, the terms along either axis, place times term, `off`.
     """
 
     gram: _FloatArray
@@ -294,7 +294,7 @@ class _Normal:
         return cls(columns.T @ columns, sheet.moves.shape[2], terms.shape[1], sheet.noise)
 
     def solution(self, foot: _FloatArray) -> tuple[_FloatArray, float]:
-        """Return the least squares' parameters and their cost, what is plausible included."""
+        """Return the least-squares parameters and their cost, with the prior."""
         eye = np.eye(self.terms)
         chosen = np.zeros((len(self.gram), self.moves + self.terms))
         chosen[: self.moves, : self.moves] = np.eye(self.moves)

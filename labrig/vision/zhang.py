@@ -1,7 +1,7 @@
 """Camera calibration from photographs of a flat board (Zhang 2000, IEEE PAMI 22:1330).
 
-Corners come from `boards`, camera and covariance from `bundle`; here the views are checked, those that the others
-contradict are left out, and what is left is judge_lens (`lens_evidence`).
+Corners come from `boards`, camera and covariance from `bundle`. This file checks the views, leaves out those that the
+others contradict, and has the result judged (`lens_evidence`).
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ _FloatArray = NDArray[np.float64]
 
 _LEAST_CORNERS = 6
 _FOLDS = 8
-# A view is a gross outlier if it is predicted this much worse than the median view, and worse than this.
+# A view is a gross outlier if its predicted error exceeds the median by this factor, and exceeds this many pixels.
 _OUTLIER_FACTOR = 4.0
 _OUTLIER_PX = 0.5
 
@@ -39,7 +39,7 @@ def calibrate_from_pictures(
 ) -> Intrinsics:
     """Calibrate from named photographs of a board.
 
-    Photographs in which the board is not found, or of another size than most, are listed in `views` with the reason.
+    Photographs without a board, or of another size than most, are listed in `views` with the reason.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ def calibrate_from_pictures(
         Inner corners, not squares.
     square_mm : float
     search : BoardSearch, optional
-        Which kind of board it is and how it is looked for; a whole chessboard otherwise.
+        Kind of board, and how to search for it; without it, a whole chessboard.
     model : "brown" or "zhang"
 
     Raises
     ------
     InputError
-        If there are none, or the board's description is impossible.
+        If there are no pictures, or the board's description is impossible.
     CalibrationRefusedError
-        If the board is found in none of them.
+        If no picture shows the board.
     """
     size = _find_common_size(pictures)
     board_points_mm(columns, rows, square_mm)
@@ -67,7 +67,7 @@ def calibrate_from_pictures(
             missed[index] = ViewResidual(name, None, used=False, reason=other)
             continue
         try:
-            seen = find_board(image, columns, rows, search or BoardSearch())
+            seen = find_board(image, columns, rows, search)
             names.append(name)
             boards.append(seen.cells * float(square_mm))
             pixels.append(seen.pixels)
@@ -86,14 +86,14 @@ def calibrate_from_pictures(
 
 
 def _find_common_size(pictures: Sequence[tuple[str, Picture]]) -> tuple[int, int]:
-    """Return the size that most pictures have; of several, the first one's."""
+    """Return the size of most pictures; in a tie, the size that comes first."""
     if not pictures:
         raise InputError("no pictures to calibrate from", "give photographs of the board")
     return Counter(size_of(image) for _, image in pictures).most_common(1)[0][0]
 
 
 def _describe_other_size(image: Picture, size: tuple[int, int]) -> str | None:
-    """Return why a picture is not of the camera setting that is calibrated, or None."""
+    """Return why a picture is not of the calibrated camera setting, or None."""
     found = size_of(image)
     if found == size:
         return None
@@ -122,20 +122,20 @@ def calibrate_intrinsics(
     image_size : (int, int)
         Width and height [px].
     names : sequence of str, optional
-        Of the views; numbered from "view 0" otherwise.
+        Names of the views; without them, "view 0", "view 1", ...
     model : "brown" or "zhang"
         OpenCV's five coefficients of distortion, or Zhang's two with a skew of the pixel axes.
 
     Returns
     -------
     Intrinsics
-        `accepted` is False, with reasons, where it should not be relied on. A view whose corners the others
-        contradict grossly is left out and listed with the reason.
+        `accepted` is False, with reasons, if measurements should not rely on it. A view that grossly
+        contradicts the others is left out and listed with the reason.
 
     Raises
     ------
     InputError
-        If the lists do not match, are empty, or hold arrays of the wrong shape or without finite numbers.
+        If the lists do not match or are empty, or an array has the wrong shape or values that are not finite.
     CalibrationRefusedError
         If no camera explains the views at all.
     """
@@ -161,7 +161,7 @@ def calibrate_intrinsics(
     holdout = float(np.sqrt(np.mean(predicted**2))) if len(predicted) else None
     listed = tuple(residuals[index] for index in range(len(views)))
     found = judge_lens(chosen, fit, holdout, image_size, listed)
-    # What the numbers of two cameras together seem to be says nothing of either.
+    # Numbers fitted to two settings describe neither.
     return found if mixed is None else replace(found, accepted=False, reasons=(mixed.reason,))
 
 
@@ -206,7 +206,7 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
 
 
 def _describe_view(view: View, fit: Fit, pose: _FloatArray, mixed: OtherSetting | None) -> ViewResidual:
-    """Return what a fitted view contributed."""
+    """Return what a view contributed to the fit."""
     errors = project(fit, pose, view.board) - view.pixels
     other = mixed is not None and view.name in mixed.others
     return ViewResidual(
@@ -233,9 +233,8 @@ def _rms(view: View, fit: Fit, pose: _FloatArray) -> float:
 def _predict_rms(views: Sequence[View], size: tuple[int, int], model: LensModel) -> _FloatArray:
     """Return the reprojection error of each view [px] through a camera that was fitted without it.
 
-    Only the view's own pose is fitted then.
-    Up to `_FOLDS` views are left out one by one, more of them in `_FOLDS` groups. With fewer than three views
-    there is nothing to predict from, and the answer is empty.
+    Only the pose is fitted to the view itself. Up to `_FOLDS` views are left out singly, more views in `_FOLDS`
+    groups. With fewer than three views nothing can be predicted, and the result is empty.
     """
     if len(views) < 3:
         return np.empty(0)
@@ -250,7 +249,7 @@ def _predict_rms(views: Sequence[View], size: tuple[int, int], model: LensModel)
 
 
 def _find_gross_outlier(predicted: _FloatArray) -> int | None:
-    """Return the view that the others predict grossly worse than one another, if there is one."""
+    """Return the index of the view that the others predict far worse than one another, or None."""
     if len(predicted) <= LEAST_DIFFERENT_VIEWS:
         return None
     worst = int(np.argmax(predicted))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
-from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board, find_board_corners
+from labrig.vision.boards import BoardSearch, Charuco, board_points_mm, find_board
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import read_picture
 from labrig.vision.projection import projection_sigma_px
@@ -264,7 +264,7 @@ def drawn_board(turn_deg=0.0, square_px=40, blur=1.0):
 def test_finds_corners_where_they_were_drawn(turn_deg):
     """Corners are found to a twentieth of a pixel, with pixel centres at integers."""
     picture, corners = drawn_board(turn_deg)
-    found = find_board_corners(picture, 7, 5)
+    found = find_board(picture, 7, 5).pixels
     distance = np.linalg.norm(found[:, None] - corners[None], axis=2).min(axis=1)
     assert found.shape == (35, 2)
     assert distance.max() < 0.05
@@ -273,7 +273,7 @@ def test_finds_corners_where_they_were_drawn(turn_deg):
 def test_says_that_there_is_no_board():
     """A picture without the board is refused with what to do."""
     with pytest.raises(MeasurementRefusedError, match="9 x 6 inner corners") as caught:
-        find_board_corners(drawn_board()[0], 9, 6)
+        find_board(drawn_board()[0], 9, 6)
     assert "margin" in caught.value.hint
 
 

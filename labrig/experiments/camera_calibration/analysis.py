@@ -15,7 +15,7 @@ from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
-from labrig.vision.boards import find_board_corners
+from labrig.vision.boards import find_board
 from labrig.vision.calibration_file import save_intrinsics, save_plane
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.picture import Picture
@@ -124,7 +124,7 @@ def _corners(
 ) -> dict[str, tuple[Point, ...]]:
     used = {view.image for view in lens.views if view.used} if lens is not None else set()
     return {
-        name: tuple(map(_rounded, find_board_corners(image, protocol.board.columns, protocol.board.rows)))
+        name: tuple(map(_rounded, find_board(image, protocol.board.columns, protocol.board.rows).pixels))
         for name, image in boards
         if name in used
     }

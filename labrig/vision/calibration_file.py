@@ -1,7 +1,7 @@
-"""Calibrations on disk: JSON, all digits kept, each saying what it is, how it was made and what it rests on.
+"""Calibrations on disk: JSON with all digits, the kind of file, its provenance and its evidence.
 
-A plane file names its lens by a fingerprint: a map that was fitted behind one lens and used behind another is wrong
-by an amount that nothing later could notice.
+A plane file identifies its lens by a fingerprint: a map that was fitted with one lens and used with another is wrong
+by an amount that no later check can notice.
 """
 
 import json
@@ -30,7 +30,7 @@ _NinthsRow = tuple[float | None, float | None, float | None]
 
 
 class _Part(BaseModel):
-    """What a file must hold; more may stand beside it."""
+    """The required keys of a file; other keys are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
@@ -111,18 +111,18 @@ _Document = TypeVar("_Document", _IntrinsicsDocument, _PlaneDocument)
 
 
 def save_intrinsics(path: Path, intrinsics: Intrinsics, provenance: Mapping[str, Any]) -> None:
-    """Write a lens's calibration with how it was made; `provenance` holds JSON values.
+    """Write a lens calibration with its provenance, a mapping of JSON values.
 
     Raises
     ------
     DiskError
-        If the file cannot be written; what was there before is then still there.
+        If the file cannot be written; a previous file is then unchanged.
     """
     _save(path, _INTRINSICS, intrinsics.to_json(), provenance)
 
 
 def load_intrinsics(path: Path) -> Intrinsics:
-    """Read a lens's calibration, accepted or not.
+    """Read a lens calibration, accepted or not.
 
     Raises
     ------
@@ -135,12 +135,12 @@ def load_intrinsics(path: Path) -> Intrinsics:
 
 
 def save_plane(path: Path, plane: PlaneMap, provenance: Mapping[str, Any]) -> None:
-    """Write a plane map with how it was made; `provenance` holds JSON values.
+    """Write a plane map with its provenance, a mapping of JSON values.
 
     Raises
     ------
     DiskError
-        If the file cannot be written; what was there before is then still there.
+        If the file cannot be written; a previous file is then unchanged.
     """
     fingerprint = None if plane.intrinsics is None else plane.intrinsics.fingerprint()
     _save(path, _PLANE, {**plane.to_json(), "intrinsics_sha256": fingerprint}, provenance)
@@ -154,7 +154,7 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
     FileFormatError
         If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
     InputError
-        If it was made with another lens calibration, or with one where none is given, or without.
+        If the lens calibration with which the map was made is not `intrinsics`.
     """
     found = _load(path, _PLANE, _PlaneDocument)
     given = None if intrinsics is None else intrinsics.fingerprint()
@@ -173,12 +173,12 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
         gel=None if found.gel is None else Gel(**found.gel.model_dump()),
         bend=None if found.bend is None else Bend(**found.bend.model_dump()),
-        variations=tuple(Variation(np.array(one.homography), one.lens) for one in found.variations),
+        variations=tuple(Variation(np.array(part.homography), part.lens) for part in found.variations),
     )
 
 
 def read_creation_time(path: Path) -> datetime | None:
-    """Return when the calibration in a file was made, as its provenance says; None where that is not known."""
+    """Return when a calibration was made, from its provenance; None if that is unknown."""
     with suppress(ValueError, KeyError, TypeError):
         created = datetime.fromisoformat(json.loads(_read_text(path))["provenance"]["created"])
         return created if created.tzinfo else None

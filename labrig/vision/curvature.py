@@ -1,14 +1,14 @@
-"""The radius on which a needle has bent, from one picture, with an interval that can be believed.
+"""The radius of a needle's bend from one picture, with an interval whose coverage was measured.
 
-The radius is stated over a declared window of arc length: it leaves out the first millimetres behind the sheath,
-over which the hinges close, and the bevel. Residuals along an edge are correlated over a millimetre or more, so
-the interval does not count rows: the window is cut into longer blocks, the mean residual of a block is one
-observation, and Student's t allows for how few blocks there are (batch means; Flegal and Jones 2010, Annals of
-Statistics 38:1034). What is uncertain in lens and plane map (`PlaneMap.variations`) moves all blocks together and is
-added to the variance; the degrees of freedom are Welch's and Satterthwaite's. Over rendered pictures that interval held
-the truth in 93 to 97 of 100; elsewhere, of 40 to 120 pictures each, in 94 to 99 % of those of radii of 15, 20 and 60
-mm, of windows of 18 mm, of a camera tilted by 8 degrees and of dirty gel, in all through paper bent by 0.4 mm, and in
-89 % of those of a radius of 40 mm in noise of 8 grey levels: it is somewhat too short there.
+The radius is fitted over a declared window of arc length that leaves out the bevel and the first millimetres behind
+the sheath, over which the hinges close. Residuals along an edge are correlated over a millimetre or more, so the
+interval does not count rows. The window is cut into longer blocks, the mean residual of a block is one observation,
+and Student's t allows for the small number of blocks (batch means; Flegal and Jones 2010, Annals of Statistics
+38:1034). The uncertainty of lens and plane map (`PlaneMap.variations`) moves all blocks together and is added to the
+variance; the degrees of freedom are Welch's and Satterthwaite's. In rendered pictures the interval contained the truth
+in 93 to 97 of 100. In further series of 40 to 120 pictures it did so in 94 to 99 % (radii of 15, 20 and 60 mm, windows
+of 18 mm, a camera tilted by 8 degrees, dirty gel), in all pictures with paper bent by 0.4 mm, and in 89 % at a radius
+of 40 mm with noise of 8 grey levels, where it is somewhat too short.
 """
 
 from dataclasses import dataclass, replace
@@ -30,17 +30,17 @@ from labrig.vision.sheath import measure_heading
 FloatArray = NDArray[np.float64]
 Bend = Literal["+y", "-y"]
 
-# Length of a block of residuals: longer than they are correlated, and about the distance of the needle's hinges.
+# Length of a block: longer than the correlation of the residuals, and about the spacing of the needle's hinges.
 _BLOCK_MM = 3.0
-# Fewer leave Student's t too little to go by; this also bounds the window from below.
+# Fewest blocks for Student's t; this also bounds the window from below.
 _LEAST_BLOCKS = 5
 _CONFIDENCE = 0.95
 # Points through which the arcs of a path are fitted.
 _ARC_POINTS = 150
-# Points of the window at which lens and plane map are varied.
+# Number of points of the window at which lens and plane map are varied.
 _CALIBRATION_POINTS = 40
-# A row lies on the circle when it is off by no more than this part of the needle's diameter; so many rows must, and
-# their rms must stay below this part of it.
+# A row lies on the circle if it is off by no more than this share of the needle's diameter. At least this share of the
+# rows must, and the rms must stay below this share of that distance.
 _LARGEST_RESIDUAL = 0.1
 _LEAST_ON_CIRCLE = 0.75
 _LARGEST_RMS = 0.5
@@ -48,20 +48,20 @@ _LARGEST_RMS = 0.5
 
 @dataclass(frozen=True)
 class CurvatureSettings:
-    """What is known of the needle, and what a radius must satisfy to be stated.
+    """Known dimensions of the needle, and the conditions for accepting a radius.
 
     Attributes
     ----------
     needle_diameter_mm : float
         Right within a factor of about 1.5.
     sheath_diameter_mm : float or None
-        None where no sheath is in the picture and the needle enters from its border.
+        None if the picture shows no sheath and the needle enters from the border.
     window_start_mm, window_end_mm : float
-        Arc length left out behind the sheath's tip (or the entry) and before the needle's tip.
+        Arc length left out behind the entry (the sheath's tip) and before the needle's tip.
     min_window_mm : float
-        Shortest window over which a radius is stated; never below the 15 mm that an interval takes.
+        Shortest window for a radius; at least 15 mm, which the interval needs.
     max_radius_sigma_mm : float
-        Largest standard deviation with which a radius is stated.
+        Largest standard deviation of an accepted radius.
 
     Raises
     ------
@@ -91,40 +91,40 @@ class CurvatureSettings:
 
 @dataclass(frozen=True, eq=False)
 class CurvatureMeasurement:
-    """What one picture says about the needle's bend; what it does not say is None.
+    """The measurement of the needle's bend in one picture; unknown values are None.
 
     Attributes
     ----------
     found : bool
         Whether shaft and tip were located.
     accepted : bool
-        Whether the radius is worth stating.
+        Whether the radius meets the conditions.
     reason : str or None
-        Why not, as a sentence with value and limit.
+        Why it is refused, as a sentence with value and limit.
     radius_mm, radius_ci95_mm, sigma_radius_mm : float, (float, float), float, or None
-        Also there, where a circle could be fitted, for a radius that is not accepted.
+        Also set for a fitted radius that is not accepted.
     sigma_calibration_mm : float or None
-        The part of `sigma_radius_mm` that lens and plane map bring, the same in all pictures through them.
+        The part of `sigma_radius_mm` due to lens and plane map: common to all pictures through them.
     centre_mm : (float, float) or None
-        Of the circle, (y, z).
+        Centre of the circle, (y, z).
     tip_mm, sheath_tip_mm, entry_mm : (float, float) or None
-        (y, z). The entry is the sheath's tip, or where the needle enters the picture and no sheath is stated;
-        the sheath's tip is None then. The needle's tip is the end of its centre line.
+        (y, z). The entry is the sheath's tip. Without a stated sheath it is where the needle enters the picture, and
+        the sheath's tip is None. The needle's tip is the end of its centre line.
     sheath_heading_rad : float or None
-        Of the sheath, zero along the insertion, positive towards +y; None where too little of it is seen.
+        Heading of the sheath; None if too little of it is visible.
     tip_px : (float, float) or None
         (u, v).
     arc_length_mm : float or None
         From the entry to the tip.
     residual_rms_mm : float or None
-        Of the centre line about the circle.
+        Distance of the centre line from the circle.
     bend : "+y", "-y" or None
     arcs : tuple of Arc
-        Of a needle that lies on no single circle: the arcs of its path, from the window's start on, (y, z).
+        The arcs of a needle that lies on no single circle, from the window's start on, (y, z); else empty.
     centre_line_mm, centre_line_px : ndarray (N, 2)
         Columns (y, z) and (u, v), from the entry to the tip; empty unless found.
     window : (int, int)
-        First row and end of the rows of the centre line that were fitted.
+        First and end row of the fitted part of the centre line.
     """
 
     found: bool
@@ -149,7 +149,7 @@ class CurvatureMeasurement:
     arcs: tuple[Arc, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `labrig measure curvature --json` prints for a picture; the centre line is left out."""
+        """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
         return {
             "found": self.found,
             "accepted": self.accepted,
@@ -196,23 +196,22 @@ def measure_curvature(
     image : ndarray of uint8, (H, W) grey or (H, W, 3) blue-green-red
         The needle is darker than the gel.
     plane : PlaneMap
-        From calibration, or `PlaneMap.from_scale` for rectified pictures.
+        From a calibration, or `PlaneMap.from_scale` for rectified pictures.
     settings : CurvatureSettings
     masked : ndarray of bool (H, W), optional
-        Pixels that are not the needle, as `Mask.masked` gives them.
+        Pixels that are not the needle, from `Mask.masked`.
 
     Returns
     -------
     CurvatureMeasurement
-        Whatever the picture shows; what cannot be measured is refused in it, with the reason.
+        A measurement that cannot be made is refused in it, with the reason.
 
     Raises
     ------
     InputError
         If the picture has another size than the plane was calibrated for.
     """
-    if plane.image_size is not None:
-        require_size(image, plane.image_size, "the plane map")
+    require_size(image, plane.image_size, "the plane map")
     try:
         shaft = locate_shaft(
             image, plane, settings.needle_diameter_mm, settings.sheath_diameter_mm, masked=masked
@@ -229,7 +228,7 @@ def measure_curvature(
 
 
 def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -> CurvatureMeasurement:
-    """Return the measurement of a located shaft: a circle over the declared window, judged."""
+    """Measure a located shaft: fit a circle over the declared window, and judge it."""
     entry, tip = (_pair(point) for point in plane.to_mm(np.vstack((shaft.entry_px, shaft.tip_px))))
     window = _find_window(shaft, settings)
     located = CurvatureMeasurement(
@@ -254,7 +253,7 @@ def _measure_shaft(shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings) -
 def _fit_circle(
     located: CurvatureMeasurement, shaft: Shaft, plane: PlaneMap, settings: CurvatureSettings
 ) -> CurvatureMeasurement:
-    """Return the measurement with the circle through its window."""
+    """Add the circle through the window to a measurement."""
     rows = slice(*located.window)
     points = shaft.centre_mm[rows]
     try:
@@ -284,7 +283,7 @@ def _fit_circle(
 
 
 def _find_arcs(circle: Circle, points: FloatArray, settings: CurvatureSettings) -> tuple[Arc, ...]:
-    """Return the arcs of a needle that lies on no single circle, none where it does."""
+    """Return the arcs of a needle that lies on no single circle; none if it lies on one."""
     if _share_on_circle(circle, points, settings) >= _LEAST_ON_CIRCLE:
         return ()
     sample = points[:: max(1, len(points) // _ARC_POINTS)]
@@ -321,15 +320,15 @@ def _refuse_short_window(shaft: Shaft, window: tuple[int, int], settings: Curvat
 
 
 def _propagate_calibration(circle: Circle, points: FloatArray, px: FloatArray, plane: PlaneMap) -> float:
-    """Return the standard deviation of the radius that is uncertain in lens and plane map."""
+    """Return the standard deviation of the radius due to lens and plane map."""
     sample = np.linspace(0, len(points) - 1, min(len(points), _CALIBRATION_POINTS)).astype(int)
     offsets = points[sample] - np.asarray(circle.centre)
     directions = offsets / np.hypot(*offsets.T)[:, None]
-    # A row of the pseudo-inverse is what moves the radius, and bears arcs that are nearly straight.
+    # This row of the pseudo-inverse moves the radius; it also holds for nearly straight arcs.
     weights = np.linalg.pinv(np.column_stack((directions, np.ones(len(sample)))))[2]
     here = plane.to_mm(px[sample])
     moves = [
-        weights @ np.sum(directions * (one.to_mm(px[sample]) - here), axis=1) for one in plane.variants()
+        weights @ np.sum(directions * (other.to_mm(px[sample]) - here), axis=1) for other in plane.variants()
     ]
     return float(np.linalg.norm(moves)) if moves else 0.0
 
@@ -337,11 +336,10 @@ def _propagate_calibration(circle: Circle, points: FloatArray, px: FloatArray, p
 def _estimate_uncertainty(
     circle: Circle, points: FloatArray, arc_mm: FloatArray, systematic_mm: float
 ) -> tuple[float, tuple[float, float] | None]:
-    """Return the radius' standard deviation, and its 95 % interval unless unbounded, from the means of blocks.
+    """Return the radius' standard deviation, and its 95 % interval unless it is unbounded, from the means of blocks.
 
-    `systematic_mm` is what the calibration adds, with degrees of freedom beyond counting.
-
-    The interval is symmetric in the curvature, which is nearly normal also where the radius is not.
+    `systematic_mm` is the part due to the calibration, whose degrees of freedom count as infinite. The interval is
+    symmetric in the curvature, which is nearly normal even if the radius is not.
     """
     jacobian, residuals = _average_blocks(circle, points, arc_mm)
     freedom = len(residuals) - 3
@@ -355,9 +353,9 @@ def _estimate_uncertainty(
 
 
 def _average_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return, a block of arc length a row, the circle's mean Jacobian (B, 3) and residual (B,).
+    """Return the mean Jacobian (B, 3) and residual (B,) of the circle in each block of arc length.
 
-    Rows that the fit took for outliers count too: whether they are is part of what is uncertain.
+    Outliers of the fit count too: whether they are outliers is part of the uncertainty.
     """
     along = arc_mm - arc_mm[0]
     block = np.minimum((along / _BLOCK_MM).astype(int), int(along[-1] / _BLOCK_MM) - 1)
@@ -377,7 +375,7 @@ def _average_blocks(circle: Circle, points: FloatArray, arc_mm: FloatArray) -> t
 def _judge_circle(
     circle: Circle, points: FloatArray, sigma_mm: float, settings: CurvatureSettings
 ) -> str | None:
-    """Return why the radius is not worth stating, or None."""
+    """Return why the radius is refused, or None."""
     if sigma_mm > settings.max_radius_sigma_mm:
         return (
             f"The standard deviation of the radius is {sigma_mm:.2f} mm, and {settings.max_radius_sigma_mm:g} mm "

@@ -71,8 +71,7 @@ def check_grid(image: Picture, plane: PlaneMap, pitch_mm: float) -> GridCheck:
     PictureError
         If the picture has another size than the map is for.
     """
-    if plane.image_size is not None:
-        require_size(image, plane.image_size, "the plane map")
+    require_size(image, plane.image_size, "the plane map")
     try:
         found = find_crossings(image)
         seen = plane.to_mm(found.pixels)

@@ -1,8 +1,8 @@
-"""Pixels that a person says are not the needle: a picture of them, or polygons.
+"""Pixels that a person marks as not the needle, by a picture or by polygons.
 
-The paper's authors removed such pixels by hand. Here the person says where they are, in a file that the record keeps:
-either a picture of the same size in which they are white, for every picture; or polygons, for every picture under "*"
-or for one under its file's name::
+The paper's authors removed such pixels by hand. Here a file marks them, and the record keeps it. The file is either a
+picture of the same size, white where pixels are masked, for all pictures; or polygons, for all pictures under "*", or
+for a single picture under its file name::
 
     {"*": [[[0, 700], [1279, 700], [1279, 719]]], "000012.png": [[[600, 300], [640, 300], [640, 330]]]}
 """
@@ -29,25 +29,25 @@ _WHITE = 128
 _POLYGONS: TypeAdapter[dict[str, tuple[Polygon, ...]]] = TypeAdapter(dict[str, tuple[Polygon, ...]])
 _LEAST_CORNERS = 3
 _SUBPIXEL_BITS = 4
-# Sides of the boxes [px] whose mean fills a masked pixel, and how much of one must be seen.
+# Sides of the boxes [px] whose mean fills a masked pixel, and the least visible share of a box.
 _BOXES_PX = (15, 61, 241, 961)
 _LEAST_SEEN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """What is not the needle.
+    """Pixels that are not the needle.
 
     Attributes
     ----------
     picture : ndarray of uint8 (H, W) or None
-        White where it is not.
+        White at masked pixels.
     polygons : Mapping
-        Polygons [px] by the name of the picture, "*" for all.
+        Polygons [px] by the name of the picture; "*" applies to all pictures.
     source : str
-        The file's name.
+        Name of the file.
     content : bytes
-        Of the file, for the record to keep.
+        Content of the file, for the record.
     """
 
     picture: Picture | None
@@ -66,7 +66,7 @@ class Mask:
         return "mask.json" if self.picture is None else f"mask{Path(self.source).suffix.lower()}"
 
     def masked(self, name: str, image: Picture) -> BoolArray | None:
-        """Return which pixels (H, W) of the picture with this file name are not the needle; None where none are.
+        """Return which pixels (H, W) of the picture of this name are masked; None if the mask has no polygon for it.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Mask:
         return np.asarray(drawn > 0)
 
     def with_names(self, names: Mapping[str, str]) -> "Mask":
-        """Return the mask with polygons under other names too: of each copy, what it was copied from."""
+        """Return the mask with its polygons also under the names of copies; `names` maps a copy to its original."""
         known = {copy: self.polygons[name] for copy, name in names.items() if name in self.polygons}
         return replace(self, polygons={**self.polygons, **known})
 
@@ -100,7 +100,7 @@ def load_mask(path: Path) -> Mask:
     FileFormatError
         If a JSON file does not hold polygons.
     InputError
-        If it cannot be read, or (as PictureError) is no picture.
+        If the file cannot be read, or (as PictureError) is not a picture.
     """
     if path.suffix.lower() != ".json":
         picture = as_grey(read_picture(path))
@@ -116,7 +116,8 @@ def load_mask(path: Path) -> Mask:
         for polygon in polygons:
             if len(polygon) < _LEAST_CORNERS or not np.isfinite(polygon).all():
                 raise _malformed(
-                    path, f"{name!r} has a polygon of {len(polygon)} corners, or without numbers"
+                    path,
+                    f"{name!r} has a polygon of {len(polygon)} corners, or with a corner that is not finite",
                 )
     return Mask(None, found, path.name, data)
 
@@ -127,13 +128,13 @@ def _malformed(path: Path, what: str) -> FileFormatError:
 
 
 def fill_masked(picture: Picture, masked: BoolArray | None) -> Picture:
-    """Return a grey picture whose masked pixels have the grey value of what is around them."""
+    """Return a grey picture whose masked pixels have the grey value of their surroundings."""
     if masked is None or not masked.any():
         return picture
     seen = (~masked).astype(np.float32)
     result = picture.copy()
     missing = masked
-    # The nearest surroundings that have anything to say, in ever larger boxes.
+    # Ever larger boxes, until enough of the surroundings is visible.
     for side in _BOXES_PX:
         weight = cv2.blur(seen, (side, side))
         mean = cv2.blur(picture.astype(np.float32) * seen, (side, side)) / np.maximum(weight, 1e-6)

@@ -1,6 +1,6 @@
-"""A plan drawn into its picture, thin enough to judge the needle's edges beside it.
+"""Draws a plan into its picture, in lines thin enough to leave the needle's edges visible.
 
-Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by colour-blind readers.
+The colours are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers can distinguish.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _SHEATH: _Colour = (167, 121, 204)
 _OUTLINE: _Colour = (0, 0, 0)
 _SUBPIXEL_BITS = 4
 _AXIS_MM = 10.0
-# The sheath's arrow goes beyond the axis, and its words stand clear of those of the axes.
+# The sheath's arrow is longer than the axis, and its text is clear of the text of the axes.
 _SHEATH_MM = 24.0
 _BELOW_PX = np.array([-90.0, 60.0])
 _RING_PX = 5.0
@@ -32,10 +32,9 @@ _RING_PX = 5.0
 
 @dataclass(frozen=True, eq=False)
 class DrawnPlan:
-    """A plan as it is drawn: columns (y, z) [mm] of the steering plane.
+    """A plan to draw, with points (y, z) [mm] of the steering plane.
 
-    path_mm (N, 2); target_mm (y, z) with its tolerance; obstacles ((y, z), radius); sheath its tip (y, z) and heading
-    [rad] where it was found.
+    `path_mm` is (N, 2), an obstacle a centre and a radius; `sheath` is the tip and heading [rad] found, if any.
     """
 
     path_mm: FloatArray
@@ -46,10 +45,10 @@ class DrawnPlan:
 
 
 def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
-    """Return a copy of the picture, (H, W, 3) blue-green-red, with a plan and the plane's axes drawn in.
+    """Return a copy of the picture, (H, W, 3) blue-green-red, with the plan and the plane's axes.
 
-    The path is blue, the target an orange ring of its tolerance, obstacles yellow; the axes are green, 10 mm long, z
-    along the insertion, from the origin that was commanded. Where the sheath was found is a purple arrow along it.
+    The path is blue, the target an orange ring of its tolerance, obstacles are yellow. The axes are green and 10 mm
+    long, from the commanded origin, z along the insertion. A purple arrow shows the sheath that was found.
     """
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
     drawn = np.asarray(colour, dtype=np.uint8)
@@ -69,7 +68,7 @@ def draw_plan(image: Picture, plane: PlaneMap, plan: DrawnPlan) -> Picture:
 
 
 def _draw_sheath(drawn: Picture, plane: PlaneMap, tip_mm: tuple[float, float], heading_rad: float) -> None:
-    """Draw where the sheath was found: an arrow along its heading through a ring at its tip, named with both."""
+    """Draw the sheath that was found: a ring at its tip, an arrow along its heading, and both as text."""
     along = _SHEATH_MM * np.array([np.sin(heading_rad), np.cos(heading_rad)])
     start, _ = _draw_arrow(drawn, plane.to_px(np.array([tip_mm, tip_mm + along])), _SHEATH)
     turn = np.linspace(0.0, 2.0 * np.pi, 40)
@@ -89,7 +88,7 @@ def _draw_arrow(drawn: Picture, ends: FloatArray, colour: _Colour) -> tuple[Floa
 
 
 def _draw_name(drawn: Picture, name: str, place: FloatArray, colour: _Colour, width_px: int = 1) -> None:
-    u, v = (int(one) for one in place)
+    u, v = (int(coordinate) for coordinate in place)
     cv2.putText(drawn, name, (u, v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width_px, cv2.LINE_AA)
 
 

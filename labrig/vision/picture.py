@@ -1,9 +1,9 @@
-"""Pictures from files: the one place where labrig reads one, and what it refuses.
+"""Pictures from files: the only place where labrig reads a picture, and what it refuses.
 
-A picture is a uint8 array, (H, W) grey or (H, W, 3) blue-green-red, of the sensor's own pixels. One that says by EXIF
-that it is to be shown turned or mirrored is refused: a viewer shows it otherwise than the sensor saw it, so that what
-a person reads there, a pixel or a direction, is not what is measured. An alpha channel is dropped. Other depths are
-refused rather than scaled, because a guessed scale changes what is measured.
+A picture is a uint8 array, (H, W) grey or (H, W, 3) blue-green-red, of the sensor's own pixels. A picture whose EXIF
+orientation is not upright is refused: viewers turn or mirror it, so a pixel or a direction that a person reads in a
+viewer is not the one that is measured. An alpha channel is dropped. Other depths are refused rather than scaled,
+because a guessed scale changes the measurement.
 """
 
 import re
@@ -22,19 +22,19 @@ from labrig.errors import MeasurementRefusedError, PictureError
 Picture = NDArray[np.uint8]
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"})
-"""Endings of the names of picture files."""
+"""Suffixes of picture files."""
 
 _JPEG = b"\xff\xd8\xff"
 _JPEG_START_OF_SCAN = 0xDA
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_EXIF, _PNG_END = b"eXIf", b"IEND"
-# Grey levels between the darkest and the brightest pixel of a picture that shows something.
+# Least range of grey levels of a picture that shows something.
 _LEAST_RANGE = 8
 _CONVERT = "save it as an 8-bit PNG or JPEG"
 _JPEG_APP1 = 0xE1
 _EXIF = b"Exif\x00\x00"
 _ORIENTATION_TAG, _UPRIGHT = 0x0112, 1
-# How a picture is to be shown, by the value of the tag (CIPA DC-008, 4.6.5.1).
+# How viewers show a picture, by the value of the tag (CIPA DC-008, 4.6.5.1).
 _SHOWN = {
     2: "mirrored",
     3: "turned by 180 degrees",
@@ -52,8 +52,8 @@ def read_picture(path: Path) -> Picture:
     Raises
     ------
     PictureError
-        If the file is missing, a folder, unreadable, empty, truncated, no picture, not of 8 bits a channel, or to be
-        shown turned or mirrored.
+        If the file is missing, a folder, unreadable, empty, truncated, not a picture, not of 8 bits a channel, or
+        not upright by its EXIF orientation.
     """
     data = _read_bytes(path)
     if _is_truncated(data):
@@ -82,12 +82,12 @@ def read_picture(path: Path) -> Picture:
 
 
 def number_order(path: Path) -> list[tuple[int, str]]:
-    """Return the key by which names are sorted as people do: picture2 before picture10."""
+    """Return the sort key of natural order: picture2 before picture10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def as_grey(image: Picture) -> Picture:
-    """Return the picture in grey, (H, W); grey ones as they are."""
+    """Return the picture in grey, (H, W); a grey picture is returned as it is."""
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
@@ -96,10 +96,10 @@ def size_of(image: Picture) -> tuple[int, int]:
     return int(image.shape[1]), int(image.shape[0])
 
 
-def require_size(image: Picture, size: tuple[int, int], what: str) -> None:
-    """Raise PictureError unless the picture has the size (width, height) [px] that `what` is for."""
+def require_size(image: Picture, size: tuple[int, int] | None, what: str) -> None:
+    """Raise PictureError unless the picture has the size (width, height) [px] of `what`; None allows any size."""
     found = size_of(image)
-    if found != size:
+    if size is not None and found != size:
         raise PictureError(
             f"the picture has {found[0]} x {found[1]} pixels, {what} is for {size[0]} x {size[1]}",
             "use pictures of the camera setting that was calibrated, neither cropped nor scaled",
@@ -107,7 +107,7 @@ def require_size(image: Picture, size: tuple[int, int], what: str) -> None:
 
 
 def require_contrast(image: Picture) -> None:
-    """Raise MeasurementRefusedError for a picture in which nothing can be seen: black, white or even grey."""
+    """Raise MeasurementRefusedError for a picture that shows nothing: black, white or even grey."""
     darkest, brightest, _, _ = cv2.minMaxLoc(as_grey(image))
     if brightest - darkest < _LEAST_RANGE:
         looks = (
@@ -134,7 +134,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _is_truncated(data: bytes) -> bool:
-    """Return whether a JPEG or PNG has no end; decoders would fill the rest with grey and say nothing."""
+    """Return whether a JPEG or PNG has no end; decoders would silently fill the rest with grey."""
     if data.startswith(_JPEG):
         return data.find(b"\xff\xd9", _jpeg_scan_start(data)) < 0
     return data.startswith(_PNG) and not _is_whole_png(data)
@@ -149,7 +149,7 @@ def _jpeg_scan_start(data: bytes) -> int:
 
 
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Give marker and body of each segment before the scan."""
+    """Yield marker and body of each segment before the scan."""
     position = 2
     while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != _JPEG_START_OF_SCAN:
         end = position + 2 + max(2, int.from_bytes(data[position + 2 : position + 4], "big"))
@@ -168,7 +168,7 @@ def _read_orientation(data: bytes) -> int:
 
 
 def _read_tiff_orientation(tiff: bytes) -> int:
-    """Return the orientation in the first directory of TIFF data; upright where there is none, or it is malformed."""
+    """Return the orientation in the first directory of TIFF data; upright if it is missing or malformed."""
     order = {b"II*\x00": "<", b"MM\x00*": ">"}.get(tiff[:4])
     if order is None:
         return _UPRIGHT
@@ -183,7 +183,7 @@ def _read_tiff_orientation(tiff: bytes) -> int:
 
 
 def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
-    """Give kind, body and stated checksum of each chunk; what is cut off has a wrong one."""
+    """Yield kind, body and stated checksum of each chunk; a truncated chunk has a wrong checksum."""
     position = len(_PNG)
     while position + 12 <= len(data):
         end = position + 8 + int.from_bytes(data[position : position + 4], "big")
@@ -196,7 +196,7 @@ def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:
 
 
 def _is_whole_png(data: bytes) -> bool:
-    """Return whether every chunk is there with its checksum, up to the end chunk."""
+    """Return whether every chunk up to the end chunk is present with a correct checksum."""
     for kind, body, checksum in _png_chunks(data):
         if zlib.crc32(body, zlib.crc32(kind)) != checksum:
             return False

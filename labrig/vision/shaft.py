@@ -1,9 +1,9 @@
 """The needle's shaft in a picture: centre line, sheath's tip and needle's tip, to a fraction of a pixel.
 
-The shaft is darker than the gel and enters at the border on the side that the insertion comes from. It is traced
-coarsely (`shaft_trace`), straightened, and measured by its two edges (`shaft_edges`), twice, so that the second
-time the strip follows the shaft itself. Where the width drops from the sheath's to the needle's is the sheath's
-tip; where the darkness ends is the needle's (`shaft_ends`).
+The shaft is darker than the gel and enters at the border from which the insertion comes. It is traced coarsely
+(`shaft_trace`), straightened, and measured by its two edges (`shaft_edges`). This is done twice, so that the second
+strip follows the shaft itself. The sheath's tip is where the width drops from the sheath's to the needle's; the
+needle's tip is where the darkness ends (`shaft_ends`).
 """
 
 from dataclasses import dataclass, replace
@@ -22,25 +22,25 @@ from labrig.vision.shaft_trace import Orientation, Trace, Widths, trace_shafts
 
 FloatArray = NDArray[np.float64]
 
-# A shaft that begins further inside the picture does not come from the border.
+# A shaft that begins further inside the picture than this does not come from the border.
 _LARGEST_GAP_MM = 10.0
 # A guide that ends this close to the border was cut by it.
 _BORDER_PX = 2.0
-# How far beyond the traced end the tip is looked for.
+# How far beyond the traced end the tip is searched for.
 _BEYOND_MM = 6.0
-# A second shaft of this length and this part of the first one's strength makes the picture ambiguous.
+# A second shaft of this length and this share of the first shaft's strength makes the picture ambiguous.
 _RIVAL_MM, _RIVAL_STRENGTH = 8.0, 0.6
 # The stated diameters hold within this factor.
 _DIAMETER_FACTOR = 1.7
-# Rows whose width differs more from the needle's are not its shaft (the bevel, a bubble at an edge).
+# Rows whose relative width differs more than this are not shaft but bevel, or a bubble at an edge.
 _WIDTH_TOLERANCE = 0.25
-# Over this length, in needle diameters, the smoothing along the shaft mixes sheath and needle; and over this the
-# bevel has begun to narrow the needle without being told from it by its width.
+# Over the first length, in needle diameters, the smoothing along the shaft mixes sheath and needle; over the second,
+# the bevel narrows the needle, but too little to be recognised by its width.
 _STEP_BLUR = 0.6
 _BEVEL_ONSET = 0.6
-# A row does not count where a mask comes as near to its middle, in needle diameters.
+# A row does not count if a mask comes this close to its middle, in needle diameters.
 _MASK_REACH = 0.6
-# Both edges must be seen over so much of the needle, and over this length at all.
+# Both edges must be visible over this share of the needle, and over this length.
 _LEAST_MEASURED = 0.5
 _LEAST_LENGTH_MM = 1.0
 
@@ -52,13 +52,13 @@ class Shaft:
     Attributes
     ----------
     centre_px : ndarray (N, 2)
-        The centre line [px] in rows about a pixel apart; rows in which no edges were found are left out.
+        The centre line [px] in rows about a pixel apart, without rows in which no edges were found.
     centre_mm : ndarray (N, 2)
-        The same in the plane [mm]: the middle of the two edges, each mapped for itself.
+        The same in the plane [mm]: the middle of the two edges, each mapped on its own.
     arc_mm : ndarray (N,)
         Arc length of these rows from the entry [mm].
     width_mm : float
-        Median distance of the edges.
+        Median distance between the edges.
     entry_px : ndarray (2,)
         The sheath's tip, or where the shaft enters the picture.
     sheathed : bool
@@ -84,7 +84,7 @@ class Shaft:
 
 @dataclass(frozen=True)
 class _Projector:
-    """Points of the turned picture in the original one and in the plane."""
+    """Maps points of the turned picture to the original picture and to the plane."""
 
     orientation: Orientation
     plane: PlaneMap
@@ -104,7 +104,7 @@ class _Scene:
     masked: Picture | None
 
     def edges(self, guide: Guide, widths: Widths) -> tuple[NDArray[np.float32], Edges]:
-        """Return the strip along a guide and the edges in it; rows that a mask touches do not count."""
+        """Return the strip along a guide and its edges; rows that a mask touches do not count."""
         strip = straighten(self.picture, guide, widths)
         edges = find_edges(strip, widths)
         if self.masked is None:
@@ -133,15 +133,15 @@ def locate_shaft(
     diameter_mm : float
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
-        None where no sheath is in the picture.
+        None if the picture shows no sheath.
     masked : ndarray of bool (H, W), optional
         Pixels that are not the needle.
 
     Raises
     ------
     MeasurementRefusedError
-        If the picture does not show one shaft with its tip, and the sheath where one is stated; says what it
-        shows instead.
+        If the picture does not show exactly one shaft with its tip and, if stated, its sheath. The message says
+        what it shows instead.
     """
     require_contrast(image)
     view = _Projector(Orientation.of(image, plane.insertion), plane)
@@ -157,18 +157,18 @@ def locate_shaft(
 
 
 def _choose_shaft(traces: tuple[Trace, ...], widths: Widths, view: _Projector) -> Trace:
-    """Return the shaft, or refuse where there are two or it does not come from the border."""
+    """Return the shaft; refuse two shafts, and a shaft that does not come from the border."""
     first = traces[0]
     start_mm = (first.points[0, 0] + 0.5) / widths.px_per_mm
     if start_mm > _LARGEST_GAP_MM:
         raise MeasurementRefusedError(
-            f"the shaft begins {start_mm:.1f} mm inside the picture, and {_LARGEST_GAP_MM:g} mm is the most for one "
-            "that comes from the border"
+            f"the shaft begins {start_mm:.1f} mm inside the picture, and {_LARGEST_GAP_MM:g} mm is the most for a "
+            "shaft that comes from the border"
         )
     if len(first.points) < LEAST_POINTS:
         u, v = view.px(first.points[-1:])[0]
         raise MeasurementRefusedError(
-            f"what enters the picture is no shaft, it ends at ({u:.0f}, {v:.0f}) px"
+            f"what enters the picture is not a shaft: it ends at ({u:.0f}, {v:.0f}) px"
         )
     for other in traces[1:]:
         if _is_same(first, other, widths):
@@ -185,13 +185,13 @@ def _choose_shaft(traces: tuple[Trace, ...], widths: Widths, view: _Projector) -
 
 
 def _is_same(first: Trace, other: Trace, widths: Widths) -> bool:
-    """Return whether another trace runs within the first one's shaft: a slanting sheath may be entered at two rows."""
+    """Return whether another trace follows the same shaft: a slanting sheath can yield two traces."""
     apart = np.linalg.norm(other.points[:, None] - first.points[None], axis=2).min(axis=1)
     return bool(np.median(apart) < widths.widest_px / 2.0)
 
 
 def _refine_guide(scene: _Scene, trace: Trace, widths: Widths, diameters: Diameters) -> Guide:
-    """Return a guide along the middle of the shaft's edges, from the border to some way beyond the tip."""
+    """Return a guide along the middle of the shaft's edges, from the border to beyond the tip."""
     scale = widths.px_per_mm
     coarse = fit_guide(trace.points, scale, 0.0, 0.0)
     _, edges = scene.edges(coarse, widths)
@@ -247,7 +247,7 @@ def _measure(scene: _Scene, guide: Guide, widths: Widths, diameters: Diameters, 
 
 
 def _is_bar(width: FloatArray, run: NDArray[np.bool_], entry: float) -> NDArray[np.bool_]:
-    """Return which rows (N,) are as wide as sheath and needle usually are, each on its side of `entry`."""
+    """Return which rows (N,) have the median width of the sheath before `entry`, and of the needle after it."""
     beyond = np.arange(len(width)) > entry
     usual = np.where(beyond, _median(width[run & beyond]), _median(width[run & ~beyond]))
     return np.abs(width - usual) <= _WIDTH_TOLERANCE * usual

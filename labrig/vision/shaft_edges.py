@@ -1,10 +1,10 @@
 """The shaft straightened into a strip, and its two edges in every row of it.
 
-A strip's rows run along the shaft a pixel apart, its columns across it, so that a curved needle becomes a
-straight bar: it can be smoothed along its length without being bent, and its edges are searched in all rows at once.
-Bright stripes too narrow to be gel (a glint) are filled by a grey opening. An edge is where the grey value is
-half way between the shaft's dark core and the gel on that side, found from outside inwards, so that uneven light does
-not move it.
+The rows of a strip lie a pixel apart along the shaft, its columns across it. A curved needle thus becomes a straight
+bar, which can be smoothed along its length without distortion, and its edges are found in all rows at once. A grey
+opening fills glints: bright stripes too narrow to be gel. An edge is where the grey value is half way between the
+shaft's dark core and the gel on that side; the search runs from outside inwards, so that uneven light does not move
+the edge.
 """
 
 from dataclasses import dataclass
@@ -20,26 +20,26 @@ from labrig.vision.shaft_trace import Widths
 FloatArray = NDArray[np.float64]
 _Strip = NDArray[np.float32]
 
-# Points that a guide takes.
+# Fewest points of a guide.
 LEAST_POINTS = 5
-# Distance of the guide's knots along the shaft: it bends no faster than the shaft can.
+# Distance of the guide's knots along the shaft: the guide bends no faster than the shaft can.
 _KNOTS_MM = 6.0
-# Length of the last stretch whose curvature the guide keeps beyond its points.
+# Length of the last stretch, whose curvature the guide keeps beyond its points.
 _LAST_ARC_MM = 8.0
 # Smoothing along the shaft, and of the two levels, in needle diameters.
 _ALONG = 0.25
 _LEVELS_ALONG = 1.0
-# Half width of the core and of the gel searched beyond the widest shaft, in needle diameters.
+# Half width of the core, and range of the gel beyond the widest shaft, in needle diameters.
 _CORE = 0.35
 _GEL_FROM, _GEL_TO = 0.25, 0.9
 _CORE_QUANTILE, _GEL_QUANTILE = 0.25, 0.6
-# A row counts when its contrast reaches this part of the shaft's usual one.
+# A row counts if its contrast reaches this share of the median contrast.
 _LEAST_CONTRAST = 0.4
 
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """A smooth line through the picture, a row a pixel.
+    """A smooth line through the picture, with one row per pixel of length.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Guide:
     normals: FloatArray
 
     def at(self, rows: FloatArray, offsets: FloatArray) -> FloatArray:
-        """Return the pixels (M, 2) that lie `offsets` (M,) px along the normals of fractional `rows` (M,)."""
+        """Return the pixels (M, 2) at `offsets` (M,) px along the normals of fractional `rows` (M,)."""
         grid = np.arange(len(self.places))
         columns = (
             np.interp(rows, grid, self.places[:, axis])
@@ -77,7 +77,7 @@ class Edges:
     Attributes
     ----------
     left, right : ndarray (N,)
-        Offsets from the guide [px]; meaningless in rows that do not count.
+        Offsets from the guide [px]; undefined in rows that do not count.
     counts : ndarray of bool (N,)
     gel, core : ndarray (N,)
         Grey levels beside the shaft and in its core.
@@ -103,14 +103,14 @@ class Edges:
 def fit_guide(points: FloatArray, px_per_mm: float, before_mm: float, after_mm: float) -> Guide:
     """Return a smooth line through at least `LEAST_POINTS` points (M, 2) in order, extended before and after them.
 
-    Before them it is straight, after them it keeps the curvature of its last stretch.
-    A cubic spline with knots some millimetres apart is fitted by least squares, so single points may be off.
+    It is a cubic least-squares spline with knots some millimetres apart, so single points may be off. Before the points
+    it is straight; after them it keeps the curvature of its last stretch.
     """
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     kept = np.concatenate(([True], np.diff(lengths) > 0.0))
     lengths, points = lengths[kept], points[kept]
     pieces = max(1, min(int(lengths[-1] / (_KNOTS_MM * px_per_mm)), len(points) // LEAST_POINTS))
-    # Knots at points, so that every piece has its share of them however they are spread.
+    # Knots at points, so that every piece has enough points, however they are spread.
     inner = lengths[np.linspace(0, len(lengths) - 1, pieces + 1).round().astype(int)]
     knots = np.concatenate(([0.0] * 3, inner, [lengths[-1]] * 3))
     spline = make_lsq_spline(lengths, points, knots, k=3)
@@ -153,7 +153,7 @@ def smooth_rows(strip: _Strip, sigma_px: float) -> _Strip:
 
 
 def _fill_glint(strip: _Strip, widths: Widths) -> _Strip:
-    """Return the strip with bright stripes too narrow to be gel filled to the grey value beside them (grey opening)."""
+    """Return the strip with narrow bright stripes filled to the grey value beside them (grey opening)."""
     across = np.ones((1, int(np.ceil(widths.glint_px)) | 1), np.uint8)
     return np.asarray(cv2.morphologyEx(strip, cv2.MORPH_OPEN, across), dtype=np.float32)
 
@@ -199,7 +199,7 @@ def _measure_level(columns: _Strip, quantile: float, widths: Widths) -> FloatArr
 def _find_outermost_crossing(
     side: _Strip, threshold: FloatArray, last: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return how far out (N,) the grey value last rises through the threshold before column `last`, and whether."""
+    """Return where (N,) the grey value last rises through the threshold before column `last`, and whether it does."""
     dark = side[:, :last] < threshold[:, None]
     column = last - 1 - np.argmax(dark[:, ::-1], axis=1)
     rows = np.arange(len(side))

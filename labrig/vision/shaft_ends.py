@@ -1,4 +1,4 @@
-"""Where a straightened shaft begins and ends: its longest unbroken run, the sheath's tip and the needle's."""
+"""The ends of a straightened shaft: its longest unbroken run, the sheath's tip and the needle's tip."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from labrig.vision.shaft_trace import Widths
 
 FloatArray = NDArray[np.float64]
 
-# A needle without a stated sheath may look this much thicker than stated.
+# A needle without a stated sheath may look thicker than stated by this factor.
 _WIDEST = 1.35
 # A hole in the shaft longer than this ends it.
 _GAP_MM = 3.0
-# Sheath and needle must each be seen over this length to be told apart.
+# Sheath and needle must each be visible over this length to be distinguished.
 _LEAST_PIECE_MM = 1.0
-# The tip is where the darkness falls to this part of the shaft's over its last stretch: low, because a bevel fades
-# before it ends. Smoothing and reach across are in needle diameters.
+# The tip is where the darkness falls to this share of that of the shaft's last stretch. The share is low because a
+# bevel fades before it ends. Smoothing and reach across are in needle diameters.
 _TIP_LEVEL = 0.3
 _TIP_REFERENCE_MM = 5.0
 _TIP_GAP_MM = 1.0
@@ -28,19 +28,19 @@ _TIP_REACH = 0.6
 
 @dataclass(frozen=True)
 class Diameters:
-    """What the caller states; the sheath is None where the picture shows none."""
+    """Stated diameters; the sheath is None if the picture shows none."""
 
     needle_mm: float
     sheath_mm: float | None
 
     def widths(self, px_per_mm: float) -> Widths:
-        """Return the same in pixels."""
+        """Return the widths in pixels."""
         widest = max(self.sheath_mm or 0.0, _WIDEST * self.needle_mm)
         return Widths(self.needle_mm * px_per_mm, widest * px_per_mm, px_per_mm)
 
 
 def find_longest_run(counts: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
-    """Return `counts` without the rows that are cut off from most of them by a hole too long for a shaft."""
+    """Return the longest run of `counts`; a hole too long for a shaft ends a run."""
     rows = np.flatnonzero(counts)
     if not len(rows):
         raise MeasurementRefusedError("no stretch of the shaft shows both edges")
@@ -58,7 +58,7 @@ def find_sheath_end(
     Raises
     ------
     MeasurementRefusedError
-        If a sheath is stated and there is no such drop: either no needle is out, or no sheath is in the picture.
+        If a sheath is stated and the width does not drop: no needle is out, or the picture shows no sheath.
     """
     if diameters.sheath_mm is None:
         return 0.0
@@ -79,12 +79,12 @@ def find_sheath_end(
 
 
 def _interpolate(before: float, after: float, level: float) -> float:
-    """Return which part (0 to 1) of the way from `before` down to `after` reaches `level`."""
+    """Return the fraction (0 to 1) of the way from `before` down to `after` at which `level` is reached."""
     return float(np.clip((before - level) / max(before - after, 1e-6), 0.0, 1.0))
 
 
 def _find_largest_step(width: FloatArray, piece: int) -> int | None:
-    """Return where to cut so that two constants fit best, each over at least `piece` widths; None if too few."""
+    """Return the cut at which two constants fit best, each over at least `piece` widths; None if there are too few."""
     if len(width) < 2 * piece + 1:
         return None
     count = np.arange(1, len(width))
@@ -106,7 +106,7 @@ def _no_step_error(width_mm: float, diameters: Diameters) -> MeasurementRefusedE
 
 
 def find_needle_end(strip: NDArray[np.float32], edges: Edges, run: NDArray[np.intp], widths: Widths) -> float:
-    """Return the fractional row at which the darkness ends after the rows of `run`; the strip's last if it does not."""
+    """Return the fractional row at which the darkness ends after `run`; the strip's last row if it does not end."""
     middle, reach = strip.shape[1] // 2, int(np.ceil(_TIP_REACH * widths.needle_px))
     smooth = smooth_rows(strip, _TIP_SIGMA * widths.needle_px)
     darkest = smooth[:, middle - reach : middle + reach + 1].min(axis=1)

@@ -1,4 +1,4 @@
-"""Where a needle ends and how it heads there, by its shaft: the measurement that no template has a part in."""
+"""Tip and heading of a needle from its shaft alone, without a template."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from labrig.vision.picture import Picture, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import FloatArray, locate_shaft
 
-# A parabola through so much of the centre line, or that much at least, goes on to the tip: the bevel has no two edges
-# that a centre line could lie between.
+# Longest and shortest stretch of the centre line whose parabola is extrapolated to the tip: the bevel does not have two
+# edges with a centre line between them.
 _OVER_MM, _LEAST_MM = 5.0, 1.5
-# The last rows, over so many widths of the needle, lean to the side on which the bevel is longer.
+# The last rows, over this many needle widths, lean towards the longer side of the bevel.
 _BEVEL_ONSET = 0.3
 
 
@@ -26,11 +26,11 @@ class ShaftTip:
     tip_px, tip_mm : (float, float)
         (u, v) and (y, z), level with the foremost point of the bevel.
     heading_rad : float
-        Zero along the insertion, positive towards +y.
+        Heading at the tip.
     length_mm : float
-        From the sheath's tip, or from where the needle enters the picture.
+        Arc length from the entry to the tip.
     width_px : float
-        Of the needle.
+        Width of the needle.
     centre_line_mm, centre_line_px : ndarray (N, 2)
     """
 
@@ -60,19 +60,18 @@ def measure_shaft_tip(
     diameter_mm : float
         Of the needle, within a factor of about 1.5.
     sheath_diameter_mm : float or None
-        None where no sheath is in the picture.
+        None if the picture shows no sheath.
     masked : ndarray of bool (H, W), optional
         Pixels that are not the needle.
 
     Raises
     ------
     MeasurementRefusedError
-        If the picture does not show one shaft with its tip, or too little of it for a heading.
+        If the picture does not show exactly one shaft with its tip, or too little of it for a heading.
     PictureError
         If the picture has another size than the plane was calibrated for.
     """
-    if plane.image_size is not None:
-        require_size(image, plane.image_size, "the plane map")
+    require_size(image, plane.image_size, "the plane map")
     shaft = locate_shaft(image, plane, diameter_mm, sheath_diameter_mm, masked=masked)
     end_mm = shaft.arc_mm[-1] - _BEVEL_ONSET * shaft.width_mm
     last = (shaft.arc_mm >= end_mm - _OVER_MM) & (shaft.arc_mm <= end_mm)

@@ -1,11 +1,11 @@
-"""The course of a dark shaft through a picture, to a fraction of its width: what the edge search starts from.
+"""The course of a dark shaft through a picture, to a fraction of its width: the start of the edge search.
 
-Works on optical density, in which uneven light is an additive, slow term, on a picture reduced until the needle
-is a few pixels wide. A bar of any direction shows there as the larger eigenvalue of the Hessian. The shaft is
-followed with a fan of short arcs, each judged by the bars under its whole length, so that a bubble or a weak
-stretch does not lead it astray.
+The trace works on optical density, in which uneven light is an additive, slow term, in a picture reduced until the
+needle is a few pixels wide. A bar of any direction shows there as the larger eigenvalue of the Hessian. A fan of short
+arcs follows the shaft. Each arc is judged by the bars under its whole length, so that a bubble or a weak stretch does
+not divert the trace.
 
-Here the insertion always points to the right (+u): `Orientation` turns pictures and points.
+In this file the insertion always points to the right (+u): `Orientation` turns pictures and points.
 """
 
 from dataclasses import dataclass
@@ -22,36 +22,36 @@ from labrig.vision.plane import Insertion
 
 FloatArray = NDArray[np.float64]
 
-# Pixels that a needle is wide on the reduced picture: fewer lose it, more cost time.
+# Width of a needle in the reduced picture [px]: fewer pixels lose it, more cost time.
 _REDUCED_WIDTH_PX = 5.0
-# Narrowest needle, and least side of a reduced picture that can show anything.
+# Narrowest needle, and smallest side of a usable reduced picture.
 _LEAST_WIDTH_PX = 2.5
 _LEAST_SIDE_PX = 8
 # Grey levels added before the logarithm, so that the noise of black stays small.
 _DARK_OFFSET = 8.0
-# Bright stripes on the shaft narrower than this part of its widest diameter are a glint and are filled.
+# A bright stripe on the shaft narrower than this share of its widest diameter is a glint and is filled.
 _GLINT = 0.5
-# Width of the smoothing in needle diameters: in between what answers most to the needle and to its sheath.
+# Width of the smoothing in needle diameters: between the best widths for the needle and for its sheath.
 _BAR_SIGMA = 0.6
-# The shaft is looked for this close to the border where it enters, as a straight bar of this length.
+# The shaft is searched for this close to the border where it enters, as a straight bar of this length.
 _ENTRY_MM = 20.0
 _ENTRY_BAR_MM = 4.0
 # A bar must stand out of the picture's own texture by this many standard deviations, and by this density.
 _LEAST_SIGNIFICANCE = 6.0
 _LEAST_DENSITY = 0.05
-# Bars at the entry weaker than this part of the strongest are older tracks, not shafts.
+# A bar at the entry weaker than this share of the strongest is an old track, not a shaft.
 _RIVAL = 0.5
 _MAX_CANDIDATES = 4
-# Two candidates are this far apart, in needle diameters.
+# Least distance between two candidates, in needle diameters.
 _APART = 1.5
-# The fan: how far it looks, how far it goes, and what it tries.
+# The fan: its length, the step after each fan, and the arcs that it tries.
 _LOOK_MM = 3.0
 _STEP_MM = 1.0
 _LOOK_SAMPLES = 10
 _TURNS_RAD = np.linspace(-0.24, 0.24, 13)
 _CURVATURES_PER_MM = np.array([-0.08, -0.04, 0.0, 0.04, 0.08])
 _TURN_PENALTY = 0.08
-# Below this part of the shaft's usual response a stretch is weak; a weak stretch this long is the end.
+# Below this share of the shaft's usual response a stretch is weak; a weak stretch of this length ends the trace.
 _WEAK = 0.3
 _GAP_MM = 2.0
 _USUAL_STEPS = 12
@@ -59,7 +59,7 @@ _USUAL_STEPS = 12
 
 @dataclass(frozen=True)
 class Widths:
-    """What is known of the shaft beforehand, in pixels."""
+    """The stated widths of the shaft, in pixels."""
 
     needle_px: float
     widest_px: float
@@ -67,7 +67,7 @@ class Widths:
 
     @property
     def glint_px(self) -> float:
-        """Widest bright stripe that may be a glint on the shaft."""
+        """Width of the widest glint on the shaft."""
         return _GLINT * self.widest_px
 
 
@@ -79,7 +79,7 @@ class Orientation:
     ----------
     insertion : "right", "left", "up" or "down"
     extent : int
-        Of the picture along the insertion [px].
+        Size of the picture along the insertion [px].
     """
 
     insertion: Insertion
@@ -112,7 +112,7 @@ class Trace:
     points : ndarray (N, 2)
         Pixels (u, v) of the turned picture about a millimetre apart, from the entry to the end.
     strength : float
-        Median optical density by which the shaft stands out under the bar filter.
+        Median response of the bar filter along the shaft, an optical density.
     """
 
     points: FloatArray
@@ -121,7 +121,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class _BarMap:
-    """How much each pixel of the reduced picture looks like the middle of a dark bar."""
+    """The response of the bar filter at each pixel of the reduced picture."""
 
     any_direction: NDArray[np.float32]
     along_insertion: NDArray[np.float32]
@@ -184,7 +184,7 @@ def _filter_bars(picture: Picture, widths: Widths) -> _BarMap:
 
 
 def _differentiate_twice(density: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float32], ...]:
-    """Return the second derivatives across, along and mixed, times sigma squared, of the smoothed picture."""
+    """Return the second derivatives (across, along, mixed) of the smoothed picture, times sigma squared."""
     half = int(np.ceil(3.5 * sigma))
     x = np.arange(-half, half + 1)
     smooth = np.exp(-0.5 * (x / sigma) ** 2)
@@ -233,7 +233,7 @@ def _trace_from(bars: _BarMap, seed: complex) -> Trace:
 
 
 def _make_fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the arcs' places (K, M) for a heading along +u, their turns (K,) and curvatures (K,) [1/px]."""
+    """Return the points of the arcs (K, M) for a heading along +u, their turns (K,) and curvatures (K,) [1/px]."""
     turns, curvatures = (a.ravel() for a in np.meshgrid(_TURNS_RAD, _CURVATURES_PER_MM / px_per_mm))
     lengths = np.linspace(0.0, _LOOK_MM * px_per_mm, _LOOK_SAMPLES + 1)[1:]
     headings = turns[:, None] + 0.5 * curvatures[:, None] * lengths
@@ -241,7 +241,7 @@ def _make_fan(px_per_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.floa
 
 
 def _follow(bars: _BarMap, seed: complex, heading: float) -> tuple[NDArray[np.complex128], FloatArray]:
-    """Follow the shaft from `seed` until it ends or leaves; return places (N,) and responses (N,)."""
+    """Follow the shaft from `seed` until it ends or leaves the picture; return places (N,) and responses (N,)."""
     arcs, turns, curvatures = _make_fan(bars.px_per_mm)
     penalty = _TURN_PENALTY * (turns / _TURNS_RAD[-1]) ** 2
     step = _STEP_MM * bars.px_per_mm

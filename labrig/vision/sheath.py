@@ -1,10 +1,10 @@
-"""Where the sheath's tip stands and how the sheath heads, in a picture that shows it before the needle leaves it.
+"""Tip and heading of the sheath in a picture taken before the needle leaves it.
 
-The shaft's search finds the tube; what a needle's end needs (a bevel, a bend) would mislead it here. A sheath is
-straight, so its heading is that of one line through its whole centre line. Its end is blunt, so that each stripe along
-it has an end of its own, half way from the steel's grey to the gel's; the median of those that end early, and alike,
-is the tip. A bubble before some of the stripes then moves nothing, where the end of the darkness would be the
-bubble's.
+The search for the shaft finds the tube, but its model of a needle's end (bevel, bend) does not fit a sheath. A sheath
+is straight, so its heading is that of a straight line through the whole centre line. Its end is blunt, so each stripe
+along it ends where the grey value is half way between steel and gel. The tip is the median of the stripes that end
+early and close together. A bubble in front of some stripes then has no effect, although the darkness ends only behind
+it.
 """
 
 from dataclasses import dataclass
@@ -18,36 +18,36 @@ from labrig.vision.picture import Picture, as_grey, require_size
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import FloatArray, locate_shaft
 
-# So much of the sheath must be seen for its heading.
+# Shortest visible sheath for a heading.
 _LEAST_MM = 3.0
-# Points of the centre line that are further from the line than so many of its deviations do not count.
+# A point further from the line than this many standard deviations does not count; number of passes.
 _OUTLIER, _PASSES = 3.0, 4
-# Stripes, over this part of the sheath's width, and how finely each is read, in pixels.
+# Number of stripes, share of the sheath's width that they cover, and sampling step in pixels.
 _STRIPES, _STRIPES_OVER, _STEP_PX = 21, 0.7, 0.25
-# The end is looked for from so far behind the end of the darkness to so far beyond it; the steel's grey is read on the
-# first stretch, where no bubble at the end reaches.
+# The end is searched for from this far behind the end of the darkness to this far beyond it. The steel's grey value is
+# measured on the first stretch, which no bubble at the end reaches.
 _BEHIND_MM, _BEYOND_MM, _STEEL_MM = 6.0, 2.0, 2.0
-# The gel's grey is read beside the sheath, between these distances from its edges.
+# The gel's grey value is measured beside the sheath, between these distances from its edges.
 _GEL_FROM_MM, _GEL_TO_MM = 0.75, 2.0
-# A stripe counts with this part of the usual contrast (one in a glint has none); so many at least must.
+# Least contrast of a stripe as a share of the median (a stripe in a glint has none), and fewest stripes.
 _CONTRAST, _LEAST_STRIPES = 0.5, 7
-# What lies before the end makes stripes longer and none shorter, so that those count that end within this distance of
-# an early one.
+# A bubble in front of the end can only lengthen a stripe. So those stripes count that end within this distance of an
+# early quantile.
 _EARLY, _ALIKE_MM = 0.25, 0.15
-# Gel for so long, and the stripe has ended: what is bright in the steel is shorter.
+# A stripe ends if gel follows for this length; bright spots in the steel are shorter.
 _ENDED_MM = 0.4
 
 
 @dataclass(frozen=True)
 class SheathPose:
-    """The sheath's end.
+    """The end of the sheath.
 
     Attributes
     ----------
     tip_px, tip_mm : (float, float)
-        The middle of its end, (u, v) and (y, z).
+        The middle of the end, (u, v) and (y, z).
     heading_rad : float
-        Zero along the insertion, positive towards +y.
+        Heading of the sheath.
     width_mm : float
     """
 
@@ -69,14 +69,14 @@ class _Axis:
         return float(np.arctan(self.slope))
 
     def at(self, along_mm: FloatArray, aside_mm: FloatArray) -> FloatArray:
-        """Return points (..., 2) as (y, z), `along_mm` from where z is 0 and `aside_mm` to the side of +y."""
+        """Return points (..., 2) as (y, z): `along_mm` from z = 0 along the axis, `aside_mm` towards +y."""
         sine, cosine = np.sin(self.heading_rad), np.cos(self.heading_rad)
         y = self.y_mm + along_mm * sine + aside_mm * cosine
         return np.stack((y, along_mm * cosine - aside_mm * sine), axis=-1)
 
 
 def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> SheathPose:
-    """Measure where the sheath in a picture ends and how it heads.
+    """Measure tip and heading of the sheath in a picture.
 
     Parameters
     ----------
@@ -89,12 +89,11 @@ def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> Sheat
     Raises
     ------
     MeasurementRefusedError
-        If the picture does not show one sheath with its end.
+        If the picture does not show exactly one sheath with its end.
     PictureError
         If the picture has another size than the plane was calibrated for.
     """
-    if plane.image_size is not None:
-        require_size(image, plane.image_size, "the plane map")
+    require_size(image, plane.image_size, "the plane map")
     shaft = locate_shaft(image, plane, diameter_mm, None)
     seen_mm = float(shaft.arc_mm[-1] - shaft.arc_mm[0])
     if seen_mm < _LEAST_MM:
@@ -110,14 +109,14 @@ def measure_sheath(image: Picture, plane: PlaneMap, diameter_mm: float) -> Sheat
 
 
 def measure_heading(centre_mm: FloatArray) -> float | None:
-    """Return the heading [rad] of a sheath's centre line (N, 2) as (y, z); None where too little of it is seen."""
+    """Return the heading [rad] of a sheath's centre line (N, 2), columns (y, z); None if it is too short."""
     if not len(centre_mm) or float(np.ptp(centre_mm[:, 1])) < _LEAST_MM:
         return None
     return _fit_axis(centre_mm).heading_rad
 
 
 def _fit_axis(centre_mm: FloatArray) -> _Axis:
-    """Return the straight line through a centre line (N, 2), points that lie off it left out."""
+    """Fit a straight line to a centre line (N, 2) without outliers."""
     y, z = centre_mm.T
     kept = np.ones(len(y), dtype=bool)
     for _ in range(_PASSES):
@@ -128,7 +127,7 @@ def _fit_axis(centre_mm: FloatArray) -> _Axis:
 
 
 def _find_end_mm(grey: Picture, plane: PlaneMap, axis: _Axis, dark_to_mm: float, width_mm: float) -> float:
-    """Return how far along the axis the sheath ends, by its stripes.
+    """Return how far along the axis the sheath ends, from its stripes.
 
     Raises
     ------
@@ -170,7 +169,7 @@ def _sample_strip(
 
 
 def _find_stripe_end(stripe: NDArray[np.float32], level: float, along_mm: FloatArray) -> float | None:
-    """Return where a stripe rises through a level to stay above it; None where it does not."""
+    """Return where a smoothed stripe first rises through a level; None if it does not."""
     long = max(2, round(_ENDED_MM / float(along_mm[1] - along_mm[0])))
     smooth = np.convolve(stripe, np.full(long, 1.0 / long), mode="same")
     dark = smooth < level

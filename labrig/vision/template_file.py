@@ -1,7 +1,7 @@
-"""Templates on disk: a picture, and a JSON of the same name beside it that says where the tip is and how it heads.
+"""Templates on disk: a picture, and a JSON file of the same name with the pixel and heading of the tip.
 
-The JSON needs `tip_px` and either `heading_rad` or `heading_deg`, so that one can be written by hand for a picture that
-was cut out by hand; `labrig calibrate template` writes more.
+The JSON file needs only `tip_px` and either `heading_rad` or `heading_deg`, so that it can be written by hand for a
+picture that was cropped by hand; `labrig calibrate template` writes more.
 """
 
 import json
@@ -23,7 +23,7 @@ _AGAIN = "make it again with `labrig calibrate template`"
 
 
 class _Document(BaseModel):
-    """What the JSON may say; more may stand beside it."""
+    """The keys of the JSON file; other keys are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
@@ -38,7 +38,7 @@ class _Document(BaseModel):
     @model_validator(mode="after")
     def _has_one_heading(self) -> "_Document":
         if (self.heading_rad is None) == (self.heading_deg is None):
-            raise ValueError("has to hold one of heading_rad and heading_deg")
+            raise ValueError("must hold either heading_rad or heading_deg")
         if self.kind != _KIND or self.schema_version != _SCHEMA_VERSION:
             raise ValueError(
                 f"is {self.kind!r}, version {self.schema_version}, not {_KIND!r}, {_SCHEMA_VERSION}"
@@ -52,12 +52,12 @@ class _Document(BaseModel):
 
 
 def template_files(path: Path) -> tuple[Path, Path]:
-    """Return picture and JSON of a template of which one is named."""
+    """Return the picture and the JSON file of a template, from the path of either."""
     return (path.with_suffix(".png"), path) if path.suffix == ".json" else (path, path.with_suffix(".json"))
 
 
 def save_template(path: Path, template: TipTemplate, provenance: Mapping[str, Any]) -> None:
-    """Write a template: its picture as PNG, and the JSON beside it; `provenance` holds JSON values.
+    """Write a template as a PNG and a JSON file; `provenance` holds JSON values.
 
     Raises
     ------
@@ -93,14 +93,14 @@ def save_template(path: Path, template: TipTemplate, provenance: Mapping[str, An
 
 
 def load_template(path: Path) -> TipTemplate:
-    """Read a template, named by its picture or its JSON.
+    """Read a template, from the path of its picture or its JSON file.
 
     Raises
     ------
     PictureError
         If the picture is missing, unreadable, too small or flat.
     FileFormatError
-        If the JSON is missing, malformed, of another kind, or puts the tip outside of the picture.
+        If the JSON file is missing, malformed, of another kind, or puts the tip outside the picture.
     """
     picture_file, json_file = template_files(path)
     picture = read_picture(picture_file)

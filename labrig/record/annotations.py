@@ -1,8 +1,8 @@
-"""What people say of a run afterwards: tags, notes with their revisions, a verdict.
+"""Annotations of a run: tags, notes with their revisions, and the operator's verdict.
 
-`RUN/notes.jsonl` is append-only, one CRC line a remark, and stands outside SHA256SUMS: it grows after the run is
-closed. Nothing in it is ever changed or removed. A note is revised by a new line of the same number, a tag taken off
-by a line that says so, a verdict replaced by a later one; who said what when stays readable.
+`RUN/notes.jsonl` is append-only, one CRC line a remark. SHA256SUMS does not cover it, because it grows after the run is
+closed. Nothing in it is ever changed or removed: a new line with the same number revises a note, an `untag` line takes
+a tag off, a later verdict replaces an earlier one. So it stays readable who wrote what and when.
 """
 
 import os
@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from labrig.errors import InputError, RecordError
-from labrig.posix import NO_LINKS, sync_directory
-from labrig.record.durable import disk_errors, write_fully
+from labrig.posix import sync_directory
+from labrig.record.durable import disk_errors, open_descriptor, write_fully
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, inside, require_name
 from labrig.record.lock import FileLock
@@ -26,7 +26,7 @@ _MAX_TEXT = 10_000
 
 @dataclass(frozen=True)
 class Note:
-    """A note as it reads now: its number, which revision this is, the text, and who wrote it when (ISO 8601, UTC)."""
+    """The current text of a note, its number and revision, its author and its time (ISO 8601, UTC)."""
 
     note: int
     revision: int
@@ -37,18 +37,18 @@ class Note:
 
 @dataclass(frozen=True)
 class Annotations:
-    """All that people have said of a run, as it stands now.
+    """All annotations of a run as they are now.
 
     Attributes
     ----------
     tags : tuple of str
-        In the order in which they were given.
+        In the order in which they were added.
     notes : tuple of Note
-        The newest revision of each, by number.
+        The newest revision of each, sorted by number.
     verdict : str or None
-        The operator's: good, doubtful or bad.
+        The operator's verdict: good, doubtful or bad.
     verdict_reason : str or None
-        Why.
+        The reason for it.
     revisions : tuple of Note
         Every revision of every note, oldest first.
     """
@@ -61,13 +61,7 @@ class Annotations:
 
 
 def read_annotations(run: Path) -> Annotations:
-    """Return what has been said of a run; nothing where nobody has said anything.
-
-    Raises
-    ------
-    RecordError
-        When a line of it is damaged.
-    """
+    """Return the annotations of a run. Raises `RecordError` when a line of notes.jsonl is damaged."""
     path = inside(run, NOTES)
     return _join_remarks(read_lines(path), path) if path.exists() else Annotations()
 
@@ -78,9 +72,9 @@ def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: dateti
     Raises
     ------
     InputError
-        When a tag cannot be one, or is to be taken off and is not there.
+        When a name cannot be a tag, or a tag to take off is not there.
     RecordError, LockedError, DiskError
-        When it is no run or of a newer schema, or it cannot be written now.
+        When the folder is no run, its schema is newer, or it cannot be written now.
     """
     for tag in tags:
         require_name(tag, "the tag")
@@ -95,12 +89,12 @@ def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: dateti
 
 
 def note_on_run(run: Path, text: str, *, revises: int | None, by: str, at: datetime) -> Annotations:
-    """Add a note, or a new revision of the note with the number `revises`; the older ones are kept.
+    """Add a note, or a new revision of note number `revises`; older revisions are kept.
 
     Raises
     ------
     InputError
-        When the text is empty or too long, or there is no note of that number.
+        When the text is empty or too long, or no note has that number.
     """
     _check_text(text)
     with _Remarks(run, by, at) as remarks:
@@ -114,7 +108,7 @@ def note_on_run(run: Path, text: str, *, revises: int | None, by: str, at: datet
 
 
 def judge_run(run: Path, verdict: Judgement, reason: str, *, by: str, at: datetime) -> Annotations:
-    """Say whether a run is to be trusted; the last verdict counts."""
+    """Record whether a run can be trusted; the last verdict counts."""
     if reason:
         _check_text(reason)
     with _Remarks(run, by, at) as remarks:
@@ -130,7 +124,7 @@ class _Remarks:
     """notes.jsonl while it is locked for appending."""
 
     def __init__(self, run: Path, by: str, at: datetime) -> None:
-        read_manifest(run)  # nothing is written into a folder that is no run, or is of a newer schema
+        read_manifest(run)  # refuses a folder that is no run, or has a newer schema
         self._path = inside(run, NOTES)
         self._lock = FileLock(run / f".{NOTES}.lock")
         self._stamp: Mapping[str, object] = {"by": by, "at": at}
@@ -149,23 +143,20 @@ class _Remarks:
         self._lock.release()
 
     def add(self, remarks: Iterable[Mapping[str, object]]) -> Annotations:
-        """Append the remarks, durable when this returns."""
+        """Append the remarks; they are durable when this returns."""
         lines = b"".join(encode_line({**remark, **self._stamp}) for remark in remarks)
         with disk_errors(self._path):
-            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666)
-            try:
+            with open_descriptor(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND) as descriptor:
                 whole, missing = _find_torn_end(self._path)
-                # The torn line of a process that was killed was never acknowledged, and must not continue.
+                # The torn line of a killed process was never acknowledged; the new line must not continue it.
                 os.ftruncate(descriptor, whole)
                 _append_all_or_nothing(descriptor, missing + lines, whole)
-            finally:
-                os.close(descriptor)
             sync_directory(self._path.parent)
         return read_annotations(self._path.parent)
 
 
 def _find_torn_end(path: Path) -> tuple[int, bytes]:
-    """Return where the last whole line ends, and the newline that it lacks where only that was torn off."""
+    """Return where the last whole line ends, and the newline to add if only that was torn off."""
     content = path.read_bytes()
     rest = content[content.rfind(b"\n") + 1 :]
     try:
@@ -176,7 +167,7 @@ def _find_torn_end(path: Path) -> tuple[int, bytes]:
 
 
 def _append_all_or_nothing(descriptor: int, lines: bytes, before: int) -> None:
-    """Append all of it, or nothing where the disk is full."""
+    """Append all lines, or none if the disk is full."""
     try:
         write_fully(descriptor, lines)
     except OSError:

@@ -1,4 +1,4 @@
-"""Writing that survives: atomic files, directories made durable, and disk errors with a name and a hint."""
+"""Durable writing: atomic files, synced directories, and disk errors that name the path and give a hint."""
 
 import errno
 import os
@@ -25,7 +25,7 @@ _HINTS = {
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that after a power cut its old or its new content stands there, never a part.
+    """Write a file so that a power cut leaves either its old or its new content, never a part.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises
     ------
     DiskError
-        When it cannot be written; what stood there before is untouched.
+        When it cannot be written; an older file is untouched.
     """
     write_and_rename(path, content)
     with disk_errors(path):
@@ -47,8 +47,8 @@ def write_atomically(path: Path, content: bytes) -> None:
 def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file under a temporary name, fsync it, and rename it into place.
 
-    The content is durable when this returns, or without `sync` after the next `sync_file`. The name is durable after
-    the next `sync_directory` of its folder.
+    The content is durable when this returns; without `sync`, after the next `sync_file`. The name is durable after the
+    next `sync_directory` of its folder.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     with disk_errors(path):
@@ -62,27 +62,31 @@ def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
 
 def sync_file(path: Path) -> None:
     """Make a file's content durable. Raises `OSError`."""
-    # Windows flushes only what is open for writing.
-    descriptor = os.open(path, os.O_RDWR | NO_LINKS)
-    try:
+    # Windows flushes only files that are open for writing.
+    with open_descriptor(path, os.O_RDWR) as descriptor:
         os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
-    # A leftover of a killed writer is overwritten; a link that stands there is not followed.
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | NO_LINKS, 0o666)
-    try:
+    # The leftover of a killed writer is overwritten.
+    with open_descriptor(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC) as descriptor:
         write_fully(descriptor, content)
         if sync:
             os.fsync(descriptor)
+
+
+@contextmanager
+def open_descriptor(path: Path, flags: int) -> Iterator[int]:
+    """Open a file for the block, unbuffered; a symbolic link is not followed. Raises `OSError`."""
+    descriptor = os.open(path, flags | NO_LINKS, 0o666)
+    try:
+        yield descriptor
     finally:
         os.close(descriptor)
 
 
 def write_fully(descriptor: int, content: bytes) -> None:
-    """Write all bytes; the kernel may take a part of them, as it does when the disk is about to be full."""
+    """Write all bytes; the kernel may take only some at a time, as it does when the disk is nearly full."""
     view = memoryview(content)
     while view:
         view = view[os.write(descriptor, view) :]
@@ -90,7 +94,7 @@ def write_fully(descriptor: int, content: bytes) -> None:
 
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
-    """Turn an `OSError` of the block into a `DiskError` with the path, the free space and what to do."""
+    """Turn an `OSError` in the block into a `DiskError` with the path, the free space and a remedy."""
     try:
         yield
     except OSError as error:
@@ -101,14 +105,14 @@ def disk_errors(path: Path) -> Iterator[None]:
 
 
 def require_free_bytes(path: Path, need_bytes: int) -> None:
-    """Refuse to begin what will not fit.
+    """Refuse to start writing what does not fit on the disk.
 
     Parameters
     ----------
     path : Path
-        Where it will be written; need not exist yet.
+        The place to write to, which need not exist yet.
     need_bytes : int
-        What it will take.
+        The space that is needed.
 
     Raises
     ------
@@ -124,7 +128,7 @@ def require_free_bytes(path: Path, need_bytes: int) -> None:
 
 
 def free_bytes(path: Path) -> int:
-    """Return the free space of the disk on which `path` is, or will be."""
+    """Return the free space on the disk that holds `path`, or will hold it."""
     for folder in (path.absolute(), *path.absolute().parents):
         with suppress(OSError):
             return shutil.disk_usage(folder).free

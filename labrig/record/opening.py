@@ -1,4 +1,4 @@
-"""What stands in a run before anything moves: folder, protocol, rig, calibration and the opening manifest."""
+"""The files that a run has before anything moves: protocol, rig, calibration and the opening manifest."""
 
 import os
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labrig.errors import InputError, OutputExistsError
 from labrig.posix import reserve, sync_directory
-from labrig.record.durable import disk_errors, write_and_rename
+from labrig.record.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
     CALIBRATION,
@@ -28,7 +28,7 @@ def collect_opening_files(
     calibration_files: Mapping[str, Path | bytes],
     code_diff: bytes,
 ) -> dict[str, bytes]:
-    """Return the files that stand from the beginning: name relative to the run, content."""
+    """Return the files that the run begins with: name relative to the run, content."""
     rig = {} if rig_yaml is None else {RIG: rig_yaml.encode()}
     diff = {CODE_DIFF: code_diff} if code_diff else {}
     calibration = {
@@ -52,7 +52,7 @@ def _read_source(source: Path | bytes) -> bytes:
 def make_opening_manifest(
     run_name: str, given: Mapping[str, object], sums: Mapping[str, str], recording: Mapping[str, object]
 ) -> dict[str, object]:
-    """Return the manifest with which a run begins; refuses one that lacks what a list of runs needs."""
+    """Return the manifest that a run begins with; one that lacks what a list of runs needs is refused."""
     missing = [key for key in ("experiment", "started") if not given.get(key)]
     if missing:
         raise InputError(f"the manifest of {run_name} lacks {' and '.join(missing)}")
@@ -67,7 +67,7 @@ def make_opening_manifest(
         "code_diff_sha256": sums.get(CODE_DIFF),
         "calibration": calibration,
     }
-    # The order is the order in the file.
+    # In the order of the file.
     defaults = {
         "schema_version": SCHEMA_VERSION,
         "run": run_name,
@@ -89,12 +89,12 @@ def make_opening_manifest(
     return defaults | dict(given) | {key: defaults[key] for key in _OWN_KEYS}
 
 
-# What only the recorder can know.
+# Only the recorder knows these.
 _OWN_KEYS = ("schema_version", "run", "exit_status", "reason", "ended", "trials_done", "hashes", "recording")
 
 
 def make_run_directory(path: Path) -> None:
-    """Make the folder of a run; one that exists is left alone."""
+    """Make the folder of a run; an existing one is refused and left alone."""
     with disk_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -104,7 +104,7 @@ def make_run_directory(path: Path) -> None:
 
 
 def write_opening_files(path: Path, texts: Mapping[str, bytes]) -> None:
-    """Write what is known before anything moves, the manifest excepted."""
+    """Write what is known before anything moves, except the manifest."""
     (path / FRAMES).mkdir()
     (path / CALIBRATION).mkdir()
     for name, content in texts.items():
@@ -114,16 +114,13 @@ def write_opening_files(path: Path, texts: Mapping[str, bytes]) -> None:
 
 
 def make_reserve(path: Path) -> None:
-    """Keep room for the end of the run.
+    """Reserve disk space for the end of the run.
 
-    On a disk that has filled up it still pays for the last lines, SHA256SUMS (83 bytes a picture) and the
-    manifest, so that the run can say that it failed and why.
+    When the disk is full, it still holds the last lines, SHA256SUMS (83 bytes a picture) and the manifest, so that the
+    record states that the run failed and why.
     """
-    descriptor = os.open(path / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-    try:
+    with open_descriptor(path / RESERVE, os.O_WRONLY | os.O_CREAT | os.O_EXCL) as descriptor:
         reserve(descriptor, _RESERVE_BYTES)
-    finally:
-        os.close(descriptor)
 
 
 def encode_manifest(manifest: Mapping[str, object]) -> bytes:

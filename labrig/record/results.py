@@ -1,7 +1,8 @@
-"""The numbered results of a run: made from the record, kept beside it, never overwritten."""
+"""The numbered results of a run: made from the record, stored in it, never overwritten."""
 
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
@@ -13,24 +14,26 @@ _RESULT = "result.json"
 
 
 def new_result_dir(run: Path) -> Path:
-    """Make and return the folder of the next result; of two callers at once each gets its own."""
-    parent = inside(run, ANALYSIS)
+    """Make and return the folder of the next result. Raises `DiskError`."""
+    return make_numbered_folder(inside(run, ANALYSIS))
+
+
+def make_numbered_folder(parent: Path) -> Path:
+    """Make the next of the folders 001, 002 ...; two callers at once get a folder each. Raises `DiskError`."""
     with disk_errors(parent):
         parent.mkdir(exist_ok=True)
         for number in count(max(_list_numbers(parent), default=0) + 1):
-            folder = parent / f"{number:03d}"
-            try:
+            with suppress(FileExistsError):
+                folder = parent / f"{number:03d}"
                 folder.mkdir()
-            except FileExistsError:
-                continue
-            return folder
+                return folder
     raise AssertionError("count() has no end")
 
 
 def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] | None:
-    """Return the newest result.json; an analysis that was stopped has none, as it is written last.
+    """Return the newest result.json. It is written last, so an analysis that was stopped has none.
 
-    The lists at its top that are named in `without` are empty, which spares most of the time where they are long.
+    Top-level lists named in `without` come back empty, which saves most of the time when they are long.
     """
     parent = inside(run, ANALYSIS)
     for number in sorted(_list_numbers(parent), reverse=True):
@@ -41,7 +44,7 @@ def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] |
 
 
 def _empty_list(content: bytes, name: bytes) -> bytes:
-    """Return a document with a list at its top emptied, as `encode_document` indents it; any other as it is."""
+    """Return a document with a top-level list emptied, if it is indented as by `encode_document`; else unchanged."""
     start = content.find(b'\n  "%s": [\n' % name)
     end = content.find(b"\n  ]", start)
     return content if min(start, end) < 0 else b'%s\n  "%s": [%s' % (content[:start], name, content[end:])

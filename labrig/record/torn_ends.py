@@ -1,35 +1,35 @@
-"""Sets aside what an interruption left half written, so that a record can be closed or continued; deletes nothing."""
+"""Set torn ends aside, so that an interrupted record can be closed or continued; nothing is deleted."""
 
 import os
 from collections.abc import Iterator
-from itertools import count
 from pathlib import Path
 
-from labrig.posix import NO_LINKS, sync_directory
+from labrig.posix import sync_directory
 from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, list_leftover_pictures
-from labrig.record.durable import disk_errors, write_and_rename
+from labrig.record.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.record.json_lines import read_lines, scan_lines
 from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
 from labrig.record.pictures import measure_listed_pictures, measure_raw_pictures
+from labrig.record.results import make_numbered_folder
 
 
 def set_aside(run: Path) -> tuple[str, ...]:
-    """Move torn ends and unlisted pictures of an undamaged run into torn/NNN; return what was moved.
+    """Move torn ends and unlisted pictures of an undamaged run into torn/NNN and return the files there.
 
-    A last line that lacks nothing but its newline gets it. Everything else stays byte for byte as it was.
+    A last line that lacks only its newline gets it. Everything else stays byte for byte as it is.
 
     Raises
     ------
     DiskError
-        When that cannot be written; what has not been moved yet stands where it stood.
+        When they cannot be written; what has not been moved stays in place.
     """
     _finish_last_lines(run)
     ends = list(_torn_ends(run))
     pictures = list_leftover_pictures(run, len(read_lines(run / FRAME_LINES)))
     if not ends and not pictures:
         return ()
-    folder = _make_folder(run)
+    folder = make_numbered_folder(inside(run, TORN))
     for name, keep_bytes in ends:
         _move_end(inside(run, name), keep_bytes, folder / f"{name}.end")
     for name in pictures:
@@ -42,16 +42,17 @@ def set_aside(run: Path) -> tuple[str, ...]:
 
 
 def _finish_last_lines(run: Path) -> None:
-    """Add the newline of a last line that lacks nothing else."""
+    """Add the newline to a last line that lacks only that."""
     for name in LINE_FILES:
         path = inside(run, name)
         if path.exists() and not scan_lines(path).ends_with_newline:
-            with disk_errors(path):
-                _append(path, b"\n")
+            with disk_errors(path), open_descriptor(path, os.O_WRONLY | os.O_APPEND) as descriptor:
+                os.write(descriptor, b"\n")
+                os.fsync(descriptor)
 
 
 def _torn_ends(run: Path) -> Iterator[tuple[str, int]]:
-    """Yield the files with a torn end, and how much of each is whole."""
+    """Yield each file with a torn end, and the length of its whole part."""
     for name in LINE_FILES:
         path = inside(run, name)
         if path.exists() and (scan := scan_lines(path)).torn:
@@ -70,31 +71,6 @@ def _move_end(path: Path, keep_bytes: int, to: Path) -> None:
             file.seek(keep_bytes)
             write_and_rename(to, file.read())
         sync_directory(to.parent)
-        descriptor = os.open(path, os.O_WRONLY | NO_LINKS)
-        try:
+        with open_descriptor(path, os.O_WRONLY) as descriptor:
             os.ftruncate(descriptor, keep_bytes)
             os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-def _append(path: Path, content: bytes) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | NO_LINKS)
-    try:
-        os.write(descriptor, content)
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _make_folder(run: Path) -> Path:
-    """Make the next of torn/001, 002 ..."""
-    parent = inside(run, TORN)
-    with disk_errors(parent):
-        parent.mkdir(exist_ok=True)
-        for number in count(1):
-            folder = parent / f"{number:03d}"
-            if not folder.exists():
-                folder.mkdir()
-                return folder
-    raise AssertionError("count() has no end")

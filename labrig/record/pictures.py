@@ -1,7 +1,7 @@
-"""Pictures on disk: a PNG each, or one after another as they came, for cameras too fast for PNG.
+"""Pictures on disk: a PNG each, or concatenated in frames.raw for cameras too fast for PNG.
 
-A PNG is half the size and opens anywhere, and costs about 7 ms of a processor a megapixel; `frames.raw` costs a
-tenth of that. Either way the line of a picture says where it stands and what its SHA-256 is.
+A PNG has half the size and opens anywhere, but takes a processor about 7 ms a megapixel; `frames.raw` takes a tenth of
+that. Either way the picture's line in frames.jsonl gives its place and its SHA-256.
 """
 
 import hashlib
@@ -19,42 +19,37 @@ from numpy.typing import NDArray
 from labrig.errors import InputError, RecordError
 from labrig.posix import sync_directory
 from labrig.record.durable import sync_file, write_and_rename
-from labrig.record.layout import FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
+from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
 
 Picture = NDArray[np.uint8]
 Store = Literal["png", "raw"]
 
-# Lossless, and said in full: naming a compression level alone would change the strategy too, to one that
-# takes twice as long. On noisy pictures Huffman-only coding and other filters differ from this by less than a
-# tenth of the time and 5 % of the size; on clean ones run lengths are twice as fast and as small.
+# Lossless. The strategy is named because a compression level alone would select one that takes twice as long. On noisy
+# pictures Huffman-only coding and other filters differ from this by less than a tenth of the time and 5 % of the
+# size; on clean pictures run-length coding is twice as fast and half as large.
 _PNG_SETTINGS = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_COPY_HINT = "take the file from a copy of the run"
 
 
 class PictureWriter(Protocol):
-    """Where the pictures of a run go."""
+    """Writes the pictures of a run."""
 
     def write(self, number: int, image: Picture) -> dict[str, object]:
-        """Write a picture; return what its line says of where it stands. Raises `OSError`, `InputError`."""
-        ...
+        """Write a picture and return its place, for its line. Raises `OSError`, `InputError`."""
 
     def sync(self) -> None:
         """Make the pictures so far durable; another thread may write more meanwhile. Raises `OSError`."""
-        ...
 
     def sums(self, frames: int) -> dict[str, str]:
-        """Return the SHA-256 of each file that was written, of which the first `frames` pictures have lines."""
-        ...
+        """Return the SHA-256 of each file written; the first `frames` pictures have lines."""
 
     def close(self) -> None:
-        """Let the files go."""
-        ...
+        """Close the files."""
 
 
 def open_picture_writer(run: Path, store: Store, first: int) -> PictureWriter:
-    """Return the writer for pictures from number `first` on. Raises `OSError`."""
+    """Return the writer of pictures from number `first` on. Raises `OSError`."""
     return RawPictures(run) if store == "raw" else PngPictures(run, first)
 
 
@@ -68,13 +63,13 @@ class PngPictures:
         self._unsynced: deque[int] = deque()
 
     def write(self, number: int, image: Picture) -> dict[str, object]:
-        """Write a picture under a temporary name, and rename it into place."""
+        """Write a picture under a temporary name and rename it into place."""
         _, encoded = cv2.imencode(".png", np.ascontiguousarray(_require_picture(image)), _PNG_SETTINGS)
         content = encoded.tobytes()
         digest = hashlib.sha256(content)
         write_and_rename(self._run / picture_file(number), content, sync=False)
         self._unsynced.append(number)
-        # Ten minutes are 18,000 pictures: their names are not kept.
+        # Ten minutes are 18,000 pictures, so names are not kept.
         start = _DIGEST_BYTES * (number - self._first)
         self._digests[start : start + _DIGEST_BYTES] = digest.digest()
         return {"file": picture_file(number), "sha256": digest.hexdigest()}
@@ -99,7 +94,7 @@ class PngPictures:
 
 
 class RawPictures:
-    """Pictures in frames.raw, row after row, one after another; a picture is whole before its line is written."""
+    """Pictures concatenated in frames.raw, row by row; each is complete before its line is written."""
 
     def __init__(self, run: Path) -> None:
         path = run / RAW_PICTURES
@@ -125,24 +120,24 @@ class RawPictures:
         return {RAW_PICTURES: self._file.sha256}
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         self._file.close()
 
 
 @dataclass(frozen=True)
 class RecordedPicture:
-    """Where a picture of a run stands, and the SHA-256 that was noted when it was taken.
+    """The place of a picture of a run, and its SHA-256 when it was taken.
 
     Attributes
     ----------
     run : Path
         The folder of the run.
     file : str
-        Relative to it.
+        Its name relative to that.
     sha256 : str
-        Of the file, or of the picture's bytes in frames.raw.
+        Hash of the file, or of the picture's bytes in frames.raw.
     offset : int
-        Where it begins in frames.raw [bytes].
+        Its start in frames.raw [bytes].
     shape : tuple of int or None
         (H, W) or (H, W, 3) of a picture in frames.raw; None for a PNG.
     """
@@ -154,27 +149,21 @@ class RecordedPicture:
     shape: tuple[int, ...] | None = None
 
     def read(self) -> Picture:
-        """Return the picture, an array (H, W) or (H, W, 3) of uint8, if it is the one that was recorded.
-
-        Raises
-        ------
-        RecordError
-            When it is missing, or was changed.
-        """
+        """Return the picture, (H, W) or (H, W, 3) of uint8. Raises `RecordError` if it is missing or was changed."""
         path = inside(self.run, self.file)
         content = self._read_content(path)
         if hashlib.sha256(content).hexdigest() != self.sha256:
-            raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", _COPY_HINT)
+            raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", COPY_HINT)
         if self.shape is not None:
             return np.frombuffer(content, np.uint8).reshape(self.shape)
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         if picture is None:
-            raise RecordError(f"{path} is no picture", _COPY_HINT)
+            raise RecordError(f"{path} is no picture", COPY_HINT)
         return picture.astype(np.uint8, copy=False)
 
     @property
     def end(self) -> int:
-        """One past its last byte in frames.raw."""
+        """The offset behind its last byte in frames.raw."""
         return self.offset + math.prod(self.shape or (0,))
 
     @property
@@ -190,11 +179,11 @@ class RecordedPicture:
                 file.seek(self.offset)
                 return file.read(self.end - self.offset)
         except OSError as error:
-            raise RecordError(f"cannot read {path}: {error.strerror}", _COPY_HINT) from error
+            raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
 
 
 def locate_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | None:
-    """Return where the picture of a line of frames.jsonl stands; None where the line names no place that can be."""
+    """Return the place of the picture of a line of frames.jsonl; None if the line gives no valid place."""
     file, sha256, frame = line.get("file"), line.get("sha256"), line.get("frame")
     if not isinstance(sha256, str) or not isinstance(frame, int) or isinstance(frame, bool):
         return None
@@ -209,7 +198,7 @@ def locate_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | N
 
 
 def count_pictures(run: Path) -> int:
-    """Return how many pictures frames.jsonl lists, counted without being read; 0 where it cannot be."""
+    """Return how many pictures frames.jsonl lists, without decoding it; 0 if it cannot be read."""
     try:
         return inside(run, FRAME_LINES).read_bytes().count(b"\n")
     except (OSError, RecordError):
@@ -217,13 +206,13 @@ def count_pictures(run: Path) -> int:
 
 
 def measure_raw_pictures(run: Path) -> int:
-    """Return the length of frames.raw; 0 where there is none."""
+    """Return the length of frames.raw; 0 without one."""
     path = inside(run, RAW_PICTURES)
     return path.stat().st_size if path.is_file() else 0
 
 
 def measure_listed_pictures(run: Path, lines: Iterable[Mapping[str, object]]) -> int:
-    """Return how much of frames.raw the lines of frames.jsonl speak of."""
+    """Return how many bytes of frames.raw the lines of frames.jsonl cover."""
     pictures = (locate_picture(run, line) for line in lines)
     return max((picture.end for picture in pictures if picture is not None), default=0)
 

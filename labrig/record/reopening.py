@@ -1,7 +1,7 @@
-"""Makes a run that was interrupted ready to be gone on with: checked, torn ends set aside, files open at their end."""
+"""Reopen an interrupted run: check it, set torn ends aside, and open its files for appending."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,28 +33,24 @@ from labrig.record.torn_ends import set_aside
 
 
 @dataclass(frozen=True)
-class Before:
-    """What a run that is continued holds already: the rig time to go on from, pictures, finished trials."""
+class OpenRecord:
+    """A run on disk, locked and open for appending.
 
-    t_s: float = 0.0
-    frames: int = 0
-    trials_done: int = 0
-
-
-@dataclass(frozen=True)
-class Standing:
-    """A run on disk, locked and open for more."""
+    It holds `frames` pictures and `trials_done` finished trials already; rig time goes on from `t0_s` [s].
+    """
 
     manifest: Mapping[str, object]
     sums: dict[str, str]
     lines: dict[str, LineFile]
     lock: FileLock
     pictures: PictureWriter
-    before: Before
+    t0_s: float = 0.0
+    frames: int = 0
+    trials_done: int = 0
 
 
-def reopen_files(path: Path, doing: str) -> Standing:
-    """Open a run for more; see `Recorder.reopen`."""
+def reopen_files(path: Path, doing: str) -> OpenRecord:
+    """Open a run for appending; see `Recorder.reopen`."""
     read_manifest(path)
     lock = FileLock(inside(path, LOCK)).acquire(doing)
     try:
@@ -65,14 +61,17 @@ def reopen_files(path: Path, doing: str) -> Standing:
             write_atomically(path / MANIFEST, encode_manifest(manifest))
             _retire_sums(path)
             lines = _reopen_lines(path)
-            before = _read_progress(path)
-            pictures = open_picture_writer(path, _read_store(manifest), before.frames)
+            frames = read_lines(path / FRAME_LINES)
+            events = read_lines(path / EVENT_LINES)
+            pictures = open_picture_writer(path, _read_store(manifest), len(frames))
             (path / RESERVE).unlink(missing_ok=True)
             make_reserve(path)
     except LabrigError:
         lock.release()
         raise
-    return Standing(manifest, _collect_sums(path, manifest), lines, lock, pictures, before)
+    t0_s = _next_whole_second((*events, *frames, *read_lines(path / STATE_LINES)))
+    sums = _collect_sums(frames, manifest)
+    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), trials_done(events))
 
 
 def _read_store(manifest: Mapping[str, object]) -> Store:
@@ -93,7 +92,7 @@ def _require_resumable(verdict: RunCheck) -> None:
 
 
 def _reopen_manifest(manifest: Mapping[str, object], aside: tuple[str, ...]) -> dict[str, object]:
-    """Return the manifest of a run that goes on, which remembers how it was closed before and what was set aside."""
+    """Return the manifest of a run that goes on; it keeps earlier endings and lists what was set aside."""
     content = {key: value for key, value in manifest.items() if key != "crc32"}
     if manifest["exit_status"] != "incomplete":
         ending = {key: manifest.get(key) for key in ("exit_status", "reason", "ended")}
@@ -109,7 +108,7 @@ def _read_list(manifest: Mapping[str, object], key: str) -> list[object]:
 
 
 def _retire_sums(path: Path) -> None:
-    """Keep the sums of an earlier closing under another name: they cover the beginning of each file."""
+    """Rename the sums of an earlier closing: they cover only the beginning of each file."""
     if (path / SHA256SUMS).exists():
         number = 1
         while (path / f"{SHA256SUMS}.{number:03d}").exists():
@@ -122,15 +121,12 @@ def _reopen_lines(path: Path) -> dict[str, LineFile]:
     return {name: LineFile.reopen(path / name) for name in (*ALWAYS_PRESENT, *sometimes)}
 
 
-def _collect_sums(path: Path, manifest: dict[str, object]) -> dict[str, str]:
-    """Return the SHA-256 of every file that stands and will not change, by its name relative to the run."""
-    lines = [line for line in read_lines(path / FRAME_LINES) if line["file"] != RAW_PICTURES]
-    pictures = {str(line["file"]): str(line["sha256"]) for line in lines}
+def _collect_sums(frames: Iterable[Mapping[str, object]], manifest: dict[str, object]) -> dict[str, str]:
+    """Return the SHA-256 of every file that is final already, by its name relative to the run."""
+    pictures = {str(line["file"]): str(line["sha256"]) for line in frames if line["file"] != RAW_PICTURES}
     return {name: str(sha256) for name, sha256 in recorded_sha256(manifest).items()} | pictures
 
 
-def _read_progress(path: Path) -> Before:
-    events, frames = read_lines(path / EVENT_LINES), read_lines(path / FRAME_LINES)
-    times = [line["t_s"] for line in (*events, *frames, *read_lines(path / STATE_LINES))]
-    last_s = max((t_s for t_s in times if isinstance(t_s, int | float)), default=-1.0)
-    return Before(float(math.floor(last_s) + 1), len(frames), trials_done(events))
+def _next_whole_second(lines: Iterable[Mapping[str, object]]) -> float:
+    times = [t_s for line in lines if isinstance(t_s := line["t_s"], int | float)]
+    return float(math.floor(max(times, default=-1.0)) + 1)

@@ -1,4 +1,4 @@
-"""Writes a run while it happens, so that it can be read whatever stops it."""
+"""Write a run while it happens, so that it can be read whatever stops it."""
 
 import hashlib
 import math
@@ -7,7 +7,6 @@ import shutil
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from itertools import count
@@ -52,35 +51,26 @@ from labrig.record.opening import (
     write_opening_files,
 )
 from labrig.record.pictures import Store, open_picture_writer
-from labrig.record.reopening import Before, Standing, reopen_files
+from labrig.record.reopening import OpenRecord, reopen_files
 from labrig.record.syncing import Rounds, sync_in_order
 
 EXIT_STATUSES = ("success", "aborted", "failed")
 
-# How many periods the disk may need for one round of fsyncs: to wait holds up who supervises the axes, and a disk that
-# other programs keep busy is quick again after some seconds.
+# How many periods the disk may take for one round of fsyncs. A wait holds up the supervision of the axes, and a disk
+# that other programs keep busy is usually fast again after some seconds.
 _MOST_PERIODS_BEHIND = 10
 
 _OF_A_PICTURE = frozenset({"frame", "file", "sha256", "offset", "shape", "t_s"})
 
 
-@dataclass(frozen=True)
-class _Pace:
-    """How often lines are forced to disk, and the free space below which the run ends."""
-
-    fsync_period_s: float
-    least_free_bytes: int
-
-
 class Recorder:
     """The record of a running experiment; made by `Recorder.create`, ended by `close`.
 
-    What can be lost. A line is in the kernel before its call returns, and a picture stands complete under its
-    name before its line is written: killing the process loses nothing that was acknowledged. Pictures, and then
-    lines, are fsynced when the rig time of a call passes a multiple of `fsync_period_s`, by a thread of its own,
-    and on closing. So a power cut loses at most the lines and pictures of the last two periods, and may tear the
-    last line. Where the disk takes longer than a period, it is that much more; after `_MOST_PERIODS_BEHIND` the
-    call waits.
+    What can be lost. A line is in the kernel before its call returns, and a picture is complete under its name before
+    its line is written: killing the process loses nothing that was acknowledged. A thread of its own fsyncs pictures,
+    then lines, whenever the rig time of a call passes a multiple of `fsync_period_s`, and on closing. So a power cut
+    loses at most the lines and pictures of the last two periods, and may tear the last line. If the disk takes longer
+    than a period, it loses that much more; after `_MOST_PERIODS_BEHIND` the call waits.
 
     Attributes
     ----------
@@ -90,26 +80,29 @@ class Recorder:
         Its name.
     """
 
-    def __init__(self, path: Path, standing: Standing) -> None:
+    def __init__(self, path: Path, record: OpenRecord) -> None:
         self.path = path
         self.run_name = path.name
-        self._manifest = standing.manifest
-        self._sums = standing.sums
-        self._lines = standing.lines
-        self._lock = standing.lock
-        self._pictures = standing.pictures
-        self._pace = _pace(standing.manifest)
-        self._t0_s = standing.before.t_s
-        self._period = int(standing.before.t_s // self._pace.fsync_period_s)
-        self._frames = standing.before.frames
-        self._trials_done = standing.before.trials_done
+        self._manifest = record.manifest
+        self._sums = record.sums
+        self._lines = record.lines
+        self._lock = record.lock
+        self._pictures = record.pictures
+        recording = record.manifest["recording"]
+        assert isinstance(recording, Mapping)
+        self._fsync_period_s = float(recording["fsync_period_s"])
+        self._least_free_bytes = int(recording.get("least_free_bytes", 0))
+        self._t0_s = record.t0_s
+        self._period = int(record.t0_s // self._fsync_period_s)
+        self._frames = record.frames
+        self._trials_done = record.trials_done
         self._can_crc32 = 0
         self._appending = Lock()
         self._rounds = Rounds(_MOST_PERIODS_BEHIND)
         self._closed = False
 
     @classmethod
-    def create(  # noqa: PLR0917 - the parts of a run, in the order in which they stand in its folder
+    def create(  # noqa: PLR0917 - the parts of a run, in the order of its folder
         cls,
         runs_dir: Path,
         run_name: str,
@@ -123,36 +116,36 @@ class Recorder:
         picture_store: Store = "png",
         code_diff: bytes = b"",
     ) -> Self:
-        """Begin a run: make its folder and write all that is known before anything moves.
+        """Begin a run: make its folder and write everything that is known before anything moves.
 
         Parameters
         ----------
         runs_dir : Path
-            Folder of runs; made when absent.
+            Folder of runs; made if absent.
         run_name : str
             Name of the new folder in it.
         manifest : Mapping
             `experiment` and `started` (an aware datetime or ISO text) at least; `title`, `trials_planned`,
             `seed`, `operator`, `provenance` and `devices` are expected, others are kept.
         protocol_yaml, rig_yaml : str
-            As resolved. No rig: None.
+            As resolved; None without a rig.
         calibration_files : Mapping
             File name to content, or to the file to copy.
         fsync_period_s : float
             Rig time between two fsyncs [s].
         least_free_bytes : int
-            Free space of the disk below which the run is ended, looked at with each fsync.
+            The run ends when the disk has less free space than this; checked with each fsync.
         picture_store : {"png", "raw"}
             How pictures are kept; see `labrig.record.pictures`.
         code_diff : bytes
-            What the code that runs differs from its commit, as `collect_code_diff` gives it; kept as code.diff.
+            Changes of the running code since its commit, as from `collect_code_diff`; stored as code.diff.
 
         Raises
         ------
         InputError
-            When a name cannot be used, the manifest lacks its two keys, or a calibration file cannot be read.
+            When a name is invalid, the manifest lacks its two keys, or a calibration file cannot be read.
         OutputExistsError
-            When the folder exists; it is left alone.
+            When the folder exists; it is not touched.
         DiskError
             When it cannot be written; nothing is left behind.
         """
@@ -175,31 +168,31 @@ class Recorder:
                 write_opening_files(path, texts)
                 lines = {name: LineFile.create(path / name) for name in ALWAYS_PRESENT}
                 pictures = open_picture_writer(path, picture_store, 0)
-                # Last of all, so that a folder with a manifest has everything else.
+                # Written last, so that a folder with a manifest has everything else.
                 write_atomically(path / MANIFEST, document)
                 sync_directory(runs_dir)
         except DiskError:
             shutil.rmtree(path, ignore_errors=True)
             raise
-        return cls(path, Standing(opening, sums, lines, lock, pictures, Before()))
+        return cls(path, OpenRecord(opening, sums, lines, lock, pictures))
 
     @classmethod
     def reopen(cls, path: Path, doing: str) -> Self:
-        """Go on with a run that was interrupted: what is torn is set aside, everything else is kept.
+        """Continue an interrupted run: torn ends are set aside, everything else is kept.
 
         Rig time goes on from the next whole second after the last one recorded.
 
         Parameters
         ----------
         path : Path
-            Folder of a run that has not come to a successful end.
+            Folder of a run that has not ended in success.
         doing : str
-            What for, as the lock tells others.
+            The command that asks, as others read it in the lock.
 
         Raises
         ------
         RecordError
-            When it is no run, has succeeded, or is damaged; nothing of it is changed then.
+            When it is no run, has succeeded, or is damaged; nothing is changed.
         LockedError
             When another process writes it.
         DiskError
@@ -208,16 +201,16 @@ class Recorder:
         return cls(path, reopen_files(path, doing))
 
     def begin_session(self, started: datetime, *, code_diff: bytes = b"", **fields: object) -> float:
-        """Say in the manifest that a run goes on, with which code and devices; returns its rig time zero [s].
+        """Add a session to the manifest, with its code and devices, and return its rig time zero [s].
 
         Parameters
         ----------
         started : datetime
             Aware.
         code_diff : bytes
-            As for `create`; kept beside that of the first session, as code.002.diff, 003 ...
+            As for `create`; stored as code.002.diff, 003 ...
         **fields
-            What else the manifest says of the session: `provenance` and `devices` are expected.
+            Further members of the session: `provenance` and `devices` are expected.
 
         Raises
         ------
@@ -233,10 +226,10 @@ class Recorder:
         return self._t0_s
 
     def _write_session_diff(self, code_diff: bytes) -> dict[str, str]:
-        """Write the code.diff of a later session, and return what the manifest says of it."""
+        """Write the code.diff of a later session and return its members in the manifest."""
         if not code_diff:
             return {}
-        # A number is skipped where a process was killed before its manifest named the file.
+        # A number is skipped if a process was killed before its manifest named the file.
         names = (session_diff(number) for number in count(2))
         name = next(name for name in names if not os.path.lexists(self.path / name))
         with self._guard_disk(self.path):
@@ -254,12 +247,12 @@ class Recorder:
         t_s : float
             Rig time of the exposure [s].
         **fields
-            What else its line in frames.jsonl says.
+            Further members of its line in frames.jsonl.
 
         Raises
         ------
         InputError
-            When the array is no such picture.
+            When the array has another shape or type.
         DiskError
             When it cannot be written; the record stays whole.
         """
@@ -276,17 +269,11 @@ class Recorder:
         return number
 
     def state(self, t_s: float, **fields: object) -> None:
-        """Append what the axes read at rig time `t_s` [s].
-
-        Raises
-        ------
-        DiskError
-            When it cannot be written; the record stays whole.
-        """
+        """Append a reading of the axes at rig time `t_s` [s]. Raises as `event` does."""
         self._append(STATE_LINES, t_s, {"t_s": self._t0_s + t_s, **fields})
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
-        """Append what happened at rig time `t_s` [s]; `trial_start` and `trial_stop` make the trials.
+        """Append an event at rig time `t_s` [s]; `trial_start` and `trial_stop` delimit the trials.
 
         Raises
         ------
@@ -298,25 +285,17 @@ class Recorder:
             self._trials_done += 1
 
     def record_event(self, event: Event, t_s: float) -> None:
-        """Append an event that happened at rig time `t_s` [s]. Raises as `event` does."""
+        """Append an event at rig time `t_s` [s]. Raises as `event` does."""
         self.event(event.kind, t_s, **event.line_fields())
 
     def truth(self, **fields: object) -> None:
-        """Append what a simulated world drew; the file is made with its first line.
-
-        Raises
-        ------
-        DiskError
-            When it cannot be written; the record stays whole.
-        """
+        """Append what a simulated world drew; the first line makes the file. Raises as `event` does."""
         self._require_open()
         self._create_file(TRUTH_LINES)
         self._write_line(TRUTH_LINES, fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
-        """Append CAN frames to can.log, which is made with the first, in the form of candump.
-
-        can.sums.jsonl gets the length of can.log and the CRC-32 of what was added.
+        """Append CAN frames to can.log in candump's format; can.sums.jsonl gets its length and the CRC-32 of the part.
 
         Parameters
         ----------
@@ -339,7 +318,7 @@ class Recorder:
         self._create_file(CAN_SUMS)
         with self._guard_disk(self.path / CAN_LOG), self._appending:
             length = self._lines[CAN_LOG].append_raw(lines)
-        # Where the sums cannot be written, the next ones cover this part too.
+        # If this sum cannot be written, the next one covers this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
         self._write_line(CAN_SUMS, {"bytes": length, "part_crc32": f"{self._can_crc32:08x}"})
         self._can_crc32 = 0
@@ -350,14 +329,14 @@ class Recorder:
                 self._lines[name] = LineFile.create(self.path / name)
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
-        """End the run: SHA256SUMS, then the manifest with how it ended. Closing again does nothing.
+        """End the run: write SHA256SUMS, then the manifest with how it ended. A second call does nothing.
 
         Parameters
         ----------
         exit_status : {"success", "aborted", "failed"}
             How it ended.
         reason : str
-            Why, in a sentence; empty for a success.
+            The cause in a sentence; empty after a success.
         ended : datetime
             Aware.
         **manifest_updates
@@ -400,11 +379,11 @@ class Recorder:
         write_atomically(self.path / MANIFEST, encode_manifest(manifest))
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
-        """Append a line that happened at `t_s`, and begin to fsync when that begins a new period."""
+        """Append a line of rig time `t_s`, and start an fsync when it begins a new period."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
         self._write_line(name, fields)
-        period = int((self._t0_s + t_s) // self._pace.fsync_period_s)
+        period = int((self._t0_s + t_s) // self._fsync_period_s)
         if period > self._period:
             self._period = period
             with self._guard_disk(self.path):
@@ -412,8 +391,8 @@ class Recorder:
                 self._rounds.begin(self._make_round())
 
     def _require_free_space(self) -> None:
-        """Refuse to go on before the disk is so full that nothing else on this computer can write either."""
-        free, least = free_bytes(self.path), self._pace.least_free_bytes
+        """Stop the run before the disk is so full that other programs on this computer cannot write either."""
+        free, least = free_bytes(self.path), self._least_free_bytes
         if free < least:
             raise DiskError(
                 f"the disk of {self.path} has {free / 1e6:.1f} MB free; a run ends below {least / 1e6:.1f} MB",
@@ -431,7 +410,7 @@ class Recorder:
 
     @contextmanager
     def _guard_disk(self, path: Path) -> Iterator[None]:
-        """Turn a fault of the disk into a `DiskError`, and free the reserve for the last lines of the run."""
+        """Turn a fault of the disk into a `DiskError` and free the reserve for the last lines of the run."""
         try:
             with disk_errors(path):
                 yield
@@ -440,16 +419,10 @@ class Recorder:
             raise
 
     def _make_round(self) -> Callable[[], None]:
-        """Return what makes all that is written durable; files that are begun meanwhile are for the next round."""
+        """Return the call that forces everything written so far to disk; files begun later wait for the next round."""
         return partial(sync_in_order, self._pictures, tuple(self._lines.values()), self._appending)
 
     def _release_reserve(self) -> None:
-        # Where even this fails, the fault of the disk is already on its way up.
+        # If even this fails, the fault of the disk is being raised already.
         with suppress(OSError):
             (self.path / RESERVE).unlink()
-
-
-def _pace(manifest: Mapping[str, object]) -> _Pace:
-    recording = manifest["recording"]
-    assert isinstance(recording, Mapping)
-    return _Pace(float(recording["fsync_period_s"]), int(recording.get("least_free_bytes", 0)))

@@ -1,4 +1,4 @@
-"""Reads can.log, whose lines are candump's and carry no checksum, against can.sums.jsonl, whose lines do."""
+"""Read can.log, whose lines have candump's format and no checksum, and verify it with can.sums.jsonl."""
 
 import re
 import zlib
@@ -25,16 +25,16 @@ class CanFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class CanLog:
-    """can.log as far as its sums cover it.
+    """The part of can.log that its sums cover.
 
     Attributes
     ----------
     content : bytes
         The covered part.
     damaged : tuple of Problem
-        Parts whose CRC-32 does not hold, or that are missing.
+        Parts that are missing or whose CRC-32 does not fit.
     torn : tuple of Problem
-        The end that no sum covers yet, as a killed process leaves it.
+        The end that no sum covers, as a killed process leaves it.
     """
 
     content: bytes
@@ -42,13 +42,7 @@ class CanLog:
     torn: tuple[Problem, ...]
 
     def frames(self) -> Iterator[CanFrame]:
-        """Yield the frames in order.
-
-        Raises
-        ------
-        RecordError
-            For a line that is no CAN frame, or a damaged part.
-        """
+        """Yield the frames in order. Raises `RecordError` for a damaged part or a line that is no CAN frame."""
         if self.damaged:
             raise RecordError(f"{self.damaged[0].where}: {self.damaged[0].message}", self.damaged[0].hint)
         for number, line in enumerate(self.content.splitlines(), start=1):
@@ -60,7 +54,7 @@ class CanLog:
 
 
 def read_can_log(run: Path) -> CanLog:
-    """Read can.log of a run; empty for a run without a bus. One without sums, of an early labrig, is taken whole.
+    """Read can.log of a run; empty for a run without a bus. A log without sums, of an early labrig, is taken whole.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""JSON that can be trusted: lines that carry a CRC-32 of their content, and documents without NaN.
+"""JSON with checksums: lines that carry the CRC-32 of their content, and documents without NaN.
 
 A line is one compact JSON object in UTF-8, its last member `"crc32":"xxxxxxxx"` being the CRC-32 (the one of
 zlib and PNG, ISO 3309) of the bytes of the object without that member. CRC-32 finds every single flipped bit
@@ -29,13 +29,13 @@ def encode_line(fields: Mapping[str, object]) -> bytes:
     Parameters
     ----------
     fields : Mapping
-        What the line says, in this order: numbers, text, booleans, None, dates, and lists and mappings of
-        these; numpy scalars and arrays become plain ones. Infinite and undefined numbers become null.
+        The members of the line, in this order: numbers, text, booleans, None, dates, and lists and mappings of these;
+        numpy scalars and arrays are converted. Infinite and undefined numbers become null.
 
     Raises
     ------
     InputError
-        When it is empty, names a field `crc32`, or holds what JSON cannot say.
+        When it is empty, has a field `crc32`, or holds a value that JSON cannot hold.
     """
     body = _encode_compact(_to_plain(_require_fields(fields), "line"))
     return b'%s,"crc32":"%08x"}\n' % (body[:-1], zlib.crc32(body))
@@ -47,7 +47,7 @@ def decode_line(line: bytes) -> dict[str, object]:
     Raises
     ------
     ValueError
-        When the checksum does not hold or the content is no JSON object; the message says which.
+        When the checksum does not fit or the content is no JSON object.
     """
     body = _read_body(line)
     fields = json.loads(body.decode("utf-8", "surrogatepass"))
@@ -57,7 +57,7 @@ def decode_line(line: bytes) -> dict[str, object]:
 
 
 def as_recorded(fields: Mapping[str, object]) -> dict[str, object]:
-    """Return what a line of these fields says once it has been written and read. Raises as `encode_line`."""
+    """Return the fields as they are after a line of them is written and read. Raises as `encode_line`."""
     return decode_line(encode_line(fields).rstrip(b"\n"))
 
 
@@ -67,7 +67,7 @@ def check_lines(path: Path) -> tuple[Problem, ...]:
     Returns
     -------
     tuple of Problem
-        The torn last line, where there is one.
+        The torn last line, if there is one.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def check_lines(path: Path) -> tuple[Problem, ...]:
 
 
 def read_lines(path: Path) -> list[dict[str, object]]:
-    """Read the lines of a file; a torn last line is left out (`check_lines` reports it).
+    """Read the lines of a file without a torn last line, which `check_lines` reports.
 
     Raises
     ------
@@ -94,18 +94,18 @@ def read_lines(path: Path) -> list[dict[str, object]]:
 
 @dataclass(frozen=True)
 class Scan:
-    """All that a file of lines says, whatever has happened to it.
+    """Everything that can be read of a file of lines, damaged or not.
 
     Attributes
     ----------
     lines : tuple of (int, dict)
         The whole lines with their numbers, from 1.
     damaged, torn : tuple of Problem
-        The lines whose checksum does not hold, and the torn last one, where there is one.
+        The lines whose checksum does not fit, and the torn last line, if there is one.
     whole_bytes : int
         Length of the file without its torn end.
     ends_with_newline : bool
-        Whether the last whole line has its newline, which may have been the one byte that was lost.
+        Whether the last whole line has its newline; that byte alone may be lost.
     """
 
     lines: tuple[tuple[int, dict[str, object]], ...]
@@ -116,7 +116,7 @@ class Scan:
 
 
 def scan_lines(path: Path) -> Scan:
-    """Read the lines of a file and go on behind damaged ones.
+    """Read the lines of a file, skipping damaged ones.
 
     Raises
     ------
@@ -130,9 +130,8 @@ def scan_lines(path: Path) -> Scan:
         try:
             lines.append((number, decode_line(line)))
         except ValueError as error:
-            damaged.append(
-                Problem(f"{path.name}:{number}", f"the line is damaged, its content lost: {error}", _COPY)
-            )
+            message = f"the line is damaged, its content lost: {error}"
+            damaged.append(Problem(f"{path.name}:{number}", message, _COPY))
     content = path.read_bytes()
     return Scan(
         tuple(lines),
@@ -149,14 +148,14 @@ def encode_document(fields: Mapping[str, object]) -> bytes:
     Raises
     ------
     InputError
-        When it holds what JSON cannot say.
+        When it holds a value that JSON cannot hold.
     """
     text = json.dumps(_to_plain(fields, "document"), indent=2, ensure_ascii=False, allow_nan=False)
     return _encode_utf8(text) + b"\n"
 
 
 def checksum(fields: Mapping[str, object]) -> str:
-    """Return the CRC-32 of a document's content as 8 hexadecimal digits, whatever its layout."""
+    """Return the CRC-32 of a document's content as 8 hexadecimal digits; its layout does not matter."""
     return f"{zlib.crc32(_encode_compact(_to_plain(fields, 'document'))):08x}"
 
 
@@ -167,7 +166,7 @@ def _require_fields(fields: Mapping[str, object]) -> Mapping[str, object]:
 
 
 def _read_body(line: bytes) -> bytes:
-    """Return the object without its checksum, which has been found to hold."""
+    """Return the object without its checksum, which is verified."""
     body = line[:-_TAIL_LENGTH] + b"}"
     if line[-_TAIL_LENGTH:] != b',"crc32":"%08x"}' % zlib.crc32(body):
         raise ValueError("its CRC-32 does not fit its content")
@@ -175,7 +174,7 @@ def _read_body(line: bytes) -> bytes:
 
 
 def _split_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
-    """Split a file into lines. What follows the last newline is kept if its checksum holds, else torn."""
+    """Split a file into lines. The text behind the last newline is kept if its checksum fits; else it is torn."""
     try:
         *lines, rest = path.read_bytes().split(b"\n")
     except OSError as error:
@@ -192,14 +191,11 @@ def _split_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
 
 
 def _read_located(path: Path, number: int, line: bytes, reading: Callable[[bytes], _Read]) -> _Read:
-    """Read a line; a fault is named with its file and line."""
+    """Read a line; an error names its file and number."""
     try:
         return reading(line)
     except ValueError as error:
-        raise RecordError(
-            f"{path}:{number}: the line is damaged: {error}",
-            _COPY,
-        ) from error
+        raise RecordError(f"{path}:{number}: the line is damaged: {error}", _COPY) from error
 
 
 def _encode_compact(value: object) -> bytes:
@@ -207,23 +203,21 @@ def _encode_compact(value: object) -> bytes:
 
 
 def plain_text(text: str) -> str:
-    """Return a text as UTF-8 can hold it: half characters become their escapes."""
+    """Return a text that UTF-8 can hold: lone surrogates become their escapes."""
     return _encode_utf8(text).decode()
 
 
 def _encode_utf8(text: str) -> bytes:
-    # A lone surrogate stands for a byte of a file name that is no UTF-8. Its backslash escape is valid JSON.
+    # A lone surrogate stands for a byte of a file name that is not UTF-8. Its backslash escape is valid JSON.
     return text.encode("utf-8", "backslashreplace")
 
 
-def _to_plain(value: object, where: str) -> object:  # noqa: PLR0911 - one return a kind of value
-    """Return the value as JSON knows it."""
+def _to_plain(value: object, where: str) -> object:
+    """Return the value in types of JSON."""
     match value:
-        case None | bool() | str():
-            return value
         case float():
             return value if math.isfinite(value) else None
-        case int():
+        case None | bool() | str() | int():
             return value
         case Mapping():
             return {

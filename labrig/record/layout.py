@@ -1,4 +1,4 @@
-"""The names of a run on disk, and what a name may be; writer and reader share them."""
+"""The names of files in a run, and the rules for names; writer and reader share them."""
 
 import unicodedata
 from pathlib import Path
@@ -31,33 +31,33 @@ LOCK = ".lock"
 RESERVE = ".reserve"
 TORN = "torn"
 
-# ext4, XFS and most others allow 255 bytes; the rest is room for the suffix of a temporary name.
+# ext4, XFS and most others allow 255 bytes; the rest is for the suffix of a temporary name.
 _MAX_NAME_BYTES = 200
 
 
 def picture_file(frame: int) -> str:
-    """Return where the picture with this number stands, relative to the run."""
+    """Return the file of the picture with this number, relative to the run."""
     return f"{FRAMES}/{frame:06d}.png"
 
 
 def run_lock(run: Path) -> Path:
-    """Return the lock that the process which writes a run holds."""
+    """Return the lock file that the writer of a run holds."""
     return run / LOCK
 
 
 def session_diff(number: int) -> str:
-    """Return where the code of a later session is kept, as it differed from its commit; the first has code.diff."""
+    """Return the file with the code differences of a later session; the first session has code.diff."""
     return f"code.{number:03d}.diff"
 
 
 def require_name(name: str, what: str) -> str:
-    """Return `name` if it can be one file or folder name; blanks inside and non-ASCII letters are welcome.
+    """Return `name` if it is valid as a file or folder name; inner blanks and non-ASCII letters are allowed.
 
     Raises
     ------
     InputError
-        When it is empty, too long, begins with a dot, begins or ends with a blank, or holds a path separator
-        or a control character.
+        When it is empty, too long, begins with a dot, begins or ends with a blank, or holds a path separator or a
+        control character.
     """
     fault = _find_fault(name)
     if fault:
@@ -94,4 +94,4 @@ def inside(run: Path, relative: str) -> Path:
 
 
 WITHDRAWS = "withdraws"
-"""Key in the manifest of a withdrawal: the run whose needle it takes out."""
+"""Key in the manifest of a withdrawal: the run whose needle it withdraws."""

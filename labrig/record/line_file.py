@@ -1,4 +1,4 @@
-"""An append-only file of CRC lines that is whole after every call, whatever stops the process."""
+"""An append-only file of CRC lines that is intact after every call, whatever stops the process."""
 
 import hashlib
 import os
@@ -14,8 +14,7 @@ from labrig.record.json_lines import encode_line
 class LineFile:
     """One of the `*.jsonl` files of a run, or frames.raw, open for appending.
 
-    Lines go to the kernel with `os.write`, unbuffered, so that SIGKILL loses none that `append` has returned
-    from.
+    Lines go to the kernel with `os.write`, unbuffered, so that SIGKILL loses no line that `append` has written.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -27,12 +26,12 @@ class LineFile:
 
     @classmethod
     def create(cls, path: Path) -> Self:
-        """Make the file; one that exists is an `OSError`."""
+        """Create the file. Raises `OSError` if it exists."""
         return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666))
 
     @classmethod
     def reopen(cls, path: Path) -> Self:
-        """Go on with a file of whole lines; an `OSError` where it is a link or not there."""
+        """Open a file of whole lines for appending. Raises `OSError` if it is a link or missing."""
         file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | NO_LINKS))
         with path.open("rb") as written:
             file._sha256 = hashlib.file_digest(written, "sha256")
@@ -47,13 +46,13 @@ class LineFile:
     def append(self, fields: Mapping[str, object]) -> None:
         """Append one line.
 
-        A disk that fills up takes the beginning of a line and refuses the rest. That beginning is cut off
-        again, so that later lines, which say how the run ended, do not continue it.
+        A disk that fills up takes the beginning of a line and refuses the rest. That beginning is cut off again, so
+        that later lines, which state how the run ended, do not continue it.
         """
         self.append_raw(encode_line(fields))
 
     def append_raw(self, line: bytes) -> int:
-        """Append what is a line, or lines, already, and return the new length; cut off again likewise."""
+        """Append encoded lines and return the new length; on a full disk they are cut off again likewise."""
         self._unsynced = True
         try:
             write_fully(self._descriptor, line)
@@ -68,7 +67,7 @@ class LineFile:
         """Make the lines so far durable against a power cut; another thread may append meanwhile."""
         if not self._unsynced:
             return
-        # Before the fsync: what is appended during it is left for the next one.
+        # Before the fsync: lines appended during it are left for the next one.
         self._unsynced = False
         try:
             os.fsync(self._descriptor)
@@ -77,5 +76,5 @@ class LineFile:
             raise
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         os.close(self._descriptor)

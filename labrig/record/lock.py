@@ -1,8 +1,8 @@
-"""Locks with an owner: one writer a run directory, one labrig a rig.
+"""Locks with an owner: one writer for a run, one labrig for a rig.
 
-A lock is a file that its owner keeps locked in the kernel (`flock`; on Windows a locked byte), with a JSON
-text that says who that is. The kernel frees it when the owner ends, however it ends: so the text of a dead
-owner is stale, is recognised as such because the file is not locked any more, and is replaced.
+A lock is a file that its owner keeps locked in the kernel (`flock`; on Windows a locked byte), with a JSON text that
+names the owner. The kernel frees it when the owner ends, however it ends. So the text in an unlocked file is stale and
+is replaced.
 """
 
 import errno
@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from labrig.errors import LockedError
@@ -25,7 +24,7 @@ _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
 
 @dataclass(frozen=True)
 class LockOwner:
-    """Who holds a lock: what it does, its process and its computer."""
+    """The owner of a lock: its command, process and computer."""
 
     doing: str
     pid: int
@@ -42,14 +41,14 @@ class FileLock:
     Parameters
     ----------
     path : Path
-        The lock's file, in an existing folder; it is removed on release.
+        The lock's file, in an existing folder; removed on release.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._descriptor: int | None = None
         self.stale: LockOwner | None = None
-        """Who held it before and died, where its text was found."""
+        """The previous owner, if it died and left its text."""
 
     def acquire(self, doing: str) -> Self:
         """Take the lock.
@@ -57,7 +56,7 @@ class FileLock:
         Parameters
         ----------
         doing : str
-            What for, as others are told: `labrig run` ...
+            The command, as other processes report it: `labrig run` ...
 
         Raises
         ------
@@ -77,7 +76,7 @@ class FileLock:
         return self
 
     def _open_locked(self) -> int:
-        """Open and lock the file; one that its last owner removed meanwhile is left for the new one."""
+        """Open and lock the file; again if its last owner removed it meanwhile."""
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINKS, 0o666)
             try:
@@ -97,7 +96,7 @@ class FileLock:
         return LockedError(f"{self.path.parent} is in use by {who}", "wait until it has ended, or stop it")
 
     def release(self) -> None:
-        """Give the lock back; giving it back again does nothing."""
+        """Release the lock; a second call does nothing."""
         if self._descriptor is None:
             return
         with suppress(OSError):
@@ -106,18 +105,16 @@ class FileLock:
         self._descriptor = None
 
     def __enter__(self) -> Self:
-        """Return the lock, which `acquire` has taken."""
+        """Return the acquired lock."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Give the lock back."""
+    def __exit__(self, *_: object) -> None:
+        """Release the lock."""
         self.release()
 
 
 def read_lock_owner(path: Path) -> LockOwner | None:
-    """Return who holds a lock now; None where nobody does, whatever a dead owner left in the file."""
+    """Return the owner of a lock; None if nobody holds it, whatever a dead owner left in the file."""
     try:
         descriptor = os.open(path, os.O_RDWR | NO_LINKS)
     except OSError:
@@ -138,7 +135,7 @@ def _write_owner(descriptor: int, owner: LockOwner) -> None:
 
 
 def _is_current(path: Path, descriptor: int) -> bool:
-    """Return whether the file that was locked is the one that stands under the name."""
+    """Return whether the locked file is still the one at the path."""
     with suppress(OSError):
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     return False

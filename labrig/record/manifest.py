@@ -1,4 +1,4 @@
-"""Reads the manifest of a run, and says what is wrong with it."""
+"""Read and check the manifest of a run."""
 
 import json
 import re
@@ -18,7 +18,7 @@ def read_manifest(run: Path) -> dict[str, object]:
     Raises
     ------
     RecordError
-        When `run` is no run, or its manifest is damaged or of a newer schema.
+        When `run` is no run, or its manifest is damaged or has a newer schema.
     """
     manifest = read_document(run)
     if is_newer(manifest):
@@ -31,7 +31,7 @@ def read_manifest(run: Path) -> dict[str, object]:
 
 
 def read_document(run: Path) -> dict[str, object]:
-    """Read the manifest of a run of any schema, a newer one too.
+    """Read the manifest of a run of any schema, even a newer one.
 
     Raises
     ------
@@ -59,23 +59,22 @@ def read_document(run: Path) -> dict[str, object]:
 
 
 def is_newer(manifest: Mapping[str, object]) -> bool:
-    """Return whether a manifest is of a schema that this labrig does not know."""
+    """Return whether a manifest has a schema that this labrig does not know."""
     version = manifest["schema_version"]
     return isinstance(version, int) and version > SCHEMA_VERSION
 
 
 def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:
-    """Return what the checksum of a manifest that could be read says of its content."""
+    """Return a problem if the checksum of a manifest does not fit its content."""
     content = {key: value for key, value in manifest.items() if key != "crc32"}
     if manifest.get("crc32") == checksum(content):
         return ()
-    return (
-        Problem(MANIFEST, "its CRC-32 does not fit its content: it was changed after labrig wrote it", _HINT),
-    )
+    message = "its CRC-32 does not fit its content: it was changed after labrig wrote it"
+    return (Problem(MANIFEST, message, _HINT),)
 
 
 def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each file that the run, or a later session of it, began with, by its name in the run."""
+    """Return the SHA-256 of each file that the run or a later session began with, by its name in the run."""
     hashes = manifest.get("hashes")
     if not isinstance(hashes, dict):
         return {}
@@ -91,7 +90,7 @@ def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:
 
 
 def _list_session_diffs(manifest: Mapping[str, object]) -> Iterator[tuple[str, object]]:
-    """Yield the file in which the code of each later session is kept, where it differed from its commit."""
+    """Yield the file with the code differences of each later session that has one, and its SHA-256."""
     sessions = manifest.get("sessions")
     for session in sessions if isinstance(sessions, list) else ():
         name = session.get("code_diff") if isinstance(session, Mapping) else None

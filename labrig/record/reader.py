@@ -1,4 +1,4 @@
-"""Reads a run: whole, interrupted or cut; refuses what is damaged, with the place."""
+"""Read a run that is closed, interrupted or cut short; damage is refused with its place."""
 
 import atexit
 import math
@@ -68,7 +68,7 @@ _Truth = TypeVar("_Truth", bound=TruthLine)
 _Start = TypeVar("_Start", bound=TrialStart)
 _Stop = TypeVar("_Stop", bound=TrialStop)
 
-# A column that no line of an empty run has is there all the same.
+# Also a table without rows has these columns.
 _COLUMNS = {
     STATE_LINES: ("t_s",),
     EVENT_LINES: ("kind", "t_s"),
@@ -81,28 +81,28 @@ _WHOLE_NUMBERS = ("trial", "frame", "final_frame")
 
 
 def open_run(path: Path | str) -> "Run":
-    """Open a run: closed, interrupted or cut short.
+    """Open a run that is closed, interrupted or cut short.
 
     Parameters
     ----------
     path : Path or str
-        Its folder, or a URL that fsspec knows; that run is copied into a temporary folder, which is kept until the
-        process ends.
+        Its folder, or a URL that fsspec knows. A run behind a URL is copied into a temporary folder, which lasts until
+        the process ends.
 
     Returns
     -------
     Run
-        With `problems`, where something of it is missing or was changed.
+        `problems` lists what is missing or was changed.
 
     Raises
     ------
     RecordError
-        When it is no run, is of a newer schema, or has a damaged line; names file and line.
+        When it is no run, has a newer schema, or has a damaged line; names file and line.
     """
     folder = fetch_folder(path)
     manifest = read_manifest(folder)
     for name in recorded_sha256(manifest):
-        inside(folder, name)  # one that is a link is not opened
+        inside(folder, name)  # refuses a link
     lines = _find_line_files(folder)
     can_log = read_can_log(folder)
     torn = (*(problem for file in lines.values() for problem in check_lines(file)), *can_log.torn)
@@ -120,13 +120,7 @@ def open_run(path: Path | str) -> "Run":
 
 
 def fetch_folder(path: Path | str) -> Path:
-    """Return the folder of a run: its own, or that of a copy where it is behind a URL.
-
-    Raises
-    ------
-    InputError, DiskError, RecordError
-        When nothing can be had from the URL.
-    """
+    """Return the folder of a run, or that of a local copy if it is behind a URL. Raises as `fetch_run`."""
     if not is_url(path):
         return Path(path)
     copy = tempfile.TemporaryDirectory(prefix="labrig-")
@@ -135,19 +129,19 @@ def fetch_folder(path: Path | str) -> Path:
 
 
 class Run:
-    """A run on disk; made by `open_run`. Nothing of it is kept in memory but what has been asked for.
+    """A run on disk, made by `open_run`. Only what has been asked for is in memory.
 
     Attributes
     ----------
     path : Path
         Its folder.
     manifest : dict
-        What manifest.json says.
+        The content of manifest.json.
     damage : tuple of Problem
-        What is missing or was changed after it had been written. A changed picture is found when it is read.
+        What is missing or was changed after it was written. A changed picture is found when it is read.
     problems : tuple of Problem
-        All that a reader should know: the damage, and the torn last lines of a run that was killed, which are
-        forgiven. Empty for a run that is as it was written.
+        The damage, and the torn last lines of a killed run, which are no damage. Empty for a run that is as it was
+        written.
     """
 
     def __init__(
@@ -167,14 +161,14 @@ class Run:
         self._until_s = until_s
 
     def until(self, t_s: float) -> "Run":
-        """Return this run as it was before rig time `t_s` [s]; its pictures and truths stay."""
+        """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""
         return Run(self.path, self.manifest, self.damage, self._torn, until_s=t_s)
 
     @property
     def sessions(self) -> tuple[Mapping[str, Any], ...]:
-        """Each time that the run was resumed: when, from which rig time `t0_s` on [s], with which code and devices."""
+        """The sessions after the first: start, rig time zero `t0_s` [s], code and devices of each."""
         sessions = self.manifest.get("sessions", [])
-        if not isinstance(sessions, list) or not all(isinstance(one, dict) for one in sessions):
+        if not isinstance(sessions, list) or not all(isinstance(session, dict) for session in sessions):
             raise RecordError(f"{self.path}: sessions of the manifest are no list of objects", COPY_HINT)
         return tuple(sessions)
 
@@ -184,8 +178,8 @@ class Run:
         Raises
         ------
         RecordError
-            When a line is damaged, the clock goes backwards, or a picture is missing, there twice or said to stand
-            elsewhere; names file and line.
+            When a line is damaged, the clock goes backwards, or a picture is missing, listed twice or in the wrong
+            place; names file and line.
         """
         name = f"{stream}.jsonl"
         path = self._lines.get(name)
@@ -211,7 +205,7 @@ class Run:
         return tuple(parse_events(self.path, self.lines("events"), models))
 
     def read_trials(self, start: type[_Start], stop: type[_Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
-        """Return the trials; of one that was begun again, the last beginning counts. Raises as `read_events`."""
+        """Return the trials; the last start of a repeated trial counts. Raises as `read_events`."""
         return join_trials(parse_events(self.path, self.lines("events"), (start, stop)))
 
     def read_truth(self, model: type[_Truth]) -> Mapping[int, _Truth]:
@@ -220,29 +214,23 @@ class Run:
 
     @cached_property
     def frame_lines(self) -> tuple[FrameLine, ...]:
-        """What the run says of each picture, by its number. Raises `RecordError` as `read_events`."""
+        """The line of each picture, by its number. Raises `RecordError` as `read_events`."""
         return tuple(parse_frame_lines(self.path, self.lines("frames")))
 
     @property
     def withdraws(self) -> str | None:
-        """Name of the run whose needle this one took out; None of any run that is no withdrawal."""
+        """Name of the run whose needle this run withdrew; None if this is no withdrawal."""
         name = self.manifest.get(WITHDRAWS)
         return name if isinstance(name, str) else None
 
     @property
     def annotations(self) -> Annotations:
-        """What people say of the run now: tags, notes, a verdict.
-
-        Raises
-        ------
-        RecordError
-            When a line of it is damaged.
-        """
+        """Tags, notes and verdict of the run as they are now. Raises `RecordError` when a line is damaged."""
         return read_annotations(self.path)
 
     @cached_property
     def protocol(self) -> Mapping[str, Any]:
-        """The protocol as it was resolved for this run, a document; what it means is its experiment's to say.
+        """The protocol as resolved for this run, a document; its experiment knows the model.
 
         Raises
         ------
@@ -255,13 +243,7 @@ class Run:
 
     @property
     def protocol_path(self) -> Path:
-        """The file of that protocol.
-
-        Raises
-        ------
-        RecordError
-            When it is missing or was changed.
-        """
+        """The file of that protocol. Raises `RecordError` when it is missing or was changed."""
         return self._require_unchanged(PROTOCOL)
 
     @property
@@ -276,36 +258,24 @@ class Run:
 
     @property
     def rig_path(self) -> Path | None:
-        """The rig file as it was resolved for this run; None for a run without a rig.
-
-        Raises
-        ------
-        RecordError
-            When it is missing or was changed.
-        """
+        """The rig file as resolved for this run; None without a rig. Raises as `protocol_path`."""
         return self._require_unchanged(RIG) if RIG in recorded_sha256(self.manifest) else None
 
     @property
     def can_frames(self) -> Iterator[CanFrame]:
-        """The CAN frames that were sent and received, in order; none for a run without a bus.
-
-        Raises
-        ------
-        RecordError
-            When they are damaged.
-        """
+        """The CAN frames sent and received, in order. Raises `RecordError` when they are damaged."""
         return read_can_log(self.path).frames()
 
     @cached_property
     def states(self) -> pd.DataFrame:
-        """What the axes read, one row a reading, with `t_s` [s] of rig time."""
+        """The readings of the axes, one row each, with `t_s` [s] of rig time."""
         return self._read_table(STATE_LINES)
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """What was asked, sent and answered, one row an event, with `kind` and `t_s` [s] of rig time.
+        """The events, one row each, with `kind` and `t_s` [s] of rig time.
 
-        Positions and speeds have the unit of their axis in the name: `position_mm`, `position_rad`.
+        Names of positions and speeds carry the unit of the axis: `position_mm`, `position_rad`.
         """
         lines = self.lines("events")
         rows = [add_axis_units(line) for line in lines]
@@ -318,12 +288,12 @@ class Run:
 
     @cached_property
     def frame_table(self) -> pd.DataFrame:
-        """What is known of each picture; the row number is the number of the picture."""
+        """The line of each picture; the row number is the number of the picture."""
         return self._read_table(FRAME_LINES)
 
     @cached_property
     def pictures(self) -> tuple[RecordedPicture, ...]:
-        """Where each picture stands, by its number."""
+        """The place of each picture, by its number."""
         places = (locate_picture(self.path, line) for line in self.lines("frames"))
         return tuple(place for place in places if place is not None)
 
@@ -332,15 +302,14 @@ class Run:
         """One row a trial: the fields of its `trial_start` and of its `trial_stop`.
 
         Columns `trial`, `start_t_s`, `stop_t_s` [s], `exit_status` (`incomplete` while there is no stop),
-        `final_frame` and the further fields of the two events. Of a trial that was begun again, the last
-        beginning counts.
+        `final_frame` and the further fields of the two events. The last start of a repeated trial counts.
         """
         rows = _join_trial_rows(self.lines("events"))
         return _make_table(rows, _TRIAL_COLUMNS, self._lines[EVENT_LINES])
 
     @cached_property
     def frames(self) -> "Frames":
-        """The pictures in order, each read when it is asked for."""
+        """The pictures in order, each read on access."""
         return Frames(self.pictures)
 
     def read_frame(self, frame: int) -> NDArray[np.uint8]:
@@ -359,7 +328,7 @@ class Run:
         return self.frames[frame]
 
     def calibration_path(self, name: str) -> Path:
-        """Return where a calibration file of this run stands, or would stand if it has none of this name.
+        """Return the path of a calibration file of this run, also if it has none of this name.
 
         Raises
         ------
@@ -381,27 +350,15 @@ class Run:
         return inside(self.path, relative)
 
     def new_result_dir(self) -> Path:
-        """Make and return the next of analysis/001, 002 ...; none is ever written twice.
-
-        Raises
-        ------
-        DiskError
-            When it cannot be made.
-        """
+        """Make and return the next of analysis/001, 002 ... Raises `DiskError`."""
         return new_result_dir(self.path)
 
     def latest_result(self) -> dict[str, object] | None:
-        """Return the result.json of the newest analysis that has one; None when the run was never analysed.
-
-        Raises
-        ------
-        RecordError
-            When it is damaged.
-        """
+        """Return the newest result.json; None without one. Raises `RecordError` when it is damaged."""
         return latest_result(self.path)
 
     def copy_to(self, folder: Path) -> None:
-        """Copy the run as it stands, results and notes included, into an existing folder; links stay behind.
+        """Copy the run with results and notes into an existing folder; links are left out.
 
         Raises
         ------
@@ -431,7 +388,7 @@ class Run:
 
 
 class Frames(Sequence[NDArray[np.uint8]]):
-    """The pictures of a run, each read and checked against its SHA-256 when asked for; so are slices."""
+    """The pictures of a run, each read and checked against its SHA-256 on access; a slice reads none."""
 
     def __init__(self, pictures: tuple[RecordedPicture, ...]) -> None:
         self._pictures = pictures
@@ -452,13 +409,13 @@ class Frames(Sequence[NDArray[np.uint8]]):
 
 
 def _find_line_files(run: Path) -> dict[str, Path]:
-    """Return the line files of a run by name; without a simulated world there is no truth."""
+    """Return the line files of a run by name; only a simulated run has truth."""
     files = {name: inside(run, name) for name in _COLUMNS}
     return {name: path for name, path in files.items() if name != TRUTH_LINES or path.exists()}
 
 
 def _make_table(rows: Sequence[Mapping[str, object]], columns: tuple[str, ...], path: Path) -> pd.DataFrame:
-    """Make a table with at least these columns, in the order in which lines brought them."""
+    """Make a table with at least these columns; further ones follow in the order of the lines."""
     names = dict.fromkeys((*columns, *(name for row in rows for name in row)))
     table = pd.DataFrame({name: [row.get(name) for row in rows] for name in names})
     whole = {name: "Int64" for name in _WHOLE_NUMBERS if name in names}

@@ -1,4 +1,4 @@
-"""Whether the lines of a record fit together: numbers in order, clock going forward, references that lead somewhere."""
+"""Check that the lines of a record fit together: numbers in order, a clock that advances, valid references."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -17,13 +17,13 @@ from labrig.record.layout import (
 from labrig.record.pictures import locate_picture
 
 Lines = Sequence[tuple[int, dict[str, object]]]
-"""Lines of a file, each with its number in it."""
+"""The lines of a file with their numbers."""
 
 _HINT = "take the file from a copy of the run; a record does not become like this by being interrupted"
 
 
 def find_clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
-    """Yield the lines whose rig time is none, or lies before that of the line before."""
+    """Yield the lines whose rig time is invalid or earlier than that of the line before."""
     before_s = -math.inf
     for number, line in lines:
         t_s = line.get("t_s")
@@ -37,24 +37,23 @@ def find_clock_problems(name: str, lines: Lines) -> Iterator[Problem]:
 
 
 def find_frame_problems(frames: Lines) -> Iterator[Problem]:
-    """Yield pictures with a number that is there twice, out of order or missing, or with another file's name."""
+    """Yield the pictures whose number is duplicate, out of order or skips some, or whose file is not theirs."""
     expected = 0
-    seen: set[int] = set()
+    listed: set[int] = set()
     for number, line in frames:
         where, frame = f"{FRAME_LINES}:{number}", line.get("frame")
         if isinstance(frame, bool) or not isinstance(frame, int):
             yield Problem(where, f"frame is {frame!r}, expected {expected}", _HINT)
-        elif frame in seen:
+        elif frame in listed:
             yield Problem(where, f"frame {frame} is there twice", _HINT)
         else:
             if frame != expected:
-                yield Problem(
-                    where, f"frame is {frame}, expected {expected}: {_describe_gap(expected, frame)}", _HINT
-                )
+                message = f"frame is {frame}, expected {expected}: {_describe_gap(expected, frame)}"
+                yield Problem(where, message, _HINT)
             if locate_picture(Path(), line) is None:
                 expected_file = f"{picture_file(frame)!r}, or {RAW_PICTURES!r} with offset and shape"
                 yield Problem(where, f"file is {line.get('file')!r}, expected {expected_file}", _HINT)
-            seen.add(frame)
+            listed.add(frame)
             expected = frame + 1
 
 
@@ -66,7 +65,7 @@ def _describe_gap(expected: int, frame: int) -> str:
 
 
 def find_trial_problems(events: Lines) -> Iterator[Problem]:
-    """Yield trials that begin twice, or end without having begun or more than once."""
+    """Yield the trials that begin twice, end twice, or end without having begun."""
     begun: set[object] = set()
     ended: set[object] = set()
     for number, event in events:
@@ -83,10 +82,10 @@ def find_trial_problems(events: Lines) -> Iterator[Problem]:
 
 
 def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
-    """Yield events that name a missing picture or another trial's; pictures and truths of a trial that never began.
+    """Yield events whose picture is missing or of another trial, and pictures and truths of trials that never began.
 
-    Any event may name a picture of no trial: a search for the roll zero numbers its holes as trials. Only a trial's
-    final picture has to be its own.
+    Any event may name a picture without a trial: a search for the roll zero numbers its holes as trials. Only the final
+    picture of a trial must belong to it.
     """
     trial_of = {str(line.get("frame")): _read_trial(line) for _, line in frames}
     begun = {_read_trial(event) for _, event in events if event.get("kind") == TRIAL_START}
@@ -115,6 +114,6 @@ def _check_frame_reference(
 
 
 def _read_trial(line: dict[str, object]) -> int | str | None:
-    """Return which trial a line is of, in a form that can be compared whatever the line says."""
+    """Return the trial of a line in a form that can be compared, whatever the line holds."""
     trial = line.get("trial")
     return trial if trial is None or isinstance(trial, int) else str(trial)

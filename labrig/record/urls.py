@@ -1,8 +1,8 @@
-"""Where runs and exports may stand beside the local disk: URLs that fsspec knows, such as an object store's.
+"""Runs and exports outside the local disk: URLs that fsspec knows, such as those of an object store.
 
-A live run writes on the local disk alone, and so does what is made from a run and kept in it: results, pages, notes. A
-run behind a URL is copied to a temporary folder and opened there, checked by its hashes like any other; an export is
-made in a temporary folder, and put in its place when it is whole.
+A live run, its results, pages and notes are written on the local disk only. A run behind a URL is copied to a temporary
+folder and opened there, checked by its hashes like any other. An export is made in a temporary folder and moved into
+place when it is complete.
 """
 
 import re
@@ -20,7 +20,7 @@ from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
 from labrig.record.durable import disk_errors
 
-# A Path keeps one of the slashes; one letter and a colon are a drive of Windows.
+# A Path keeps only one of the slashes; one letter and a colon are a Windows drive.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
 _ONE_SLASH = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/(?!/)")
 _NOT_THERE = "check the address, that its server is up, and the access rights of this account"
@@ -28,17 +28,17 @@ _ZIP = "a run in a zip file is named zip::file:///folder/run.zip"
 
 
 def is_url(place: str | Path) -> bool:
-    """Return whether a place is a URL, also one that a Path has been made of."""
+    """Return whether a place is a URL, even if it went through a Path."""
     return _URL.match(str(place)) is not None
 
 
 def restore_url(place: str | Path) -> str:
-    """Return a URL with the slashes that a Path made of it has taken away."""
+    """Return a URL with the slashes that a Path removed from it."""
     return _ONE_SLASH.sub(lambda found: f"{found[1]}://" + ("/" if found[1] == "file" else ""), str(place))
 
 
 def require_local_run(run: Path) -> None:
-    """Refuse a URL where something is written into a run.
+    """Refuse a URL when the command writes into the run.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def require_local_run(run: Path) -> None:
 
 
 def require_local(folder: Path, option: str) -> None:
-    """Refuse a URL where a run is written.
+    """Refuse a URL when the command writes a run.
 
     Raises
     ------
@@ -67,14 +67,14 @@ def require_local(folder: Path, option: str) -> None:
 
 
 def fetch_run(url: str, into: Path) -> Path:
-    """Copy the run behind a URL into a local folder and return where it stands.
+    """Copy the run behind a URL into a local folder and return its path.
 
     Raises
     ------
     RecordError
-        When there is no run, or a name in it leads out of it.
+        When no run is there, or a file name in it leads out of it.
     InputError
-        When the kind of URL is not known, or the package for it is not installed.
+        When the kind of URL is unknown, or its package is not installed.
     MachineError
         When the store cannot be read.
     """
@@ -93,17 +93,17 @@ def fetch_run(url: str, into: Path) -> Path:
 
 @contextmanager
 def output_folder(out: str, *, force: bool) -> Iterator[Path]:
-    """Give a folder to write into; its files are put to `out`, a folder or URL, when the block has ended well.
+    """Give a folder to write into; its files go to `out`, a folder or URL, when the block ends without an error.
 
     Parameters
     ----------
     force : bool
-        Replace files of the same names where `out` exists; other files in it stay.
+        Replace files of the same names if `out` exists; other files in it stay.
 
     Raises
     ------
     OutputExistsError
-        When it exists, and is not forced; nothing has been written.
+        When it exists and `force` is not set; nothing has been written.
     DiskError
         When it cannot be written.
     """
@@ -150,7 +150,7 @@ def _upload(folder: Path, url: str) -> None:
 
 
 def _move_files(folder: Path, target: Path) -> None:
-    """Put files into their places, each by one rename; a link that stands there is replaced, not followed."""
+    """Rename each file into place; a link there is replaced, not followed."""
     for path in sorted(folder.rglob("*")):
         place = target / path.relative_to(folder)
         if path.is_file():
@@ -179,10 +179,10 @@ def _suggest_protocol(url: str) -> str:
 
 
 class _StoreErrors:
-    """Turns what goes wrong in a store into a named error.
+    """Turns the errors of a store into labrig's.
 
-    The library of each store raises errors of its own, which labrig cannot know: whatever is neither Python's, but for
-    the operating system's, nor labrig's is taken for one.
+    The library of each store raises errors of its own, which labrig cannot know. So every `OSError` counts as one, and
+    every error that is neither Python's nor labrig's.
     """
 
     def __init__(self, doing: str, url: str) -> None:
@@ -199,15 +199,14 @@ class _StoreErrors:
             return
         room = kind.__module__.partition(".")[0]
         if isinstance(error, OSError) or room not in {"builtins", "labrig"}:
-            said = (error.strerror if isinstance(error, OSError) else None) or str(error) or kind.__name__
-            # A store that cannot be reached is the machine's fault; what is not in it is the record's.
-            if isinstance(error, FileNotFoundError):
-                raise RecordError(f"{self._what}: {said}", self._hint) from error
-            raise DiskError(f"{self._what}: {said}", self._hint) from error
+            cause = (error.strerror if isinstance(error, OSError) else None) or str(error) or kind.__name__
+            # A store that cannot be reached is the machine's fault; a file that is not in it is the record's.
+            failure = RecordError if isinstance(error, FileNotFoundError) else DiskError
+            raise failure(f"{self._what}: {cause}", self._hint) from error
 
 
 def _resolve_local_name(name: str, root: str, url: str) -> Path:
-    """Return where a file of a remote run belongs in the local one; a name that leads elsewhere is refused."""
+    """Return the path of a remote file within the local run; a name that leads out of it is refused."""
     relative = PurePosixPath(name.removeprefix(root).lstrip("/"))
     if not relative.parts or any(part in {"..", "."} or "\\" in part for part in relative.parts):
         raise RecordError(f"{url} holds {name!r}, which leads out of the run")

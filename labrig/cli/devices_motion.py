@@ -38,7 +38,7 @@ def home(
     ] = "mounted",
     method: Annotated[
         int | None,
-        typer.Option(help="maxon's homing method. Default: that of the rig file.", show_default=False),
+        typer.Option(help="Homing method of the drive. Default: that of the rig file.", show_default=False),
     ] = None,
     rig: RigOption = None,
     current_ma: CurrentOption = _GENTLE_MA,

@@ -7,7 +7,7 @@ What is decided here
 - Real or simulated is what the rig file says, and only `hardware.make_hardware` asks. The seam is at the wire: a
   simulated drive is a CANopen node on a bus inside the process, and the driver that talks to it is the one
   for real drives.
-- A kind of drive is a folder (`epos2/`) behind `Drive` and `DriveKind`, which an entry point of the group
+- A kind of drive is a folder (`epos2/`, `cia402/`) behind `Drive` and `DriveKind`, which an entry point of the group
   `labrig.drives` names; what CANopen drives share stands beside it (`cia402_drive`, `canopen_objects`, `sdo_client`).
   Nothing else imports such a folder.
 - Positions are mm or rad above `Drive` and counts of the motor below; speeds are rounded to the drive's integers, and

@@ -57,6 +57,16 @@ class Entry:
         """Return the width in bytes."""
         return _STRUCTS[self.code].size
 
+    @property
+    def bounds(self) -> tuple[int, int]:
+        """Return the lowest and highest value that type and range allow."""
+        bits = 8 * self.size
+        low, high = (0, 2**bits - 1) if self.code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        return (
+            low if self.lowest is None else max(low, self.lowest),
+            high if self.highest is None else min(high, self.highest),
+        )
+
     def pack(self, value: int) -> bytes:
         """Return the bytes of `value`; raises struct.error when it does not fit."""
         return _STRUCTS[self.code].pack(value)

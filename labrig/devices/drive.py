@@ -40,10 +40,13 @@ STILL_LOOK_S = 0.05
 
 @dataclass(frozen=True)
 class Identity:
-    """What a drive says it is; `versions` are its hardware and software, by the names that a record gives them."""
+    """What a drive says it is; `versions` are its hardware and software, by the names that a record gives them.
+
+    `serial_number` is None for a drive that has none.
+    """
 
     model: str
-    serial_number: int
+    serial_number: int | None
     versions: Mapping[str, int] = field(default_factory=dict)
 
     def document(self) -> dict[str, object]:
@@ -221,7 +224,8 @@ class Drive(Protocol):
         Raises
         ------
         DriveError
-            When it still moves after `within_s`; the slowest speed that the drive can be told counts as moving.
+            When it still moves after `within_s`; the slowest speed that the drive can be told counts as moving, as
+            far as its position tells within 0.4 s.
         """
 
     # Reference
@@ -242,7 +246,10 @@ class Drive(Protocol):
         """Hold at home, ready for moves."""
 
     def is_referenced(self) -> bool:
-        """Tell whether the drive has kept its reference since it was set; lost with its power."""
+        """Tell whether the drive has kept its reference since it was set; lost with its power.
+
+        One that does not tell has it until it is closed.
+        """
 
     def assume_position(self, position: float) -> None:
         """Take the axis to stand at this position [mm or rad]; the drive keeps its counter and gets no reference."""

@@ -98,9 +98,11 @@ def _as_in_manuals(key: str, value: str, said: Mapping[str, str]) -> str:
         # maxon's tables list them by these: 0x6220 is an EPOS2 24/5.
         case "hardware_version" | "software_version" if value.isdecimal():
             return f"0x{int(value):04X}"
+        case "vendor_id" | "product_code" | "revision_number" if value.isdecimal():
+            return f"0x{int(value):08X}"
         case "rpm_per_speed":
             return f"{value} rpm per {unit}/s"
-        case "quadcounts_per_unit":
+        case "quadcounts_per_unit" | "counts_per_unit" | "speed_units_per_speed":
             return f"{value} per {unit}"
     return value
 

@@ -134,7 +134,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
     Parameters
     ----------
     method : int or None
-        maxon's homing method; None takes that of the rig file.
+        Homing method of the drive; None takes that of the rig file.
     needle_mounted : bool
         Whether a needle is in the clamp.
 

@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 import can
 import pytest
 
+from labrig.devices.drive import DEFAULT_DRIVER
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.serving import ServedBus, ServedDrives
@@ -80,10 +81,12 @@ def _multicast(reached_by: dict[str, object]) -> can.BusABC:
 
 
 @contextmanager
-def served_drives(interface: str, node_ids: tuple[int, ...] = (1, 2, 3)) -> Iterator[Served]:
+def served_drives(
+    interface: str, node_ids: tuple[int, ...] = (1, 2, 3), driver: str = DEFAULT_DRIVER
+) -> Iterator[Served]:
     """Serve simulated drives until the block is left."""
     bus, reached_by = _open(interface)
-    served, over = ServedDrives(bus, node_ids), threading.Event()
+    served, over = ServedDrives(bus, node_ids, driver=driver), threading.Event()
     actions: SimpleQueue[Callable[[], object]] = SimpleQueue()
 
     def until() -> bool:

@@ -3,17 +3,21 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
 from labrig.devices.bus import open_can
 from labrig.devices.can_description import CanDescription, HeartbeatDescription
 from labrig.devices.clocks import SimulatedClock, SystemClock
+from labrig.devices.drive import find_drive_kind
 from labrig.devices.epos2 import DRIVE
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import InputError
 from labrig.testing.drives import DriveConformance, OpenedDrive, simulated_drive
+from tests.devices.cia402.sections import other_make
 from tests.devices.rigs import epos2_axis
 from tests.devices.served import served_drives
 
@@ -38,9 +42,9 @@ def test_a_kind_without_a_simulated_drive_says_so() -> None:
 
 
 @contextmanager
-def _served(interface: str) -> Iterator[OpenedDrive]:
-    section = epos2_axis(gear_ratio=1.0, lead_mm=1.0)
-    with served_drives(interface, (section.node_id,)) as served:
+def _served(interface: str, driver: str = "epos2") -> Iterator[OpenedDrive]:
+    section = find_drive_kind(driver).example_section(1)
+    with served_drives(interface, section.nodes, driver) as served:
         reached_by = dict(served.reached_by)
         can = {key: reached_by.pop(key) for key in ("interface", "channel")}
         reached_by.pop("bitrate", None)
@@ -74,3 +78,40 @@ class TestEpos2OverSlcan(DriveConformance):
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
         return _served("slcan")
+
+
+class TestCia402(DriveConformance):
+    """An EPOS4, as any CiA 402 drive, on a bus inside the process."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return simulated_drive("cia402")
+
+
+class TestCia402OverMulticast(DriveConformance):
+    """The same over udp_multicast, in real time."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return _served("udp_multicast", "cia402")
+
+
+class TestCia402OverSlcan(DriveConformance):
+    """The same behind an slcan adapter, in real time."""
+
+    def open_drive(self) -> AbstractContextManager[OpenedDrive]:
+        """Open it."""
+        return _served("slcan", "cia402")
+
+
+class TestAnotherMake(DriveConformance):
+    """A drive that takes counts a second, tells currents by the rated one, and whether it is referenced not at all."""
+
+    @contextmanager
+    def open_drive(self) -> Iterator[OpenedDrive]:
+        """Open it."""
+        with (
+            TemporaryDirectory() as folder,
+            simulated_drive("cia402", section=other_make(Path(folder))) as opened,
+        ):
+            yield opened

@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 
 from labrig.clock import Clock
-from labrig.devices import canopen_objects as co
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
-from labrig.devices.cia402_states import REFERENCED, decode_state
+from labrig.devices.cia402_check import check_limits, check_reference
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
@@ -31,8 +30,8 @@ def check_axis(
         yield _encoder_result(name, axis, drive)
         if not axis.unknown:
             yield _configuration_result(name, axis, drive, heartbeat)
-        yield _reference_result(name, drive)
-        yield _limits_result(name, axis, drive)
+        yield check_reference(name, drive)
+        yield check_limits(name, axis, drive)
     except LabrigError as error:
         yield failed(f"drive {name}", error)
 
@@ -60,28 +59,6 @@ def _configuration_result(
     )
 
 
-def _limits_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
-    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
-    low, high = axis.limits
-    value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
-    if axis.unknown or not drive.is_referenced():
-        return CheckResult(
-            f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
-        )
-    scale = axis.scale()
-    margin = scale.to_distance_counts(axis.position_window)
-    lower, upper = sorted(map(scale.to_counts, axis.limits))
-    found = (drive.upload(co.LOWER_LIMIT), drive.upload(co.UPPER_LIMIT))
-    if found == (lower - margin, upper + margin):
-        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}, also in the drive")
-    return CheckResult(
-        f"limits {name}",
-        CheckStatus.WARN,
-        f"{value}; the drive holds {found[0]} to {found[1]} quadcounts",
-        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
-    )
-
-
 def _encoder_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
     found, expected = drive.upload(od.ENCODER_PULSES), axis.encoder_pulses_per_turn
     if expected is None:
@@ -95,16 +72,3 @@ def _encoder_result(name: str, axis: Epos2Axis, drive: Epos2) -> CheckResult:
             f"encoder {name}", CheckStatus.FAIL, value, "correct the rig file, or the drive in EPOS Studio"
         )
     return CheckResult(f"encoder {name}", CheckStatus.PASS, f"{found} pulses a turn")
-
-
-def _reference_result(name: str, drive: Epos2) -> CheckResult:
-    statusword = drive.statusword()
-    state = decode_state(statusword).name
-    if statusword & REFERENCED:
-        return CheckResult(f"reference {name}", CheckStatus.PASS, f"referenced, {state}")
-    return CheckResult(
-        f"reference {name}",
-        CheckStatus.WARN,
-        f"not referenced, {state}",
-        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
-    )

@@ -300,7 +300,7 @@ class SimulatedCia402Drive:
 
     def tick(self) -> None:
         """Do what has become due by now."""
-        now_s = self._clock.now_s()
+        now_s, seeks_switch = self._clock.now_s(), self._homing
         if self.node.state is NmtState.OFF and now_s >= self._ready_s:
             self.node.boot()
         if self._state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE}:
@@ -310,7 +310,7 @@ class SimulatedCia402Drive:
             self._go_on_homing(now_s)
         if self._moving:
             self._come_to_rest(now_s)
-        self._read_switches()
+        self._read_switches(seeks_switch=seeks_switch)
         self.node.tick(now_s)
 
     def _come_to_rest(self, now_s: float) -> None:
@@ -343,10 +343,10 @@ class SimulatedCia402Drive:
         if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
             self._raise_error(_FOLLOWING_ERROR, shaft.first_time(lambda d, a: abs(d - a) > window, now_s))
 
-    def _read_switches(self) -> None:
+    def _read_switches(self, *, seeks_switch: bool) -> None:
         before, self._inputs = self._inputs, self._switches()
         pressed = self._inputs & ~before & self.watched_switches()
-        if not pressed or self._homing or self._state not in _POWERED:
+        if not pressed or seeks_switch or self._state not in _POWERED:
             return
         for bit, code in self.switch_errors.items():
             if pressed & bit:

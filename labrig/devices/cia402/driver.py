@@ -1,0 +1,337 @@
+"""The driver of any CiA 402 drive in profile position mode, by the objects that its EDS file says it has.
+
+What is decided here
+--------------------
+- Widths are those of the EDS file, and a value that an object does not hold is refused before it is sent. A drive whose
+  EDS file cannot be read is reached with the widths of the standard: enough to stop it, and `identify` refuses it.
+- Units are compared where the drive tells them (0x60A9, 0x60AA), and written nowhere; so are the counts a turn.
+- The computer's silence, a fault and a quick stop have option codes (0x6007, 0x605E, 0x605A); all three are set. In CiA
+  402 0x6007 may be 0, with which the axis would move on.
+- Bit 15 of the statusword belongs to the manufacturer: a reference is believed after reopening only where the section
+  names the bit that tells it.
+- Home has position zero unless the section names the object that keeps another: makers differ in the sign of 0x607C.
+- Unsure until tried on a device: that a drive takes a homing here by method 37 at once; that one with 0x6007 = 1 goes
+  to fault as its heartbeat ends; that both limits 0 switch limits off in an EPOS4, as its EDS file has them.
+"""
+
+import math
+from collections.abc import Iterator
+
+from labrig.clock import Clock
+from labrig.devices import canopen_objects as co
+from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.cia402 import objects as od
+from labrig.devices.cia402.eds import Eds
+from labrig.devices.cia402.error_codes import describe_emergency
+from labrig.devices.cia402.settings import Cia402Axis, drive_settings
+from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, read_unit
+from labrig.devices.cia402_drive import ANSWER_TIME_S, POLL_S, Cia402Drive, still_time_s
+from labrig.devices.drive import Homing, Identity, raise_together
+from labrig.devices.error_codes import Emergency
+from labrig.devices.homing import HOMING_HERE
+from labrig.errors import DriveError, InputError
+
+_PROFILE = 402
+_NEEDED_MODES = {0: "profile position", 5: "homing"}
+"""Bit of 0x6502 -> mode of operation."""
+
+_SENT_IDS, _OBEYED_IDS = range(0x1800, 0x1A00), range(0x1400, 0x1600)
+_GENERAL_INPUTS = {f"general-{bit - 15}": bit for bit in range(16, 24)}
+_INPUTS = {"negative-limit": 0, "positive-limit": 1, "home": 2} | _GENERAL_INPUTS
+"""Name of a digital input -> its bit in 0x60FD."""
+
+
+class ProfileDrive(Cia402Drive[Cia402Axis]):
+    """One CiA 402 drive.
+
+    Parameters
+    ----------
+    link : CanLink
+        The bus.
+    section : Cia402Axis
+        Its section of the rig file; may be incomplete, or name an EDS file that cannot be read.
+    axis : str
+        The axis that it drives, for messages.
+    clock : Clock
+        Whose time bounds waiting.
+    """
+
+    def __init__(self, link: CanLink, section: Cia402Axis, axis: str, clock: Clock) -> None:
+        slowest = None
+        if not section.unknown:
+            scale = section.scale()
+            slowest = scale.counts_per_turn / scale.speed_units
+        super().__init__(
+            link,
+            section,
+            axis,
+            clock,
+            node_id=section.node_id,
+            still_time_s=still_time_s(slowest),
+        )
+        self._eds: Eds | None = None
+        self._unreadable: InputError | None = None
+        self._homed = False
+        try:
+            self._eds = section.read_eds()
+        except InputError as error:
+            self._unreadable = error
+
+    # Objects
+
+    @property
+    def eds(self) -> Eds:
+        """What the drive's EDS file says. Raises `InputError`."""
+        if self._eds is None:
+            raise self._unreadable or InputError(f"{self.name} has no EDS file")
+        return self._eds
+
+    def own_entry(self, entry: Entry) -> Entry:
+        """Return an object as the EDS file has it; as the standard has it where that cannot be read."""
+        return entry if self._eds is None else self._eds.entries.get(entry, entry)
+
+    def has(self, entry: Entry) -> bool:
+        """Tell whether the drive has an object, as its EDS file says."""
+        return self._eds is not None and entry in self._eds.entries
+
+    def download(self, entry: Entry, value: int) -> None:
+        """Write an object that holds the value. Raises `DriveError` where it does not, and as `upload`."""
+        known = self.own_entry(entry)
+        low, high = known.bounds
+        if not low <= value <= high:
+            raise DriveError(
+                f"{self.name} does not take {known.name} ({known.place}) = {value}, only {low} to {high}",
+                "check units and limits of this axis in the rig file against the drive's EDS file",
+            )
+        super().download(known, value)
+
+    def ensure(self, entry: Entry, value: int) -> bool:
+        """Write an object where it differs, and read it back; a mode is waited for until the drive is in it."""
+        written = super().ensure(entry, value)
+        if entry == co.MODE and self.has(co.MODE_DISPLAY):
+            self._await_mode(value)
+        return written
+
+    def _await_mode(self, mode: int) -> None:
+        deadline_s = self._clock.now_s() + ANSWER_TIME_S
+        while (found := self.upload(co.MODE_DISPLAY)) != mode:
+            if self._clock.now_s() > deadline_s:
+                raise DriveError(
+                    f"{self.name} stayed in mode of operation {found} (0x6061) when {mode} was asked for",
+                    f"look at its status in {self.tool}",
+                )
+            self._clock.sleep(POLL_S)
+
+    # Connecting
+
+    def identify(self) -> Identity:
+        """Return what the drive is, once units and counts a turn are those of its section too.
+
+        Raises
+        ------
+        DriveError
+            When it is of another product than its EDS file, has not the modes that labrig needs, or takes other units;
+            when two drives answer.
+        InputError
+            When its EDS file cannot be read.
+        """
+        identity = self.read_identity()
+        failures = []
+        for verify in (self.require_units, self.require_counts):
+            try:
+                verify()
+            except DriveError as error:
+                failures.append(error)
+        raise_together(failures)
+        return identity
+
+    def read_identity(self) -> Identity:
+        """Return what the drive is, however it is set. Raises as `identify`."""
+        vendor = self.wake()
+        strays = self.sdo.strays
+        device_type, product = self.upload(co.DEVICE_TYPE), self.upload(co.PRODUCT_CODE)
+        revision, serial, modes = map(self._optional, (co.REVISION, co.SERIAL_NUMBER, co.SUPPORTED_MODES))
+        self.require_alone(strays)
+        if device_type & 0xFFFF != _PROFILE:
+            raise DriveError(
+                f"{self.name} has device type 0x{device_type:08X} (0x1000:00), no drive of CiA 402",
+                "check the node id in the rig file",
+            )
+        self._require_product(vendor, product)
+        for bit, mode in _NEEDED_MODES.items():
+            if modes is not None and not modes >> bit & 1:
+                raise DriveError(
+                    f"{self.name} has no mode {mode} (0x6502:00 is 0x{modes:08X})", "use another drive"
+                )
+        versions = {"vendor_id": vendor, "product_code": product}
+        return Identity(
+            self.eds.product_name,
+            serial,
+            versions if revision is None else versions | {"revision_number": revision},
+        )
+
+    def _require_product(self, vendor: int, product: int) -> None:
+        eds = self.eds
+        for place, what, found, said in (
+            (co.VENDOR_ID.place, "vendor", vendor, eds.vendor),
+            (co.PRODUCT_CODE.place, "product", product, eds.product),
+        ):
+            if found != said:
+                raise DriveError(
+                    f"{self.name} is of {what} 0x{found:08X} ({place}), {eds.source} of 0x{said:08X} "
+                    f"({eds.product_name})",
+                    "name the EDS file of this drive in the rig file, or check its node id",
+                )
+
+    def _optional(self, entry: Entry) -> int | None:
+        return self.upload(entry) if self.has(entry) else None
+
+    def require_units(self) -> None:
+        """Refuse a drive that says that it takes other units than its section does. Raises `DriveError`."""
+        section = self.section
+        for entry, codes, key, unit, factor in (
+            (od.VELOCITY_UNIT, VELOCITY_CODES, "velocity", section.velocity_unit, section.velocity_factor),
+            (
+                od.ACCELERATION_UNIT,
+                ACCELERATION_CODES,
+                "acceleration",
+                section.acceleration_unit,
+                section.acceleration_factor,
+            ),
+        ):
+            found = read_unit(self.upload(entry), codes) if self.has(entry) else None
+            if found is not None and (found[0] != unit or not math.isclose(found[1], factor)):
+                raise DriveError(
+                    f"{self.name} takes {key} in {found[1]:g} {found[0]} ({entry.place}), the rig file says "
+                    f"{factor:g} {unit}",
+                    f"correct {key}_unit and {key}_factor in the rig file, or the drive in {self.tool}",
+                )
+
+    def require_counts(self) -> None:
+        """Refuse a drive that says that it counts otherwise than its section does. Raises `DriveError`."""
+        entry, said = self.section.objects.entry("counts_per_turn"), self.section.counts_per_turn
+        found = None if entry is None else self.upload(entry)
+        if entry is not None and found != said:
+            raise DriveError(
+                f"{self.name} counts {found} a turn ({entry.place}), the rig file says {said or 0:g}",
+                f"find out which encoder it has; correct the rig file, or the drive in {self.tool}",
+            )
+
+    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
+        """Return the COB-IDs of process data that the drive sends, and that it obeys: of all PDOs that it has."""
+        entries = [entry for entry in self.eds.entries if entry.subindex == 1]
+        sent = [entry for entry in entries if entry.index in _SENT_IDS]
+        return self._cob_ids(sent), self._cob_ids(entry for entry in entries if entry.index in _OBEYED_IDS)
+
+    def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
+        """Return the settings of its section, as far as the drive has them."""
+        return drive_settings(self.section, heartbeat, self.eds)
+
+    def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
+        """Let the drive stop by itself when the computer falls silent, and in the way that its section says."""
+        super().verify_dead_man(heartbeat)
+        if self.has(od.ABORT_CONNECTION):
+            self.adjust({od.ABORT_CONNECTION: self.section.abort_connection_option})
+
+    def find_current_limit(self) -> tuple[Entry, float] | None:
+        """Return the object that its section names, in mA; or 0x6073, in thousandths of the rated current 0x6075."""
+        named = self.section.objects.entry("current_limit_ma")
+        if named is not None:
+            return self.own_entry(named), 1.0
+        if not (self.has(od.MAX_CURRENT) and self.has(od.RATED_CURRENT)):
+            return None
+        rated_ma = self.upload(od.RATED_CURRENT)
+        return (od.MAX_CURRENT, rated_ma / 1000) if rated_ma else None
+
+    def describe(self) -> dict[str, object]:
+        """Return how the drive converts and is set, for the record."""
+        return {
+            "node_id": self.node_id,
+            "eds": self.eds.product_name,
+            "counts_per_unit": self.scale.counts_per_unit,
+            "speed_units_per_speed": self.scale.speed_units_per_speed,
+            "speed_unit": self.section.speed_unit,
+            **super().describe(),
+        }
+
+    # Reference
+
+    def homing_method(self, method: int) -> int:
+        """Return the number under which the drive has a homing method."""
+        return self.section.home_here_method if method == HOMING_HERE else method
+
+    def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
+        """Yield what a homing needs written."""
+        home, scale = self.section.objects.entry("home_position"), self.scale
+        if homing.offset or (homing.position and home is None):
+            raise DriveError(
+                f"{self.name} keeps no home position but zero, and moves no way off a switch, as far as is known",
+                "name the object that keeps it in objects.home_position of this axis",
+            )
+        settings = {co.HOME_OFFSET: 0}
+        if home is not None:
+            settings[home] = self.home_counter(homing)
+        if homing.method != HOMING_HERE:
+            units = scale.to_speed_units(homing.speed)
+            settings[co.HOMING_SPEED_SWITCH] = units
+            settings[co.HOMING_SPEED_INDEX] = max(1, units // 10)
+            settings[co.HOMING_ACCELERATION] = scale.to_acceleration_units(self.section.acceleration)
+        yield from ((entry, value) for entry, value in settings.items() if self.has(entry))
+
+    def start_homing(self, homing: Homing) -> None:
+        """Begin to look for home."""
+        self._homed = False
+        super().start_homing(homing)
+
+    def finish_homing(self, homing: Homing) -> None:
+        """Hold at home, once the counter is near it: makers differ in the sign of a home position."""
+        super().finish_homing(homing)
+        counter, home = self.counter(), self.home_counter(homing)
+        if abs(counter - home) > abs(counter + home):
+            raise DriveError(
+                f"{self.name} reads {counter} {self.section.count_unit} at home, {home} was asked for: it takes the "
+                "home position with the other sign",
+                "leave objects.home_position out, and write homing.position: 0",
+            )
+        self._homed = True
+
+    def is_referenced(self) -> bool:
+        """Tell whether the drive has kept its reference; one that does not tell has it only until it is closed."""
+        bit = self.section.referenced_bit
+        if bit is None:
+            return self._homed and not self.has_restarted
+        return bool(self.statusword() >> bit & 1)
+
+    def set_limits(self, limits: tuple[float, float] | None) -> None:
+        """Give the drive limits where it holds any."""
+        if self.has(co.LOWER_LIMIT) and self.has(co.UPPER_LIMIT):
+            super().set_limits(limits)
+
+    # Condition
+
+    def error_code(self) -> int:
+        """Return the code of the newest error, of 0x603F or the error history."""
+        code = self._optional(od.ERROR_CODE) or 0
+        if code or not (self.has(co.ERROR_COUNT) and self.has(co.LAST_ERROR)):
+            return code
+        return super().error_code()
+
+    def describe_emergency(self, code: int) -> Emergency:
+        """Return what an error code means; one that no standard lists is told by its class."""
+        return describe_emergency(code)
+
+    def current_ma(self) -> float | None:
+        """Return the motor current [mA]: of the object that its section names, or of 0x6078 and 0x6075."""
+        named = self.section.objects.entry("current_ma")
+        if named is not None:
+            return float(self.upload(named))
+        if not (self.has(co.CURRENT_ACTUAL) and self.has(od.RATED_CURRENT)):
+            return None
+        return self.upload(co.CURRENT_ACTUAL) * self.upload(od.RATED_CURRENT) / 1000
+
+    def inputs(self) -> dict[str, bool]:
+        """Return the digital inputs (0x60FD); none where the drive does not tell them."""
+        word = self._optional(od.DIGITAL_INPUTS)
+        return {} if word is None else {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}

@@ -1,0 +1,47 @@
+"""Which objects of a CiA 402 drive labrig uses: those that it needs, and those that it uses where a drive has them."""
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+
+ABORT_CONNECTION = Entry(0x6007, 0, "abort connection option code", "h")
+ERROR_CODE = Entry(0x603F, 0, "error code", "H", "ro")
+QUICK_STOP_OPTION = Entry(0x605A, 0, "quick stop option code", "h")
+HALT_OPTION = Entry(0x605D, 0, "halt option code", "h")
+FAULT_REACTION = Entry(0x605E, 0, "fault reaction option code", "h")
+FOLLOWING_ERROR_TIMEOUT = Entry(0x6066, 0, "following error timeout", "H")
+MAX_CURRENT = Entry(0x6073, 0, "maximal current, per mille of the rated one", "H")
+RATED_CURRENT = Entry(0x6075, 0, "rated current [mA]", "I")
+DIGITAL_INPUTS = Entry(0x60FD, 0, "digital inputs", "I", "ro")
+VELOCITY_UNIT = Entry(0x60A9, 0, "SI unit of velocity", "I")
+ACCELERATION_UNIT = Entry(0x60AA, 0, "SI unit of acceleration", "I")
+
+WRITTEN = (
+    co.CONSUMER_HEARTBEAT,
+    co.PRODUCER_HEARTBEAT,
+    co.CONTROLWORD,
+    co.MODE,
+    co.TARGET_POSITION,
+    co.PROFILE_VELOCITY,
+    co.PROFILE_ACCELERATION,
+    co.QUICK_STOP_DECELERATION,
+    co.HOMING_METHOD,
+)
+READ = (
+    co.DEVICE_TYPE,
+    co.ERROR_REGISTER,
+    co.VENDOR_ID,
+    co.PRODUCT_CODE,
+    co.STATUSWORD,
+    co.POSITION_ACTUAL,
+)
+"""Without these and `WRITTEN` no drive can be used: profile position mode, homing, and the dead-man."""
+
+GUARDS = {
+    ABORT_CONNECTION: "what the drive does when the computer falls silent (0x6007)",
+    FAULT_REACTION: "how it stops on a fault (0x605E)",
+    QUICK_STOP_OPTION: "how it stops on a quick stop (0x605A)",
+    co.MAX_FOLLOWING_ERROR: "an axis that lags behind (0x6065)",
+    co.LOWER_LIMIT: "the lower limit in the drive (0x607D:01)",
+    co.UPPER_LIMIT: "the upper limit in the drive (0x607D:02)",
+}
+"""Objects that keep an axis safe -> what nobody guards in a drive that lacks them."""

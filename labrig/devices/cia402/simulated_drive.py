@@ -1,0 +1,155 @@
+"""A simulated CiA 402 drive: the objects of its EDS file, on state machine and motion of the profile."""
+
+from collections.abc import Callable
+
+from labrig.clock import Clock
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.cia402 import objects as od
+from labrig.devices.cia402.error_codes import describe_emergency
+from labrig.devices.cia402.settings import Cia402Axis
+from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, write_unit
+from labrig.devices.cia402_states import QUICK_STOP, DriveState
+from labrig.devices.simulated.bus import InProcessWire
+from labrig.devices.simulated.cia402_node import SimulatedCia402Drive
+from labrig.devices.simulated.dictionary import ObjectTable
+from labrig.devices.simulated.shaft import Mechanics
+
+_HEARTBEAT_ERROR = 0x8130
+_NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
+"""Values of 0x6007; the other, 2, switches power off."""
+
+_STAYS_IN_QUICK_STOP = 5
+"""Values of 0x605A from here on do not switch power off at the end of a quick stop."""
+
+_POWER_OFF = 0
+"""Value of 0x605E that lets the motor turn freely."""
+
+_LIMIT_SWITCHES = 0x0003
+_NO_FOLLOWING_ERROR = 0xFFFFFFFF
+_NO_LIMITS = (-(2**31), 2**31 - 1)
+_MODES = 0x25
+"""0x6502: profile position, profile velocity, homing."""
+
+
+class SimulatedProfileDrive(SimulatedCia402Drive):
+    """One CiA 402 drive.
+
+    Parameters
+    ----------
+    section : Cia402Axis
+        Its section of the rig file; complete.
+    wire, clock, mechanics, boot_time_s
+        As `SimulatedCia402Drive` takes them.
+    """
+
+    def __init__(
+        self,
+        section: Cia402Axis,
+        wire: InProcessWire,
+        clock: Clock,
+        mechanics: Mechanics,
+        boot_time_s: float = 0.0,
+    ) -> None:
+        self._section = section
+        self._scale = section.scale()
+        self._counts_per_turn = round(self._scale.counts_per_turn)
+        eds = section.read_eds()
+        self._has = frozenset(eds.entries)
+        fixed = {
+            co.DEVICE_TYPE: co.DEVICE_TYPE.default,
+            co.VENDOR_ID: eds.vendor,
+            co.PRODUCT_CODE: eds.product,
+            co.REVISION: eds.revision or 0,
+            co.SERIAL_NUMBER: 1000 + section.node_id,
+            co.SUPPORTED_MODES: _MODES,
+            od.VELOCITY_UNIT: write_unit(section.velocity_unit, section.velocity_factor, VELOCITY_CODES),
+            od.ACCELERATION_UNIT: write_unit(
+                section.acceleration_unit, section.acceleration_factor, ACCELERATION_CODES
+            ),
+            section.objects.entry("counts_per_turn"): self._counts_per_turn,
+            co.MAX_FOLLOWING_ERROR: None if co.MAX_FOLLOWING_ERROR in self._has else _NO_FOLLOWING_ERROR,
+        }
+        super().__init__(
+            wire,
+            section.node_id,
+            clock,
+            table=ObjectTable(eds.product_name.encode("ascii", "replace"), tuple(eds.entries.values())),
+            fixed={entry: value for entry, value in fixed.items() if entry is not None and value is not None},
+            mechanics=mechanics,
+            boot_time_s=boot_time_s,
+        )
+
+    def _option(self, entry: Entry, default: int) -> int:
+        """Return an option code; what a drive without the object does by itself."""
+        return self.node.objects.values.get(entry, default)
+
+    def counts_per_turn(self) -> int:
+        """Return the counts a turn of the motor."""
+        return self._counts_per_turn
+
+    def counts_per_speed_unit(self) -> float:
+        """Return the counts a second at one unit of speed."""
+        return self._counts_per_turn / self._scale.speed_units
+
+    def counts_per_acceleration_unit(self) -> float:
+        """Return the counts a second, each second, at one unit of acceleration."""
+        return self._counts_per_turn / self._scale.acceleration_units
+
+    def watched_switches(self) -> int:
+        """Return both limit switches, for which the inputs of an EPOS4 are set as it comes."""
+        return _LIMIT_SWITCHES
+
+    def home_counter(self) -> int:
+        """Return what the object for it says; zero in a drive without one."""
+        return self._option(self._section.objects.entry("home_position") or co.HOME_OFFSET, 0)
+
+    def position_limits(self) -> tuple[int, int]:
+        """Return the software limits; both zero, as an EPOS4 comes, are none."""
+        limits = super().position_limits()
+        return limits if any(limits) else _NO_LIMITS
+
+    def error_register(self, code: int) -> int:
+        """Return the bits that an error sets."""
+        return describe_emergency(code).register
+
+    def loses_power(self, code: int) -> bool:
+        """Tell whether an error switches the power stage off at once."""
+        return super().loses_power(code) or self._option(od.FAULT_REACTION, 2) == _POWER_OFF
+
+    def lose_master(self, t_s: float) -> None:
+        """Do what the abort connection option code says."""
+        option = self._option(od.ABORT_CONNECTION, _FAULT_SIGNAL)
+        if option == _FAULT_SIGNAL:
+            super().lose_master(t_s)
+        elif option != _NO_ACTION:
+            self.node.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
+            self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
+
+    def tick(self) -> None:
+        """Do what has become due; at the end of a quick stop power goes where its option code says so."""
+        super().tick()
+        if (
+            self._state is DriveState.QUICK_STOP_ACTIVE
+            and self._at_rest()
+            and self._option(od.QUICK_STOP_OPTION, 2) < _STAYS_IN_QUICK_STOP
+        ):
+            self._change_state(0)
+
+    def add_twin(self) -> None:
+        """Put another drive with the same node id on the bus."""
+        SimulatedProfileDrive(self._section, self._wire, self._clock, self._shaft.mechanics)
+
+    def set_encoder(self, pulses: int) -> None:
+        """Have another encoder resolution than before, as if somebody had changed the settings."""
+        self._counts_per_turn = 4 * pulses
+        entry = self._section.objects.entry("counts_per_turn")
+        if entry is not None:
+            self.node.objects.set_fixed(entry, self._counts_per_turn)
+
+    def live_objects(self) -> dict[Entry, Callable[[], int]]:
+        """Return the objects whose value is made when it is read."""
+        return super().live_objects() | {
+            od.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
+            od.DIGITAL_INPUTS: self._switches,
+        }

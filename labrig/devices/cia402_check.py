@@ -1,0 +1,45 @@
+"""What `labrig devices check` says of any CiA 402 drive: its reference, and the limits that it holds."""
+
+from typing import Any
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.check_result import CheckResult, CheckStatus
+from labrig.devices.cia402_drive import Cia402Drive
+
+
+def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> CheckResult:
+    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
+    low, high = axis.limits
+    value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
+    if not drive.has(co.LOWER_LIMIT):
+        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}; the drive holds none")
+    if axis.unknown or not drive.is_referenced():
+        return CheckResult(
+            f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
+        )
+    scale = axis.scale()
+    margin = scale.to_distance_counts(axis.position_window)
+    lower, upper = sorted(map(scale.to_counts, axis.limits))
+    found = (drive.upload(co.LOWER_LIMIT), drive.upload(co.UPPER_LIMIT))
+    if found == (lower - margin, upper + margin):
+        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}, also in the drive")
+    return CheckResult(
+        f"limits {name}",
+        CheckStatus.WARN,
+        f"{value}; the drive holds {found[0]} to {found[1]} {axis.count_unit}",
+        f"reference the axis again: labrig devices home --axis {name} --rig FILE",
+    )
+
+
+def check_reference(name: str, drive: Cia402Drive[Any]) -> CheckResult:
+    """Tell whether the drive has kept its reference, and the state in which it is."""
+    state = drive.decode(drive.statusword()).name
+    if drive.is_referenced():
+        return CheckResult(f"reference {name}", CheckStatus.PASS, f"referenced, {state}")
+    return CheckResult(
+        f"reference {name}",
+        CheckStatus.WARN,
+        f"not referenced, {state}",
+        f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
+    )

@@ -1,0 +1,408 @@
+"""The driver of any CiA 402 drive against a simulated one, over the bus."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.cia402 import DRIVE
+from labrig.devices.cia402 import objects as od
+from labrig.devices.cia402.simulated_drive import SimulatedProfileDrive
+from labrig.devices.cia402_states import DriveState, decode_standard_state
+from labrig.devices.drive import Homing
+from labrig.devices.homing import HOMING_HERE
+from labrig.devices.units import AxisScale
+from labrig.errors import (
+    DriveError,
+    DriveFaultError,
+    DriveRefusedError,
+    DriveRestartedError,
+    DriveSilentError,
+    InputError,
+)
+from tests.devices.cia402.eds_text import EVERY, eds_text
+from tests.devices.cia402.sections import (
+    HEARTBEAT,
+    ProfileDriveOnABus,
+    drive_on_a_bus,
+    other_make,
+    section_of,
+)
+
+GUARDS = (0x6007, 0x603F, 0x605A, 0x605B, 0x605C, 0x605E, 0x6065, 0x6066, 0x607D, 0x607F, 0x6084, 0x6086)
+OPTIONAL = (0x1003, 0x1A02, 0x1802, 0x6061, 0x6099, 0x609A, 0x60A8, 0x60A9, 0x60AA, 0x60C5, 0x60FD, 0x6502)
+
+
+@pytest.fixture(name="bare")
+def _bare() -> Iterator[ProfileDriveOnABus]:
+    with drive_on_a_bus(DRIVE.example_section(1)) as bare:
+        yield bare
+
+
+@pytest.fixture(name="ready")
+def _ready(bare: ProfileDriveOnABus) -> ProfileDriveOnABus:
+    bare.get_ready()
+    return bare
+
+
+def _values(on_a_bus: ProfileDriveOnABus, *entries: Entry) -> tuple[int, ...]:
+    return tuple(on_a_bus.node.node.objects.value(entry) for entry in entries)
+
+
+def _hear_and_lose(on_a_bus: ProfileDriveOnABus) -> None:
+    """Let the drive hear one beat of the computer, and then none."""
+    on_a_bus.link.send(0x700 + HEARTBEAT.computer_node_id, b"\x05")
+    on_a_bus.wait(1.0)
+
+
+@pytest.mark.parametrize(
+    ("statusword", "state"),
+    [
+        (0x0000, DriveState.NOT_READY),
+        (0x0250, DriveState.SWITCH_ON_DISABLED),
+        (0x0231, DriveState.READY_TO_SWITCH_ON),
+        (0x0633, DriveState.SWITCHED_ON),
+        (0xC737, DriveState.OPERATION_ENABLED),
+        (0x0617, DriveState.QUICK_STOP_ACTIVE),
+        (0x003F, DriveState.FAULT_REACTION),
+        (0x0638, DriveState.FAULT),
+        (0x0001, DriveState.UNKNOWN),
+    ],
+)
+def test_states_are_told_by_the_bits_of_the_standard(statusword: int, state: DriveState) -> None:
+    """Voltage and the manufacturer's bits say nothing of the state."""
+    assert decode_standard_state(statusword) is state
+
+
+def test_what_keeps_the_axis_safe_is_written_and_read_back(bare: ProfileDriveOnABus) -> None:
+    """Heartbeats, option codes, following error and decelerations; a drive that ignores the silence is made not to."""
+    objects = bare.node.node.objects
+    objects.values |= {od.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, od.FAULT_REACTION: 0}
+    bare.driver.identify()
+    bare.driver.configure(HEARTBEAT, None)
+    assert _values(bare, od.ABORT_CONNECTION, od.QUICK_STOP_OPTION, od.FAULT_REACTION) == (1, 6, 2)
+    assert _values(bare, co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
+    assert _values(bare, co.MAX_FOLLOWING_ERROR, od.FOLLOWING_ERROR_TIMEOUT) == (2000, 0)
+    assert _values(bare, co.PROFILE_DECELERATION, co.QUICK_STOP_DECELERATION) == (3000, 12_000)
+    written = bare.driver.settings()
+    assert written["0x6007:00"] == 1
+    assert {"0x6067:00", "0x605D:00", "0x607C:00"}.isdisjoint(written)
+
+
+@pytest.mark.parametrize(("option", "faulted"), [(1, True), (3, False)])
+def test_a_silent_computer_stops_the_axis(option: int, faulted: bool, tmp_path: Path) -> None:
+    """By a fault or by a quick stop, as the section has it; either way an emergency says why."""
+    with drive_on_a_bus(section_of(tmp_path, abort_connection_option=option)) as one:
+        one.get_ready()
+        one.driver.start_move(50.0, 1.0)
+        _hear_and_lose(one)
+        before = one.node.shaft_counts
+        one.wait(0.5)
+        assert one.node.shaft_counts == before != 0
+        assert bool(one.driver.faults()) is faulted
+        with pytest.raises(DriveFaultError, match="error 0x8130, life guarding or heartbeat"):
+            one.driver.check()
+
+
+def test_a_reset_that_takes_the_communication_brings_the_dead_man_back(ready: ProfileDriveOnABus) -> None:
+    """An EPOS4 wants its communication reset first, which clears both heartbeats."""
+    _hear_and_lose(ready)
+    assert ready.driver.faults()[0].code == 0x8130
+    ready.driver.reset_fault()
+    assert ready.driver.faults() == ()
+    assert _values(ready, co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
+    ready.driver.enable()
+    _hear_and_lose(ready)
+    assert ready.driver.faults()
+
+
+def test_a_quick_stop_that_ends_without_power_is_one_too(tmp_path: Path) -> None:
+    """0x605A = 2 leaves the drive switched off; it is enabled again as from any other state."""
+    with drive_on_a_bus(section_of(tmp_path, quick_stop_option=2)) as one:
+        one.get_ready()
+        one.driver.start_move(50.0, 5.0)
+        one.wait(0.5)
+        one.driver.quick_stop()
+        one.driver.settle(2.0)
+        assert decode_standard_state(one.driver.statusword()) is DriveState.SWITCH_ON_DISABLED
+        one.driver.enable()
+        one.driver.start_move(0.0, 5.0)
+
+
+def test_a_drive_with_nothing_but_what_is_needed_moves(tmp_path: Path) -> None:
+    """No option codes, limits, reports, mode display, error code or units: it homes, moves and stops all the same."""
+    section = section_of(tmp_path, eds_text(without=(*GUARDS, *OPTIONAL)), objects={})
+    with drive_on_a_bus(section) as one:
+        one.get_ready()
+        homing = Homing(HOMING_HERE)
+        one.driver.start_homing(homing)
+        assert one.driver.has_homed()
+        one.driver.finish_homing(homing)
+        one.driver.set_limits((-1.0, 1.0))
+        one.driver.start_move(2.0, 5.0)
+        one.wait(2.0)
+        assert one.driver.read().target_reached
+        assert one.node.shaft_counts == 4000
+        assert (one.driver.current_ma(), one.driver.current_limit_ma(), one.driver.inputs()) == (
+            None,
+            None,
+            {},
+        )
+        with pytest.raises(DriveError, match=r"no current limit that labrig can set.*") as refusal:
+            one.driver.configure(HEARTBEAT, 500)
+        assert "--current-ma 0" in refusal.value.hint
+        one.node.fail(0x2310)
+        assert one.driver.faults()[0].code == 0
+
+
+def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
+    """A drive with a 16-bit deceleration takes it in two bytes; more than it holds is refused before it is sent."""
+    narrow = Entry(0x6085, 0, "quick stop deceleration", "H", default=100, lowest=1)
+    entries = [entry for entry in EVERY if entry != narrow]
+    section = section_of(tmp_path, eds_text((*entries, narrow)))
+    with drive_on_a_bus(section) as one:
+        one.get_ready()
+        assert _values(one, co.QUICK_STOP_DECELERATION) == (12_000,)
+        one.link.network.take_frames()
+        with pytest.raises(
+            DriveError, match=r"does not take quick stop deceleration \(0x6085:00\) = 70000, only 1"
+        ):
+            one.driver.download(co.QUICK_STOP_DECELERATION, 70_000)
+        assert one.link.network.take_frames() == []
+    with drive_on_a_bus(section, DRIVE.example_section(1)) as other:
+        other.driver.identify()
+        with pytest.raises(DriveRefusedError, match="0x6085:00"):
+            other.driver.configure(HEARTBEAT, None)
+
+
+ANOTHER: dict[str, tuple[Entry, int, str]] = {
+    "product": (co.PRODUCT_CODE, 0x62200000, r"of product 0x62200000 \(0x1018:02\).*of 0x61500000"),
+    "vendor": (co.VENDOR_ID, 0x2F, r"of vendor 0x0000002F \(0x1018:01\)"),
+    "profile": (co.DEVICE_TYPE, 401, r"device type 0x00000191 \(0x1000:00\), no drive of CiA 402"),
+    "modes": (co.SUPPORTED_MODES, 0x24, r"no mode profile position \(0x6502:00 is 0x00000024\)"),
+    "velocity": (
+        od.VELOCITY_UNIT,
+        0xFDB44700,
+        r"velocity in 0.001 rpm \(0x60A9:00\), the rig file says 1 rpm",
+    ),
+    "acceleration": (od.ACCELERATION_UNIT, 0xFEC00300, "acceleration in 0.01 rpm/s"),
+    "encoder": (Entry(0x3000, 5, "", "I"), 4096, r"counts 4096 a turn \(0x3000:05\), the rig file says 2000"),
+}
+
+
+@pytest.mark.parametrize(("entry", "value", "words"), ANOTHER.values(), ids=ANOTHER)
+def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value: int, words: str) -> None:
+    """Each by index, with what it says, what was expected, and what to do; nothing is written."""
+    bare.node.node.objects.set_fixed(entry, value)
+    with pytest.raises(DriveError, match=words) as refusal:
+        bare.driver.identify()
+    assert refusal.value.hint
+    sent = [data for _, can_id, data, way in bare.link.network.take_frames() if way == "T" and can_id > 0x600]
+    assert all(data[0] == 0x40 for data in sent)
+
+
+def test_a_unit_that_is_not_known_is_not_compared(bare: ProfileDriveOnABus) -> None:
+    """The rig file states it; a code that labrig does not know says nothing."""
+    bare.node.node.objects.set_fixed(od.VELOCITY_UNIT, 0x00010100)
+    bare.driver.identify()
+
+
+def test_two_nodes_with_one_id_are_told(bare: ProfileDriveOnABus) -> None:
+    """Both answer."""
+    bare.node.add_twin()
+    with pytest.raises(DriveError, match="two nodes answer as node 1"):
+        bare.driver.identify()
+
+
+UNITS = [
+    ("rpm", 0.001, "rpm/s", 0.1),
+    ("turns/s", 0.0001, "turns/s^2", 0.01),
+    ("counts/s", 1.0, "counts/s^2", 10.0),
+]
+
+
+@pytest.mark.parametrize(("velocity", "factor", "acceleration", "its_factor"), UNITS)
+def test_stated_units_make_the_same_motion(
+    velocity: str, factor: float, acceleration: str, its_factor: float, tmp_path: Path
+) -> None:
+    """2 mm at 0.5 mm/s take as long, and speed up as fast, in whatever the drive takes them in."""
+    units = {"velocity_unit": velocity, "velocity_factor": factor}
+    units |= {"acceleration_unit": acceleration, "acceleration_factor": its_factor}
+    with drive_on_a_bus(section_of(tmp_path, eds_text(without=[0x60AA]), acceleration=0.5, **units)) as one:
+        one.get_ready()
+        began_s = one.clock.now_s()
+        rounded = one.driver.round_move(2.0, 0.5)
+        assert rounded.position == 2.0
+        assert rounded.speed == pytest.approx(0.5, rel=1e-3)
+        one.driver.start_move(2.0, 0.5)
+        while one.driver.read().position < 1.0:
+            one.clock.sleep(0.001)
+        # Half of the way and half of the time that speeding up takes.
+        assert one.clock.now_s() - began_s == pytest.approx(1.0 / 0.5 + 0.5 * 0.5 / 0.5, abs=0.02)
+
+
+def test_homing_at_a_switch_ends_with_the_counter_at_home(ready: ProfileDriveOnABus) -> None:
+    """Method 17 searches backwards to the negative switch; what the section's object keeps is the position there."""
+    homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
+    ready.driver.start_homing(homing)
+    while not ready.driver.has_homed():
+        ready.clock.sleep(0.01)
+    ready.driver.finish_homing(homing)
+    assert ready.node.shaft_counts == -8000
+    assert ready.driver.position() == -3.0
+    assert ready.driver.is_referenced()
+
+
+def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus) -> None:
+    """A drive that sets its counter to the negative of what was written is refused, not believed."""
+    home = Entry(0x30B0, 0, "home position", "i")
+    homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
+    ready.driver.start_homing(homing)
+    ready.node.node.objects.values[home] *= -1
+    while not ready.driver.has_homed():
+        ready.clock.sleep(0.01)
+    with pytest.raises(DriveError, match="home position with the other sign"):
+        ready.driver.finish_homing(homing)
+    assert ready.driver.decode(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
+
+
+def test_a_home_position_that_nothing_keeps_is_refused(tmp_path: Path) -> None:
+    """Before anything is written; so is a way off the switch, which the profile has not."""
+    with drive_on_a_bus(section_of(tmp_path, objects={})) as one:
+        one.get_ready()
+        for homing in (Homing(HOMING_HERE, position=1.0), Homing(17, offset=1.0)):
+            with pytest.raises(DriveError, match="keeps no home position but zero"):
+                one.driver.start_homing(homing)
+
+
+def test_a_homing_method_that_the_drive_lacks_is_told(tmp_path: Path) -> None:
+    """Its refusal names 0x6098."""
+    with drive_on_a_bus(section_of(tmp_path)) as one:
+        one.get_ready()
+        one.node.abort_next(0x06090030, co.HOMING_METHOD.index)
+        with pytest.raises(DriveRefusedError, match="homing method: the value is out of range"):
+            one.driver.start_homing(Homing(17))
+
+
+def test_a_drive_that_does_not_tell_its_reference_has_it_until_it_is_closed(tmp_path: Path) -> None:
+    """Whoever opens it anew is told that it has none."""
+    with drive_on_a_bus(other_make(tmp_path)) as one:
+        one.get_ready()
+        homing = Homing(HOMING_HERE)
+        one.driver.start_homing(homing)
+        assert not one.driver.is_referenced()
+        one.driver.finish_homing(homing)
+        assert one.driver.is_referenced()
+        one.node.restart()
+        assert not one.driver.is_referenced()
+
+
+def test_currents_of_another_make_are_thousandths_of_the_rated_one(tmp_path: Path) -> None:
+    """0x6078 and 0x6073 with 0x6075; the drive's own limit is back when it is closed."""
+    with drive_on_a_bus(other_make(tmp_path)) as one:
+        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (-1000.0, 10_000)
+        one.driver.configure(HEARTBEAT, 1234)
+        assert one.driver.current_limit_ma() == 1230
+        one.driver.close()
+        assert one.driver.current_limit_ma() == 10_000
+
+
+def test_inputs_are_named_as_the_profile_has_them(ready: ProfileDriveOnABus) -> None:
+    """0x60FD: limit switches and home in the first bits; a pressed limit switch is a fault of the drive."""
+    assert not any(ready.driver.inputs().values())
+    ready.node.press(0x0002)
+    assert [name for name, active in ready.driver.inputs().items() if active] == ["positive-limit"]
+    with pytest.raises(DriveFaultError, match="error 0x8A81, positive limit switch"):
+        ready.driver.check()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(0x8611, "following error"), (0x5441, r"manufacturer \(hardware"), (0xFF01, "manufacturer")],
+)
+def test_an_error_is_told_by_its_code_or_its_class(ready: ProfileDriveOnABus, code: int, words: str) -> None:
+    """0x603F tells which it is; each has a remedy."""
+    ready.node.fail(code)
+    ready.wait(0.5)
+    (fault,) = ready.driver.faults()
+    assert fault.code == code
+    with pytest.raises(DriveFaultError, match=words):
+        ready.driver.raise_if_faulted()
+    assert fault.remedy
+
+
+FAULTS: dict[str, tuple[Callable[[SimulatedProfileDrive], object], type[DriveError], str]] = {
+    "following error": (lambda node: node.block(), DriveFaultError, "error 0x8611, following error"),
+    "emergency stop": (lambda node: node.cut_power_stage(), DriveFaultError, "error 0x3220, under-voltage"),
+    "restart": (lambda node: node.restart(), DriveRestartedError, "has restarted"),
+    "no heartbeat": (lambda node: node.stop_heartbeat(), DriveSilentError, "has sent no heartbeat"),
+    "silence": (lambda node: node.mute(), DriveSilentError, "has sent no heartbeat"),
+}
+
+
+@pytest.mark.parametrize(("strike", "error", "words"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_on_the_way_is_noticed(
+    ready: ProfileDriveOnABus,
+    strike: Callable[[SimulatedProfileDrive], object],
+    error: type[DriveError],
+    words: str,
+) -> None:
+    """By what the drive reports, or by its silence; the driver asks nothing for it."""
+    ready.driver.start_move(3.0, 1.0)
+    ready.wait(0.5)
+    strike(ready.node)
+    ready.wait(1.5)
+    ready.link.network.take_frames()
+    with pytest.raises(error, match=words):
+        ready.driver.check()
+    assert not [way for _, _, _, way in ready.link.network.take_frames() if way == "T"]
+
+
+def test_a_fault_whose_cause_stays_is_not_reset(ready: ProfileDriveOnABus) -> None:
+    """The supply of the power stage has to be back first."""
+    ready.node.cut_power_stage()
+    with pytest.raises(DriveFaultError, match="its cause is still there"):
+        ready.driver.reset_fault()
+    ready.node.restore_power_stage()
+    ready.driver.reset_fault()
+    ready.driver.enable()
+
+
+def test_an_encoder_that_was_changed_is_told_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
+    """As the drive counts now, and as the rig file has it."""
+    bare.node.set_encoder(1000)
+    with pytest.raises(DriveError, match="counts 4000 a turn"):
+        bare.driver.identify()
+
+
+def test_a_mode_that_the_drive_does_not_take_is_waited_for(ready: ProfileDriveOnABus) -> None:
+    """0x6061 says in which mode it is; commands of another mode are not sent before."""
+    ready.node.node.objects._live = {**ready.node.node.objects._live, co.MODE_DISPLAY: lambda: 1}
+    with pytest.raises(DriveError, match=r"stayed in mode of operation 1 \(0x6061\) when 6"):
+        ready.driver.start_homing(Homing(HOMING_HERE))
+
+
+def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
+    """`labrig devices stop` needs no file; whoever wants to move the axis is told which is missing."""
+    section = DRIVE.example_section(1).model_copy(update={"eds": "none.eds"}).placed_in(tmp_path)
+    with drive_on_a_bus(section, DRIVE.example_section(1)) as one:
+        other = type(one.driver)(one.link, DRIVE.example_section(1), "rotation", one.clock)
+        other.configure(HEARTBEAT, None)
+        other.enable()
+        other.start_move(50.0, 5.0)
+        one.driver.quick_stop()
+        one.driver.settle(2.0)
+        assert not one.node.is_moving
+        with pytest.raises(InputError, match=r"none\.eds does not exist"):
+            one.driver.identify()
+
+
+def test_the_scale_says_what_one_turn_a_second_is() -> None:
+    """Counts, rpm and thousandths of it, by what the section states."""
+    section = DRIVE.example_section(1)
+    assert section.scale() == AxisScale(2000.0, 1.0, 1.0, speed_units=60.0, acceleration_units=60.0)
+    fine = section.model_copy(update={"velocity_unit": "counts/s", "acceleration_factor": 0.5})
+    assert (fine.scale().speed_units, fine.scale().acceleration_units) == (2000.0, 120.0)
+    assert (section.speed_unit, fine.speed_unit) == ("rpm of the motor", "counts/s of the motor")

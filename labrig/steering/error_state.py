@@ -49,17 +49,17 @@ def step_error_state(state: TipState, observation: TipObservation, settings: Est
     kalman.predict()
     if observation.position_mm is None:
         return _apply_error(prediction, kalman, state, None)
-    innovation = prediction.rotation.T @ (observation.position_mm - prediction.position_mm)
-    seen = settings.observed[:, POSITION] @ innovation
-    nis = _update(kalman, seen, settings)
+    offset = prediction.rotation.T @ (observation.position_mm - prediction.position_mm)
+    innovation = settings.observed[:, POSITION] @ offset
+    nis = _update(kalman, innovation, settings)
     log_likelihood = -0.5 * (nis + math.log(np.linalg.det(2.0 * math.pi * kalman.S)))
     if nis <= settings.gate_nis:
         return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
     kalman.x, kalman.P = kalman.x_prior, kalman.P_prior
     if state.misses < settings.patience:
         return _apply_error(prediction, kalman, state, nis, log_likelihood)
-    kalman.P = kalman.P * (nis / len(seen))
-    _update(kalman, seen, settings)
+    kalman.P = kalman.P * (nis / len(innovation))
+    _update(kalman, innovation, settings)
     return _apply_error(prediction, kalman, state, nis, log_likelihood, accepted=True)
 
 
@@ -84,10 +84,10 @@ def _predict(state: TipState, observation: TipObservation, settings: EstimatorSe
     return _Prediction(rolled @ bend, state.position_mm + rolled @ advance, transition, process)
 
 
-def _update(kalman: ExtendedKalmanFilter, seen: FloatArray, settings: EstimatorSettings) -> float:
+def _update(kalman: ExtendedKalmanFilter, innovation: FloatArray, settings: EstimatorSettings) -> float:
     """Update the filter with an innovation, and return its NIS."""
-    kalman.R = settings.observation_sd_mm**2 * np.eye(len(seen))
-    kalman.update(seen, lambda _: settings.observed, lambda x: settings.observed @ x)
+    kalman.R = settings.observation_sd_mm**2 * np.eye(len(innovation))
+    kalman.update(innovation, lambda _: settings.observed, lambda x: settings.observed @ x)
     return float(kalman.y @ kalman.SI @ kalman.y)
 
 

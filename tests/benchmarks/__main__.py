@@ -1,7 +1,7 @@
-"""Print every table, or those named on the command line.
+"""Print every table, or the tables named on the command line.
 
-Each of several is made by a process of its own, so that none finds the memory or the threads of another, and one that
-fails does not keep the others from being printed; the exit code is 1 then, and the last line names it.
+Several tables run in a process each, so that no table inherits the memory or threads of another, and a table that
+fails does not prevent the others. The exit code is then 1, and the last line names the failed tables.
 """
 
 import subprocess
@@ -57,23 +57,23 @@ TABLES = {
 
 
 def main(names: list[str]) -> int:
-    """Print the tables and return the exit code: 2 for an unknown name, 1 where a table could not be made."""
+    """Print the tables and return the exit code: 2 for an unknown name, 1 if a table failed."""
     unknown = [name for name in names if name not in TABLES]
     if unknown:
-        print(f"no table {', '.join(unknown)}; there are {', '.join(TABLES)}", file=sys.stderr)
+        print(f"unknown benchmark {', '.join(unknown)}; choose from {', '.join(TABLES)}", file=sys.stderr)
         return 2
     if len(names) == 1:
         print(f"\n## {names[0]}", flush=True)
         TABLES[names[0]]()
         return 0
-    failed = [name for name in names or TABLES if _ended_with(name) != 0]
+    failed = [name for name in names or TABLES if _run_apart(name) != 0]
     if failed:
-        print(f"\nnot made: {', '.join(failed)}", file=sys.stderr)
+        print(f"\nfailed: {', '.join(failed)}", file=sys.stderr)
     return 1 if failed else 0
 
 
-def _ended_with(name: str) -> int:
-    """Make one table in a process of its own and return its exit code."""
+def _run_apart(name: str) -> int:
+    """Print a table in a process of its own and return its exit code."""
     return subprocess.run([sys.executable, "-m", "tests.benchmarks", name], check=False).returncode
 
 

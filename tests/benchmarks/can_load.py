@@ -1,4 +1,4 @@
-"""What it costs to watch three axes on a CAN bus: processor time of labrig over the time that passes."""
+"""The cost of watching three axes on a CAN bus: processor time of labrig over elapsed time."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ BUSES: dict[str, tuple[list[str], dict[str, object]]] = {
 
 
 def print_table() -> None:
-    """States of three axes a hundred times a second, and a rig that idles; the drives are served by another process."""
+    """Print the load of reading three axes at 100 Hz and of an idle rig; another process serves the drives."""
     rows = []
     for interface in BUSES:
         with _served(interface) as rig:
@@ -57,7 +57,7 @@ def _served(interface: str) -> Iterator[Rig]:
 
 
 def _measure(rig: Rig, work: Callable[[Rig, float], None]) -> tuple[float, float]:
-    """Return (how often it was done a second, processor time over time)."""
+    """Return the rate [Hz] of the work, and processor time over elapsed time."""
     start_s, start_cpu_s, done = time.monotonic(), time.process_time(), 0
     while (passed_s := time.monotonic() - start_s) < SECONDS:
         work(rig, start_s + (done + 1) / RATE_HZ)
@@ -66,11 +66,11 @@ def _measure(rig: Rig, work: Callable[[Rig, float], None]) -> tuple[float, float
 
 
 def _read(rig: Rig, due_s: float) -> None:
-    """Wait for the next hundredth of a second, looking after the rig, and read every axis."""
+    """Wait for the next hundredth of a second while the rig is served, and read every axis."""
     rig.wait(max(0.0, due_s - time.monotonic()))
     rig.read_states()
 
 
 def _idle(rig: Rig, _due_s: float) -> None:
-    """Look after the rig as it is done while a person is asked."""
+    """Serve the rig as during a question to the operator."""
     rig.wait(0.1)

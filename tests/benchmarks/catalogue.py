@@ -1,4 +1,4 @@
-"""How long it takes to list and search 5,000 runs."""
+"""The time to list and search 5,000 runs."""
 
 import shutil
 import statistics
@@ -21,7 +21,7 @@ REPETITIONS = 7
 
 
 def print_table(runs: int = RUNS) -> None:
-    """Print the time of a list and of a search: the command from start to exit, and the query alone."""
+    """Print the time of a list and a search: the command from start to exit, and the query alone."""
     with tempfile.TemporaryDirectory() as folder:
         runs_dir = Path(folder)
         _make_runs(runs_dir, runs)
@@ -67,7 +67,7 @@ def _best_s(work: Callable[[], object], repetitions: int) -> float:
 
 
 def _make_runs(runs_dir: Path, runs: int) -> None:
-    """Make one run as a recorder does, and copies of it that differ in name; their pictures are left out."""
+    """Make a run as a recorder does, and copies under other names without the pictures."""
     first = closed_run(runs_dir, "00000", started=STARTED + timedelta(seconds=1))
     for number in range(1, runs):
         shutil.copytree(first, runs_dir / f"{number:05d}", ignore=shutil.ignore_patterns("*.png"))

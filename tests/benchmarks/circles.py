@@ -1,4 +1,4 @@
-"""Circles through certified point sets beside their answers in sixty digits."""
+"""Circles through certified point sets beside their solutions in sixty digits."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ METHODS: tuple[CircleMethod, ...] = ("geometric", "taubin")
 
 
 def print_table() -> None:
-    """Each set and method: centre and radius, and the largest relative difference."""
+    """Print radius and largest relative difference of every set and method."""
     if not CIRCLES.is_dir():
         print(f"skipped: {CIRCLES} is not here")
         return

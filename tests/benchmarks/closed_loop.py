@@ -1,8 +1,8 @@
-"""Closed loop without a camera: planner, estimator and step against the simulated world with all its disturbances.
+"""Closed loop without a camera: planner, estimator and steering step in the simulated world with all disturbances.
 
 Each world draws its radius (16 % gel), play of the sheath, wandering heading and curvature, and one cavity; target and
-two obstacles are those of the planner's problems. The tip is observed every millimetre with a noise of 0.2 mm. What
-is judged is the world's own truth.
+two obstacles come from the planner's problems. The tip is observed every millimetre with a noise of 0.2 mm. The
+figures are those of the world's own truth.
 """
 
 import math
@@ -22,7 +22,7 @@ from labrig.steering.policy import SteeringSettings, TipSighting
 from labrig.steering.problem import PlanProblem
 from labrig.steering.step import start_steering, step_steering
 from labrig.steering.tip import EstimatorSettings
-from tests.benchmarks.planning_problems import RADIUS_MM, planar_problem
+from tests.benchmarks.planning_problems import RADIUS_MM, draw_planar_problem
 from tests.benchmarks.table import print_rows
 
 WORLDS = 200
@@ -33,8 +33,8 @@ MOST_STEPS = 1000
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How an insertion ended: why it stopped, and the world's truth of it."""
+class InsertionEnd:
+    """The end of an insertion: why it stopped, and the world's truth about it."""
 
     stop: str
     error_mm: float
@@ -44,7 +44,7 @@ class Ended:
 
 
 def print_table() -> None:
-    """The default policy and the paper's in the same worlds, and the default one in worlds without cavities."""
+    """Print the default policy and the paper's in the same worlds, and the default policy without cavities."""
     rows = [
         _row(name, policy, cavities)
         for name, policy, cavities in (
@@ -75,13 +75,16 @@ def _row(name: str, policy: str, cavities: int) -> list[object]:
         done = list(
             executor.map(partial(insert, policy=policy, cavities=cavities), range(WORLDS), chunksize=4)
         )
-    errors = sorted(one.error_mm for one in done)
-    stops = ", ".join(f"{stop} {count}" for stop, count in Counter(one.stop for one in done).most_common())
+    errors = sorted(insertion.error_mm for insertion in done)
+    stops = ", ".join(
+        f"{stop} {count}" for stop, count in Counter(insertion.stop for insertion in done).most_common()
+    )
     return [
         name, cavities, f"{100 * sum(error <= 2 for error in errors) / WORLDS:.1f} %", f"{statistics.mean(errors):.2f}",
         f"{statistics.median(errors):.2f}", f"{np.percentile(errors, 95):.2f}", f"{errors[-1]:.2f}",
-        sum(one.clearance_mm < 0 for one in done), f"{statistics.mean(one.replans for one in done):.0f}",
-        f"{statistics.mean(one.turns for one in done):.0f}", stops,
+        sum(insertion.clearance_mm < 0 for insertion in done),
+        f"{statistics.mean(insertion.replans for insertion in done):.0f}",
+        f"{statistics.mean(insertion.turns for insertion in done):.0f}", stops,
     ]  # fmt: skip
 
 
@@ -96,10 +99,10 @@ def steering_settings(problem: PlanProblem, policy: str) -> SteeringSettings:
     return SteeringSettings(problem, estimator)
 
 
-def insert(seed: int, policy: str, cavities: int) -> Ended:
+def insert(seed: int, policy: str, cavities: int) -> InsertionEnd:
     """Carry out one insertion in the world of a seed."""
-    problem = planar_problem(np.random.default_rng([2, seed]), 2)
-    world = _world(seed, problem, cavities)
+    problem = draw_planar_problem(np.random.default_rng([2, seed]), 2)
+    world = _make_world(seed, problem, cavities)
     chosen = steering_settings(problem, policy)
     noise = np.random.default_rng([seed, 3])
     linear_mm = world.description.sheath_tip_at_origin_linear_mm
@@ -116,7 +119,7 @@ def insert(seed: int, policy: str, cavities: int) -> Ended:
         seen = np.array((0.0, y, z)) + np.array((0.0, *noise.normal(0.0, SIGMA_MM, 2)))
         state, command = step_steering(state, TipSighting(command.observe_at_mm, seen), chosen)
     truth = world.truth()
-    return Ended(
+    return InsertionEnd(
         command.stop or "never",
         truth["true_target_error_mm"],
         truth["true_min_clearance_mm"],
@@ -125,7 +128,7 @@ def insert(seed: int, policy: str, cavities: int) -> Ended:
     )
 
 
-def _world(seed: int, problem: PlanProblem, cavities: int) -> World:
+def _make_world(seed: int, problem: PlanProblem, cavities: int) -> World:
     description = WorldDescription()
     disturbances = description.disturbances.model_copy(update={"cavities": cavities})
     world = World(description.model_copy(update={"disturbances": disturbances}), seed)

@@ -1,4 +1,4 @@
-"""SIGKILL at random moments of a sweep: does the record open, is anything lost, and does the sweep go on?"""
+"""SIGKILL at random moments of a sweep: does the record open, is anything lost, and can the sweep resume?"""
 
 import os
 import random
@@ -37,7 +37,7 @@ _STREAMS = ("states", "events", "frames")
 
 @dataclass(frozen=True)
 class Survived:
-    """What is true of a run after one SIGKILL."""
+    """The state of a run after a SIGKILL."""
 
     opened: bool
     nothing_lost: bool
@@ -49,15 +49,15 @@ class Survived:
 _UNHURT = Survived(opened=True, nothing_lost=True, lines_unchanged=True, resumed=True, results_equal=True)
 
 
-class Forge:
-    """A process that forks sweeps, each to be killed.
+class SweepSource:
+    """A process that forks sweeps to be killed.
 
     Attributes
     ----------
     sweep_s : float
-        How long a whole sweep takes.
+        Duration of a whole sweep.
     reference : Run
-        One that was not killed.
+        A sweep that was not killed.
     radii : dict
         Its results: trial to radius [mm].
     """
@@ -69,13 +69,13 @@ class Forge:
         assert process.stdout is not None
         assert process.stdout.readline() == "ended\n"
         self.reference = open_run(folder / UNKILLED / RUN)
-        self.radii = radii_of(self.reference)
+        self.radii = measure_radii(self.reference)
         started = perf_counter()
-        self.killed(None)
+        self.kill_after(None)
         self.sweep_s = perf_counter() - started
 
-    def killed(self, after_s: float | None) -> Path | None:
-        """Return the folder of a sweep killed after so long; None where it had not begun, or had ended by then."""
+    def kill_after(self, after_s: float | None) -> Path | None:
+        """Return the folder of a sweep killed after a time; None if it had not begun or had already ended."""
         folder = self._folder / str(next(self._numbers))
         folder.mkdir()
         process = self._process
@@ -92,30 +92,30 @@ class Forge:
 
 
 @contextmanager
-def forge(folder: Path) -> Iterator[Forge]:
+def fork_sweeps(folder: Path) -> Iterator[SweepSource]:
     """Start the process that forks sweeps."""
     (folder / UNKILLED).mkdir()
     command = [sys.executable, "-m", "tests.benchmarks.crashing", str(folder / UNKILLED)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield Forge(process, folder)
+        yield SweepSource(process, folder)
         process.kill()
 
 
-def survivors(count: int, seed: int, folder: Path) -> Iterator[Survived]:
-    """Kill sweeps at `count` random moments, and yield what became of each."""
+def kill_sweeps(count: int, seed: int, folder: Path) -> Iterator[Survived]:
+    """Kill sweeps at `count` random moments, and yield the state of each run."""
     source = random.Random(seed)
-    with forge(folder) as source_of_runs:
+    with fork_sweeps(folder) as source_of_runs:
         found = 0
         while found < count:
-            killed = source_of_runs.killed(source.uniform(0.0, source_of_runs.sweep_s))
+            killed = source_of_runs.kill_after(source.uniform(0.0, source_of_runs.sweep_s))
             if killed is not None:
                 found += 1
-                yield after_a_kill(killed, source_of_runs)
+                yield examine_killed(killed, source_of_runs)
                 shutil.rmtree(killed)
 
 
-def after_a_kill(folder: Path, unkilled: Forge) -> Survived:
-    """Open what a killed sweep left, compare it with one that was not killed, and go on with it."""
+def examine_killed(folder: Path, unkilled: SweepSource) -> Survived:
+    """Open the run of a killed sweep, compare it with an unkilled sweep, and resume it."""
     path = folder / RUN
     acknowledged = (
         Counter((folder / ACKNOWLEDGED).read_text().split())
@@ -130,7 +130,7 @@ def after_a_kill(folder: Path, unkilled: Forge) -> Survived:
     unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
     _resume(path)
     again = open_run(path)
-    planned, radii = unkilled.radii, radii_of(again)
+    planned, radii = unkilled.radii, measure_radii(again)
     finished = [int(trial) for trial in again.trials["trial"][again.trials["exit_status"] == "success"]]
     resumed = again.manifest["exit_status"] == "success" and len(finished) == len(planned)
     same = all(radii[trial] == planned[trial] for trial in finished if trial in planned)
@@ -139,7 +139,7 @@ def after_a_kill(folder: Path, unkilled: Forge) -> Survived:
 
 
 def _resume(path: Path) -> None:
-    """Go on with a killed run, as `labrig resume` does; one that had only to be closed is closed."""
+    """Resume a killed run as `labrig resume` does; close it if nothing else is left."""
     protocol, run = short_sweep(), open_run(path)
     if run.manifest["exit_status"] == "success":
         return
@@ -155,42 +155,46 @@ def _resume(path: Path) -> None:
         conduct_rest(sweep_experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
 
 
-def radii_of(run: Run) -> dict[int, float]:
+def measure_radii(run: Run) -> dict[int, float]:
     """Measure a run and return the radius of each trial's final picture."""
     result = analyze_run(run, experiment_of(run), created=_STARTED, provenance={}, workers=1)
     return {
-        int(one["trial"]): float(one["radius_mm"])
-        for one in result.document["measurements"]
-        if one["role"] == "final" and one["trial"] is not None and one["radius_mm"] is not None
+        int(line["trial"]): float(line["radius_mm"])
+        for line in result.document["measurements"]
+        if line["role"] == "final" and line["trial"] is not None and line["radius_mm"] is not None
     }
 
 
 def print_table(count: int = MOMENTS) -> None:
-    """Print of how many killed sweeps each thing is true; how far it has come goes to standard error."""
+    """Print in how many killed sweeps each condition holds; progress goes to standard error."""
     found: list[Survived] = []
     started = perf_counter()
     sizes = [min(_BATCH, count - done) for done in range(0, count, _BATCH)]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        batches = [pool.submit(_batch, size, seed) for seed, size in enumerate(sizes)]
+        batches = [pool.submit(_kill_batch, size, seed) for seed, size in enumerate(sizes)]
         for batch in as_completed(batches):
             found += batch.result()
-            sound = sum(each == _UNHURT for each in found)
+            sound = sum(survived == _UNHURT for survived in found)
             print(
                 f"{len(found)} of {count} killed, {sound} sound, {perf_counter() - started:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )
     rows = [
-        [one.name.replace("_", " "), sum(getattr(each, one.name) for each in found), f"{count} of {count}"]
-        for one in fields(Survived)
+        [
+            field.name.replace("_", " "),
+            sum(getattr(survived, field.name) for survived in found),
+            f"{count} of {count}",
+        ]
+        for field in fields(Survived)
     ]
     print_rows(("after SIGKILL at a random moment", "runs", "limit"), rows)
 
 
-def _batch(count: int, seed: int) -> list[Survived]:
+def _kill_batch(count: int, seed: int) -> list[Survived]:
     """Kill some sweeps in a folder and a process of their own."""
     with tempfile.TemporaryDirectory() as folder:
-        return list(survivors(count, seed, Path(folder)))
+        return list(kill_sweeps(count, seed, Path(folder)))
 
 
 if __name__ == "__main__":

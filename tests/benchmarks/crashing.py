@@ -1,8 +1,8 @@
-"""Runs a short sweep for each line that it is given, in a process of its own that somebody else kills.
+"""Run a short sweep for each input line, in a forked process that another process kills.
 
-Importing, and drawing what every picture has behind the needle, take longer than the sweep: this process makes one
-sweep itself, in the folder that its argument names, and forks the others. Each call of the recorder that has returned
-is acknowledged in a file beside the run, which a killed process leaves behind as it leaves the record.
+Imports and the backdrop of the pictures take longer than the sweep. So this process runs a first sweep itself, in the
+folder of its argument, and forks the others. Each returned call of the recorder is acknowledged in a file beside the
+run, which survives a kill as the record does.
 """
 
 import os
@@ -51,10 +51,10 @@ def rig() -> RigDescription:
 
 
 class AcknowledgingRecorder(Recorder):
-    """A recorder that says in a file which calls have returned."""
+    """A recorder that writes into a file which calls have returned."""
 
     def acknowledge(self, stream: str) -> None:
-        """Say that a line is recorded."""
+        """Acknowledge a recorded line."""
         descriptor = os.open(self.path.parent / ACKNOWLEDGED, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
         os.write(descriptor, f"{stream}\n".encode())
         os.close(descriptor)
@@ -77,7 +77,7 @@ class AcknowledgingRecorder(Recorder):
 
 
 def never() -> str | None:
-    """Return no signal: what kills this process cannot be caught."""
+    """Return no signal, because SIGKILL cannot be caught."""
     return None
 
 
@@ -107,7 +107,7 @@ def run_sweep(folder: Path) -> None:
 
 
 def main() -> None:
-    """Fork a sweep for each folder that is named on standard input; say its process id, then that it has ended."""
+    """Fork a sweep for each folder on standard input; print its process id, then its end."""
     run_sweep(Path(sys.argv[1]))
     print("ended", flush=True)
     for line in sys.stdin:

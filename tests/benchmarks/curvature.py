@@ -1,4 +1,4 @@
-"""Radii in rendered pictures with a known arc, through cameras that are calibrated from rendered corners and paper.
+"""Radii in rendered pictures of a known arc, with cameras calibrated from rendered corners and paper.
 
 `python -m tests.benchmarks curvature`; the number of pictures is `LABRIG_BENCHMARK_PICTURES`, 500 unless set. The
 renderer is `tests/vision/rendering.py`, which shares no code with the measurement. Each calibration and its ten
@@ -39,16 +39,18 @@ SPEED_REPEATS = 30
 
 
 def print_table() -> None:
-    """Bias, worst error and coverage over pictures; efficiency on clean arcs; time of a 1080p frame."""
-    measured = _all_measured()
-    accepted = [one for one in measured if one.accepted and one.radius_mm is not None]
-    errors = np.array([one.radius_mm or np.nan for one in accepted]) - RADIUS_MM
+    """Print bias, worst error and coverage over pictures, efficiency on clean arcs, and time of a 1080p frame."""
+    measured = _measure_all()
+    accepted = [picture for picture in measured if picture.accepted and picture.radius_mm is not None]
+    errors = np.array([picture.radius_mm or np.nan for picture in accepted]) - RADIUS_MM
     held = [
-        one.radius_ci95_mm is not None and one.radius_ci95_mm[0] <= RADIUS_MM <= one.radius_ci95_mm[1]
-        for one in accepted
+        picture.radius_ci95_mm is not None
+        and picture.radius_ci95_mm[0] <= RADIUS_MM <= picture.radius_ci95_mm[1]
+        for picture in accepted
     ]
     parts = np.mean(
-        [[one.sigma_radius_mm or 0.0, one.sigma_calibration_mm or 0.0] for one in accepted], axis=0
+        [[picture.sigma_radius_mm or 0.0, picture.sigma_calibration_mm or 0.0] for picture in accepted],
+        axis=0,
     )
     rows = [
         [f"pictures measured, of {len(measured)}", len(accepted), len(measured)],
@@ -57,21 +59,21 @@ def print_table() -> None:
         ["95 % intervals that hold the truth, %", f"{100.0 * np.mean(held):.1f}", "92 to 98"],
         ["observed sd, mm", f"{errors.std():.4f}", "-"],
         ["stated sd, mm (of which calibration)", f"{parts[0]:.4f} ({parts[1]:.4f})", "-"],
-        ["efficiency on clean arcs", f"{_efficiency():.3f}", "0.8"],
-        ["shaft and circle of a 1080p frame, ms", f"{_time_of_its_own_ms():.1f}", "20"],
+        ["efficiency on clean arcs", f"{_measure_efficiency():.3f}", "0.8"],
+        ["shaft and circle of a 1080p frame, ms", f"{_measure_time_ms():.1f}", "20"],
     ]
     print_rows(("figure", "measured", "limit"), rows)
 
 
-def _all_measured() -> list[CurvatureMeasurement]:
-    """Return what every picture shows, measured on all cores; how far it has come is said on standard error."""
+def _measure_all() -> list[CurvatureMeasurement]:
+    """Return the measurements of all pictures, on all cores; progress goes to standard error."""
     firsts = range(0, PICTURES, PICTURES_A_CALIBRATION)
     bench = Bench(Lens())
-    cv2.setNumThreads(1)  # a process a core; OpenCV's threads do not survive the fork either
+    cv2.setNumThreads(1)  # a process per core; OpenCV's threads do not survive the fork either
     started = time.perf_counter()
     measured: list[CurvatureMeasurement] = []
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("fork")) as pool:
-        for batch in pool.map(partial(_batch, bench), firsts):
+        for batch in pool.map(partial(_measure_batch, bench), firsts):
             measured += batch
             took_s = time.perf_counter() - started
             left_s = took_s * (PICTURES / len(measured) - 1.0)
@@ -80,21 +82,21 @@ def _all_measured() -> list[CurvatureMeasurement]:
     return measured
 
 
-def _batch(bench: Bench, first: int) -> list[CurvatureMeasurement]:
-    """Return what the pictures of one calibration show."""
+def _measure_batch(bench: Bench, first: int) -> list[CurvatureMeasurement]:
+    """Return the measurements of the pictures of a calibration."""
     random = np.random.default_rng(first)
-    plane = _plane(bench, _lens(bench.lens, random), random)
+    plane = _calibrate_plane(bench, _calibrate_lens(bench.lens, random), random)
     count = min(PICTURES_A_CALIBRATION, PICTURES - first)
-    return [_measured(bench, plane, first + number, random) for number in range(count)]
+    return [_measure(bench, plane, first + number, random) for number in range(count)]
 
 
-def _measured(bench: Bench, plane: PlaneMap, seed: int, random: np.random.Generator) -> CurvatureMeasurement:
+def _measure(bench: Bench, plane: PlaneMap, seed: int, random: np.random.Generator) -> CurvatureMeasurement:
     needle = Needle(RADIUS_MM, sheath_tip_mm=(random.uniform(-2.0, 6.0), random.uniform(-1.0, 3.0)))
     return measure_curvature(bench.picture(needle, Gel(), seed), plane, CurvatureSettings())
 
 
-def _lens(lens: Lens, random: np.random.Generator) -> Intrinsics:
-    """Return the camera as corners with noise say it is."""
+def _calibrate_lens(lens: Lens, random: np.random.Generator) -> Intrinsics:
+    """Return the camera as calibrated from corners with noise."""
     board = board_points_mm(9, 6, 6.0)
     poses = [
         (0, 0, 0, 0),
@@ -127,8 +129,8 @@ def _lens(lens: Lens, random: np.random.Generator) -> Intrinsics:
     return calibrate_intrinsics(boards, views, (lens.width, lens.height))
 
 
-def _plane(bench: Bench, lens: Intrinsics, random: np.random.Generator) -> PlaneMap:
-    """Return the plane as a picture of ruled paper says it is."""
+def _calibrate_plane(bench: Bench, lens: Intrinsics, random: np.random.Generator) -> PlaneMap:
+    """Return the plane as calibrated from a picture of ruled paper."""
     offset = np.abs(bench.mm - np.round(bench.mm)).min(axis=2)
     lines = np.clip(0.5 + (0.05 - offset) * bench.px_per_mm, 0.0, 1.0)
     paper = cv2.GaussianBlur(210.0 * (1.0 - 0.35 * lines), (0, 0), 0.8)
@@ -137,7 +139,7 @@ def _plane(bench: Bench, lens: Intrinsics, random: np.random.Generator) -> Plane
     return calibrate_plane(picture, lens, 1.0, bench.lens.origin_px, "right")
 
 
-def _efficiency() -> float:
+def _measure_efficiency() -> float:
     """Return the Cramer-Rao bound's variance over that of the robust fit on clean arcs of 81.85 degrees."""
     random = np.random.default_rng(7)
     turn = np.linspace(0.0, np.deg2rad(81.85), 2000)
@@ -148,8 +150,8 @@ def _efficiency() -> float:
     return float(bound / np.var(found))
 
 
-def _time_of_its_own_ms() -> float:
-    """Return the median time to measure a 1920x1080 picture, in a process that has done nothing else."""
+def _measure_time_ms() -> float:
+    """Return the median time to measure a 1920x1080 picture, in a fresh process."""
     command = [sys.executable, "-c", "from tests.benchmarks import curvature; print(curvature.time_ms())"]
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 

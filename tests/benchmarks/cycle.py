@@ -1,4 +1,4 @@
-"""One control cycle of an insertion at 1080p: the tip found, its pose estimated, the path decided."""
+"""A control cycle of an insertion at 1080p: find the tip, estimate its pose, decide on the path."""
 
 import math
 import statistics
@@ -43,18 +43,18 @@ SEEDS = 3
 
 
 def print_table() -> None:
-    """Time of a cycle over whole insertions, apart from reading the frame, and the parts of it."""
-    timed = [cycle for seed in range(SEEDS) for cycle in _cycles(seed)]
+    """Print the time of a cycle and its parts over whole insertions, without reading the frame."""
+    timed = [cycle for seed in range(SEEDS) for cycle in _time_cycles(seed)]
     whole = [found + decided for found, decided, _ in timed]
     worked = [processor for *_, processor in timed]
     print_rows(
         (f"ms, over {len(timed)} cycles of {SEEDS} insertions, 1920 x 1080 px", "median", "worst", "limits"),
         [
             ["a cycle", *_row(whole), "10, 33"],
-            ["... in processor time, which other programs do not lengthen", *_row(worked), "-"],
+            ["... in processor time, without the load of other programs", *_row(worked), "-"],
             ["finding the tip", *_row([cycle[0] for cycle in timed]), "-"],
             [
-                "estimating, and planning where there is an occasion",
+                "estimating, and replanning on an occasion",
                 *_row([cycle[1] for cycle in timed]),
                 "-",
             ],
@@ -70,23 +70,25 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.2f}"
 
 
-def _cycles(seed: int) -> list[tuple[float, float, float]]:
-    """Return the times of finding and of deciding, and the processor time [s], at each look of one insertion."""
+def _time_cycles(seed: int) -> list[tuple[float, float, float]]:
+    """Return the times of finding and deciding, and the processor time [s], at each look of an insertion."""
     protocol = load_protocol(PROTOCOL, PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
-    eye = _eye()
-    aim = aim_of(protocol, eye.plane)
+    view = _make_view()
+    aim = aim_of(protocol, view.plane)
     settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
-    world = _world(seed, tuple(Ball(one.position_mm, one.radius_mm) for one in aim.obstacles))
+    world = _make_world(
+        seed, tuple(Ball(obstacle.position_mm, obstacle.radius_mm) for obstacle in aim.obstacles)
+    )
     state, command = start_steering(settings)
     bevel_rad = at_mm = 0.0
     timed = []
     while command.stop is None:
         bevel_rad += -abs(command.roll_rad) if bevel_rad > 0.0 else abs(command.roll_rad)
-        at_mm = _inserted(world, at_mm, command.observe_at_mm, bevel_rad)
+        at_mm = _insert(world, at_mm, command.observe_at_mm, bevel_rad)
         image = world.picture()
         started, worked = time.perf_counter(), time.process_time()
-        seen = find_tip(eye, image, state.predict(at_mm, settings), state.tip, bevel_rad)
+        seen = find_tip(view, image, state.predict(at_mm, settings), state.tip, bevel_rad)
         found = time.perf_counter()
         state, command = step_steering(state, TipSighting(at_mm, seen.position_mm), settings)
         decided, processor = time.perf_counter() - found, time.process_time() - worked
@@ -95,7 +97,7 @@ def _cycles(seed: int) -> list[tuple[float, float, float]]:
     return timed
 
 
-def _world(seed: int, obstacles: tuple[Ball, ...]) -> World:
+def _make_world(seed: int, obstacles: tuple[Ball, ...]) -> World:
     """Return a world with the sheath in its block and the needle in the sheath."""
     world = World(_WORLD, seed)
     world.mount_needle("N1")
@@ -104,14 +106,14 @@ def _world(seed: int, obstacles: tuple[Ball, ...]) -> World:
     return world
 
 
-def _inserted(world: World, from_mm: float, to_mm: float, bevel_rad: float) -> float:
+def _insert(world: World, from_mm: float, to_mm: float, bevel_rad: float) -> float:
     for place_mm in np.linspace(from_mm, to_mm, max(2, math.ceil((to_mm - from_mm) / _STEP_MM) + 1))[1:]:
         world.advance(float(place_mm), bevel_rad, _WORLD.sheath_tip_at_origin_linear_mm)
     return to_mm
 
 
-def _eye() -> TipView:
-    """Return the exact plane map of the lens, and a template cut from an insertion of its own."""
+def _make_view() -> TipView:
+    """Return the exact plane map of the lens, and a template cut from another insertion."""
     corners_mm = np.array([(-40.0, 0.0), (30.0, 0.0), (-40.0, 110.0), (30.0, 110.0)])
     corners_px = plane_to_pixels(corners_mm, _LENS)
     homography = np.asarray(
@@ -119,8 +121,8 @@ def _eye() -> TipView:
     )
     size = (_LENS.width_px, _LENS.height_px)
     plane = PlaneMap(homography, None, _LENS.origin_px, "right", size, _LENS.distance_mm / _LENS.fx_px)
-    world = _world(100, ())
-    _inserted(world, 0.0, _TEMPLATE_DEPTH_MM, 0.0)
+    world = _make_world(100, ())
+    _insert(world, 0.0, _TEMPLATE_DEPTH_MM, 0.0)
     line = world.centre_line_mm(2000)
     heading_rad = math.atan2(*(line[-1] - line[-4]))
     u, v = plane.to_px(line[-1:])[0].tolist()

@@ -1,4 +1,4 @@
-"""Tip estimator: heading against the paper's filter, consistency, and the time of one update."""
+"""Tip estimator: heading against the paper's filter, consistency, and the time of an update."""
 
 import statistics
 import time
@@ -20,7 +20,7 @@ METHODS: tuple[EstimatorMethod, ...] = ("paper", "error-state")
 
 
 def print_table() -> None:
-    """Three tables of 200 simulated insertions of 100 mm in steps of 1 mm, each with two flips."""
+    """Print three tables of 200 simulated insertions of 100 mm in steps of 1 mm, each with two flips."""
     _print_headings()
     print()
     _print_consistency()
@@ -63,7 +63,7 @@ def _print_times() -> None:
                 times.append(1e6 * (time.perf_counter() - started))
         tail = statistics.quantiles(times, n=20)[-1]
         rows.append([method, f"{statistics.median(times):.0f}", f"{tail:.0f}", "100"])
-    print_rows(("one update, us", "median", "95 %", "at most"), rows)
+    print_rows(("an update, us", "median", "95 %", "at most"), rows)
 
 
 def _world(planar: bool) -> str:

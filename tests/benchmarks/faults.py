@@ -1,4 +1,4 @@
-"""The fault matrix: what must come of each fault in each phase, and what came of it."""
+"""The fault matrix: expected and actual outcome of each fault in each phase."""
 
 import tempfile
 from pathlib import Path
@@ -9,7 +9,7 @@ from tests.runner.fault_cells import run_cell
 
 
 def print_table() -> None:
-    """Run every cell; times are those of the drives' own journals."""
+    """Run every cell; times come from the drives' own journals."""
     rows, wrong = [], 0
     for fault, phase in CELLS:
         expected = outcome_of(fault, phase)
@@ -28,5 +28,5 @@ def print_table() -> None:
                 "; ".join(result.differences) or "as expected",
             ]
         )
-    print_rows(("fault", "axis", "expected", "limit ms", "still after ms", "came of it"), rows)
-    print(f"{len(rows) - wrong} of {len(rows)} cells as the table says")
+    print_rows(("fault", "axis", "expected", "limit ms", "still after ms", "outcome"), rows)
+    print(f"{len(rows) - wrong} of {len(rows)} cells as expected")

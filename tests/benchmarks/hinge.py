@@ -1,4 +1,4 @@
-"""The hinge: the grid of figure 3 beside equation (3), its time, and the search beside brute force."""
+"""The hinge: the grid of figure 3 against equation (3), its time, and the search against brute force."""
 
 import json
 import sys
@@ -19,7 +19,7 @@ STEP_DEG = 0.01
 
 
 def print_table() -> None:
-    """The design command on the paper's needle, then twenty random designs."""
+    """Print the design command on the paper's needle, then twenty random designs."""
     _print_design()
     _print_brute_force()
 
@@ -39,8 +39,8 @@ def _print_design() -> None:
 
 
 @dataclass(frozen=True)
-class Compared:
-    """One hinge of one design: the largest free angle of the grid less the searched one, and the work."""
+class Comparison:
+    """A hinge of a design: the largest free angle of the grid less the searched angle, and the work."""
 
     difference_deg: float
     angles: int
@@ -51,22 +51,22 @@ def _print_brute_force() -> None:
     started = time.perf_counter()
     with ProcessPoolExecutor() as executor:
         compared = [both for pair in executor.map(_compare, range(DESIGNS)) for both in pair]
-    differences = [one.difference_deg for one in compared]
+    differences = [view.difference_deg for view in compared]
     print(
         f"brute force every {STEP_DEG} degrees of the whole box, {DESIGNS} random designs, both hinges: "
-        f"{sum(one.angles for one in compared)} angles, {sum(one.tried for one in compared)} tried and the others "
-        f"ruled out by a bound; largest free angle less the searched one "
+        f"{sum(view.angles for view in compared)} angles, {sum(view.tried for view in compared)} tried and the others "
+        f"ruled out by a bound; largest free angle less the searched angle "
         f"{min(differences):+.3f} to {max(differences):+.3f} degrees (limit 0.02 either way), "
         f"{time.perf_counter() - started:.0f} s"
     )
 
 
-def _compare(number: int) -> list[Compared]:
+def _compare(number: int) -> list[Comparison]:
     hinge = random_hinge(number)
     return [_compare_view(view) for view in (hinge.hinge_a(), hinge.hinge_b())]
 
 
-def _compare_view(view: HingeView) -> Compared:
+def _compare_view(view: HingeView) -> Comparison:
     brute = LargestFree(view, STEP_DEG)
     difference_deg = brute.angle_deg() - search_largest_rotation(view).rotation_deg
-    return Compared(difference_deg, brute.angles, brute.tried)
+    return Comparison(difference_deg, brute.angles, brute.tried)

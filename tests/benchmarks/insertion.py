@@ -16,7 +16,7 @@ LONGEST_S = 15.0
 
 
 def print_table(seeds: Sequence[int] = SEEDS) -> None:
-    """Run every seed, and print each one's figures and how many keep the limits."""
+    """Run every seed, and print its figures and how many seeds keep the limits."""
     rows, errors_mm, walls_s, held = [], [], [], 0
     with tempfile.TemporaryDirectory() as folder:
         for seed in seeds:
@@ -44,7 +44,7 @@ def print_table(seeds: Sequence[int] = SEEDS) -> None:
         [
             [f"within {LARGEST_ERROR_MM:g} mm", sum(e <= LARGEST_ERROR_MM for e in errors_mm), len(seeds)],
             ["mean true error, mm", f"{sum(known) / max(len(known), 1):.3f}", "0.4"],
-            [f"95 % intervals of the measured error that hold the true one, of {len(seeds)}", held, "-"],
+            [f"95 % intervals of the measured error that hold the true error, of {len(seeds)}", held, "-"],
             ["longest wall time, s", f"{max(walls_s):.1f}", f"{LONGEST_S:g}"],
         ],
     )
@@ -65,23 +65,25 @@ def _row(seed: int, measured: Measured, document: dict[str, Any], result: dict[s
         str(document.get("exit_status")),
         str(document.get("reason") or "-"),
         *("-" if result.get(name) is None else f"{result[name]:.3f}" for name in figures),
-        str(_turns(Path(document["run"]))) if "run" in document else "-",
+        str(_count_turns(Path(document["run"]))) if "run" in document else "-",
         f"{measured.wall_s:.1f}",
     ]
 
 
 def _holds(result: dict[str, Any]) -> bool:
-    """Return whether the true error lies within 1.96 standard deviations of the measured one."""
-    one = next(iter(result.get("insertions", ())), {})
-    known = [one.get(f"{name}_mm") for name in ("true_target_error", "target_error", "sigma_target_error")]
-    if None in known:
+    """Return whether the true error lies within 1.96 standard deviations of the measured error."""
+    insertion = next(iter(result.get("insertions", ())), {})
+    errors = [
+        insertion.get(f"{name}_mm") for name in ("true_target_error", "target_error", "sigma_target_error")
+    ]
+    if None in errors:
         return False
-    true_mm, measured_mm, sigma_mm = known
+    true_mm, measured_mm, sigma_mm = errors
     return abs(true_mm - measured_mm) <= 1.96 * sigma_mm
 
 
-def _turns(run: Path) -> int:
-    """Return how often the bevel was turned in tissue."""
+def _count_turns(run: Path) -> int:
+    """Return the number of turns of the bevel in tissue."""
     lines = (run / "events.jsonl").read_text(encoding="utf-8").splitlines()
     events = (json.loads(line) for line in lines)
-    return sum(one["kind"] == "flip" and one["depth_mm"] > 0 for one in events)
+    return sum(event["kind"] == "flip" and event["depth_mm"] > 0 for event in events)

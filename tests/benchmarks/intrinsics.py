@@ -1,4 +1,4 @@
-"""The intrinsics of known photographs and corners beside their published answers, and what is refused."""
+"""The intrinsics of known photographs and corners beside their published values, and what is refused."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "skew")
 
 
 def print_table() -> None:
-    """OpenCV's left set, the same with a window of 11 forced, Zhang's five views, and what must be refused."""
+    """Print OpenCV's left set, the same with a forced window of 11, Zhang's five views, and what must be refused."""
     if not DATA.is_dir():
         print(f"skipped: {DATA} is not here")
         return

@@ -1,8 +1,8 @@
-"""A planner that shares no code and no formula with labrig's: it drives every path of a grid, step by step.
+"""A planner that shares no code and no formula with labrig's: it follows every path of a grid step by step.
 
-Paths are integrated by the midpoint rule with steps of about half a millimetre; each arc's angle is one of a grid,
-signs alternate, and a path that touches an obstacle or points backwards goes no further. A path counts as a solution
-if a point of it lies within the tolerance; the caps on arcs, angle and length are those of the planner.
+Paths are integrated by the midpoint rule with steps of about half a millimetre. Each arc's angle is from a grid, signs
+alternate, and a path that touches an obstacle or points backwards ends there. A path is a solution if a point of it
+lies within the tolerance; the limits on arcs, angle and length are those of the planner.
 """
 
 import math
@@ -36,8 +36,8 @@ def oracle_solves(
         ends = []
         walking = states
         for count in range(1, 2 * ANGLES_PER_ARC + 1):
-            walking = _walk(walking, step)
-            walking = walking[_allowed(walking, walls, half_needle + clearance, max_length)]
+            walking = _step_forward(walking, step)
+            walking = walking[_find_allowed(walking, walls, half_needle + clearance, max_length)]
             if not len(walking):
                 break
             if np.any(np.hypot(walking[:, 0] - target[0], walking[:, 1] - target[1]) <= tolerance):
@@ -46,11 +46,11 @@ def oracle_solves(
                 ends.append(walking * np.array([1, 1, 1, 1, -1]))
         if not ends:
             return False
-        states = _one_per_cell(np.concatenate(ends), beam)
+        states = _thin(np.concatenate(ends), beam)
     return False
 
 
-def _walk(states: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+def _step_forward(states: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     y, z, heading, length, sign = states.T
     middle = heading + sign * STEP_RAD / 2
     return np.stack(
@@ -65,7 +65,7 @@ def _walk(states: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     )
 
 
-def _allowed(
+def _find_allowed(
     states: NDArray[np.float64], walls: NDArray[np.float64], gap: float, max_length: float
 ) -> NDArray[np.bool_]:
     fine = (np.abs(states[:, 2]) <= math.pi / 2 + 1e-9) & (states[:, 3] <= max_length)
@@ -74,19 +74,17 @@ def _allowed(
     return fine
 
 
-def _one_per_cell(states: NDArray[np.float64], beam: int) -> NDArray[np.float64]:
-    """Keep one state a cell of 0.5 mm and 2 degrees, and an even spread of these."""
+def _thin(states: NDArray[np.float64], beam: int) -> NDArray[np.float64]:
+    """Keep a state per cell of 0.5 mm and 2 degrees, and an even selection of these."""
     cells = np.round(states[:, [0, 1, 2, 4]] / np.array([0.5, 0.5, math.radians(2.0), 1.0])).astype(int)
     _, first = np.unique(cells, axis=0, return_index=True)
     return states[first[:: len(first) // beam + 1]]
 
 
-def integrated_path(
-    arcs: list[tuple[float, float]], radius: float, step: float = 0.02
-) -> NDArray[np.float64]:
+def integrate_path(arcs: list[tuple[float, float]], radius: float, step: float = 0.02) -> NDArray[np.float64]:
     """Return points (N, 3) of a path of (roll, angle) arcs from the origin along z, by steps of `step` mm.
 
-    The needle's frame is turned by its angular velocity alone, with none of the closed forms of an arc.
+    The needle's frame is turned by its angular velocity alone, without the closed forms of an arc.
     """
     place, frame, points = np.zeros(3), np.eye(3), [np.zeros(3)]
     for roll, angle in arcs:

@@ -1,4 +1,4 @@
-"""The planner on random problems, beside an oracle and beside OMPL's control RRT on the same needle."""
+"""The planner on random problems, against an oracle and against OMPL's control RRT on the same needle."""
 
 import importlib.util
 import time
@@ -8,7 +8,7 @@ import numpy as np
 from labrig.steering.planner import plan_path
 from labrig.steering.problem import PlanProblem
 from tests.benchmarks.oracle import oracle_solves
-from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems
+from tests.benchmarks.planning_problems import draw_planar_problem, draw_spatial_problems, find_faults
 from tests.benchmarks.table import print_rows
 
 SETS = ((2, 200), (5, 100), (9, 100), (14, 100))
@@ -17,12 +17,14 @@ RIVAL_LIMIT_S = 2.0
 
 
 def print_table() -> None:
-    """Solved, missed against the oracle, and times, for each set of problems."""
-    rows = [_row(count, [planar_problem(rng, count) for _ in range(size)]) for count, size, rng in _sets()]
-    rows.append(_row(3, spatial_problems(40, seed=3)))
+    """Print solved problems, misses against the oracle, and times for each set of problems."""
+    rows = [
+        _row(count, [draw_planar_problem(rng, count) for _ in range(size)]) for count, size, rng in _sets()
+    ]
+    rows.append(_row(3, draw_spatial_problems(40, seed=3)))
     heads = ("problems", "solved", "oracle", "oracle alone", "bad", "median ms", "95 % ms", "worst ms")
     print_rows(heads, rows)
-    problems = [planar_problem(np.random.default_rng([2, k]), 2) for k in range(RIVAL_PROBLEMS)]
+    problems = [draw_planar_problem(np.random.default_rng([2, k]), 2) for k in range(RIVAL_PROBLEMS)]
     print("\nside by side, the same planar problems with two obstacles")
     print_rows(("planner", "solved", "median ms", "95 % ms"), _side_by_side(problems))
 
@@ -37,7 +39,7 @@ def _row(count: int, problems: list[PlanProblem]) -> list[object]:
         started = time.perf_counter()
         solved.append(plan_path(problem).found)
         times.append(1000 * (time.perf_counter() - started))
-    bad = sum(bool(faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
+    bad = sum(bool(find_faults(problem)) for problem, ok in zip(problems, solved, strict=True) if ok)
     planar = problems[0].planar
     known = [oracle(problem) for problem in problems] if planar else [True] * len(problems)
     alone = sum(theirs and not ours for theirs, ours in zip(known, solved, strict=True))
@@ -60,7 +62,7 @@ def oracle(problem: PlanProblem) -> bool:
 
 
 def _side_by_side(problems: list[PlanProblem]) -> list[list[object]]:
-    """Return a row a planner; the planners take turns, so that the machine's load is the same for each."""
+    """Return a row per planner; the planners take turns, so that the machine's load is the same for all."""
     planners = {"labrig": lambda p: plan_path(p).found}
     if importlib.util.find_spec("ompl") is not None:
         from tests.benchmarks.ompl_rrt import rrt_solves

@@ -1,68 +1,68 @@
-"""The planning problems of the tables and the tests, all drawn from seeds."""
+"""The planning problems of the tables and the tests, drawn from seeds."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labrig.steering.planner import plan_path
 from labrig.steering.problem import Obstacle, PlanProblem
-from tests.benchmarks.oracle import integrated_path
+from tests.benchmarks.oracle import integrate_path
 
 RADIUS_MM, DIAMETER_MM, CLEARANCE_MM, TOLERANCE_MM = 27.6, 1.2, 0.6, 2.0
 MAX_ARCS, MAX_LENGTH_MM = 6, 150.0
 
 
-def planar_problem(rng: np.random.Generator, obstacles: int) -> PlanProblem:
-    """Return a planar problem: with two obstacles these are of 8 mm near the line, otherwise anywhere."""
+def draw_planar_problem(rng: np.random.Generator, obstacles: int) -> PlanProblem:
+    """Return a planar problem: two obstacles have 8 mm and are near the line, other numbers are anywhere."""
     target = (0.0, rng.uniform(-15, 15), rng.uniform(95, 103))
-    spheres = _near_the_line(rng, target) if obstacles == 2 else _anywhere(rng, obstacles)
+    spheres = _draw_near_line(rng, target) if obstacles == 2 else _draw_anywhere(rng, obstacles)
     return PlanProblem(
         target, spheres, radius_mm=RADIUS_MM, diameter_mm=DIAMETER_MM, tolerance_mm=TOLERANCE_MM,
         clearance_mm=CLEARANCE_MM, max_arcs=MAX_ARCS, max_length_mm=MAX_LENGTH_MM, planar=True,
     )  # fmt: skip
 
 
-def _near_the_line(rng: np.random.Generator, target: tuple[float, float, float]) -> tuple[Obstacle, ...]:
+def _draw_near_line(rng: np.random.Generator, target: tuple[float, float, float]) -> tuple[Obstacle, ...]:
     depths = (rng.uniform(28, 42), rng.uniform(60, 76))
     return tuple(Obstacle((0.0, target[1] * z / target[2] + rng.uniform(-6, 6), z), 8.0) for z in depths)
 
 
-def _anywhere(rng: np.random.Generator, count: int) -> tuple[Obstacle, ...]:
+def _draw_anywhere(rng: np.random.Generator, count: int) -> tuple[Obstacle, ...]:
     return tuple(
         Obstacle((0.0, rng.uniform(-26, 26), rng.uniform(18, 86)), rng.uniform(3, 6)) for _ in range(count)
     )
 
 
-def spatial_problems(count: int, seed: int) -> list[PlanProblem]:
-    """Return problems with three spheres, built around a witness path, that block the plan made without them."""
+def draw_spatial_problems(count: int, seed: int) -> list[PlanProblem]:
+    """Return problems with three spheres around a witness path that block the plan made without them."""
     rng = np.random.default_rng(seed)
     problems: list[PlanProblem] = []
     while len(problems) < count:
-        problem = _around_a_witness(rng)
+        problem = _draw_around_witness(rng)
         if problem is not None:
             problems.append(problem)
     return problems
 
 
-def _around_a_witness(rng: np.random.Generator) -> PlanProblem | None:
+def _draw_around_witness(rng: np.random.Generator) -> PlanProblem | None:
     arcs = int(rng.integers(3, 6))
     rolls = np.pi + rng.normal(0, 1, arcs)
     rolls[0] = rng.uniform(-np.pi, np.pi)
-    witness = integrated_path(list(zip(rolls, rng.uniform(0.4, 1.1, arcs), strict=True)), RADIUS_MM, 0.3)
+    witness = integrate_path(list(zip(rolls, rng.uniform(0.4, 1.1, arcs), strict=True)), RADIUS_MM, 0.3)
     target = (float(witness[-1, 0]), float(witness[-1, 1]), float(witness[-1, 2]))
     if target[2] < 75 or np.any(np.diff(witness[:, 2]) < 0.05):
         return None
     free = plan_path(PlanProblem(target))
     if not free.found:
         return None
-    blocked = integrated_path([(arc.roll_rad, arc.angle_rad) for arc in free.arcs], RADIUS_MM, 0.3)
-    spheres = _spheres_beside(rng, witness, blocked)
+    blocked = integrate_path([(arc.roll_rad, arc.angle_rad) for arc in free.arcs], RADIUS_MM, 0.3)
+    spheres = _draw_spheres(rng, witness, blocked)
     return PlanProblem(target, spheres) if spheres else None
 
 
-def _spheres_beside(
+def _draw_spheres(
     rng: np.random.Generator, witness: NDArray[np.float64], blocked: NDArray[np.float64]
 ) -> tuple[Obstacle, ...]:
-    """Return three spheres that leave the witness its clearance; the first cuts the free plan; or none."""
+    """Return three spheres that leave the witness its clearance, the first of which cuts the free plan, or ()."""
     spheres: list[Obstacle] = []
     for _ in range(300):
         path = witness if spheres else blocked
@@ -80,12 +80,12 @@ def _spheres_beside(
     return ()
 
 
-def faults(problem: PlanProblem) -> list[str]:
-    """Plan, drive the plan by integration, and return what is wrong with it."""
+def find_faults(problem: PlanProblem) -> list[str]:
+    """Plan, follow the plan by integration, and return its faults."""
     plan = plan_path(problem)
     if not plan.found:
         return [plan.reason or "no reason"]
-    path = integrated_path([(arc.roll_rad, arc.angle_rad) for arc in plan.arcs], problem.radius_mm)
+    path = integrate_path([(arc.roll_rad, arc.angle_rad) for arc in plan.arcs], problem.radius_mm)
     found = []
     if np.linalg.norm(path[-1] - problem.target_mm) > problem.tolerance_mm + 1e-3:
         found.append("the target is missed")

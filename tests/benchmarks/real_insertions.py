@@ -1,4 +1,4 @@
-"""Photographs of a real needle: tips beside marks made by eye, steps from frame to frame, and the scale."""
+"""Photographs of a real needle: tips against marks made by eye, steps from frame to frame, and the scale."""
 
 import csv
 import json
@@ -26,7 +26,7 @@ PX_PER_MM = 5.607
 # The finest lines: fainter ones run between those that are 10 mm apart.
 PITCH_MM = 5.0
 LEAST_CROSSINGS = 100
-# A crossing this far off the plane was mistaken for something else.
+# A crossing this far off the plane is a mismatch.
 GROSS_MM = 1.25
 MARKED_LINES_MM = 10.0
 # The needle's path, in shares of the picture's width and height.
@@ -43,7 +43,7 @@ WHY_THE_SCALE = (
 
 
 def print_table() -> None:
-    """Tips within a millimetre of their marks, steps within a millimetre of eight, and why the rest are not."""
+    """Print tips within 1 mm of their marks, steps within 1 mm of 8 mm, and why the rest are not."""
     if not PICTURES.is_dir():
         print(f"skipped: {PICTURES} is not here")
         return
@@ -52,13 +52,13 @@ def print_table() -> None:
     measured = _measure([PICTURES / mark["folder"] / mark["file"] for mark in marks])
     found = sorted(
         error
-        for one, mark in zip(measured, marks, strict=True)
-        if (error := _error_mm(one, mark)) is not None
+        for tip, mark in zip(measured, marks, strict=True)
+        if (error := _error_mm(tip, mark)) is not None
     )
     near = sum(error <= WITHIN_MM for error in found)
-    steps, reasons = _steps()
+    steps, reasons = _measure_steps()
     good = sum(abs(step - STEP_MM) <= WITHIN_MM for step in steps if step is not None)
-    papers = _papers()
+    papers = _find_papers()
     ours = [_scale_on_path(size, fit) for size, fit in papers.values()]
     rows: list[list[object]] = [
         [f"tip within 1 mm of the mark, % of {len(marks)}", f"{100.0 * near / len(marks):.1f}", "95"],
@@ -71,7 +71,7 @@ def print_table() -> None:
         ["scale by the ruled lines, of areas, % off 5.607", _off_percent(_area_scales(papers)), "-"],
         ["scale on the marked lines, ours off the eye's, %", f"{_ours_off_eye(papers):+.2f}", "-"],
         ["scale that steps of 8 mm would have, % off 5.607", _off_percent(_step_scales(steps)), "-"],
-        ["radii stated as worth it", sum(one["accepted"] for one in measured), "0"],
+        ["radii accepted", sum(tip["accepted"] for tip in measured), "0"],
     ]
     print_rows(("figure", "measured", "wanted"), rows)
     print(WHY_THE_SCALE)
@@ -94,22 +94,22 @@ def _error_mm(measured: dict[str, Any], mark: dict[str, str]) -> float | None:
     return math.hypot(u - float(mark["u_px"]), v - float(mark["v_px"])) / PX_PER_MM
 
 
-def _steps() -> tuple[list[float | None], Counter[str]]:
-    """Return the tip's steps [mm], None where one of two frames has none, and why steps are not what they should be."""
+def _measure_steps() -> tuple[list[float | None], Counter[str]]:
+    """Return the tip's steps [mm], None if a frame has no tip, and the reasons for deviating steps."""
     steps: list[float | None] = []
     reasons: Counter[str] = Counter()
     for folder in sorted(PICTURES.glob("DC_*")):
         files = sorted(folder.glob("*.jpg"), key=lambda path: int("".join(filter(str.isdigit, path.stem))))
-        tips = [one["tip_mm"] if one["found"] else None for one in _measure(files)]
+        tips = [picture["tip_mm"] if picture["found"] else None for picture in _measure(files)]
         for number, (before, after) in enumerate(pairwise(tips), start=2):
             step = None if before is None or after is None else math.dist(before, after)
             steps.append(step)
             if step is None or abs(step - STEP_MM) > WITHIN_MM:
-                reasons[_why(folder.name, number, step, before)] += 1
+                reasons[_explain_step(folder.name, number, step, before)] += 1
     return steps, reasons
 
 
-def _why(folder: str, number: int, step: float | None, before: list[float] | None) -> str:
+def _explain_step(folder: str, number: int, step: float | None, before: list[float] | None) -> str:
     place = f"{folder.split('_feedback', maxsplit=1)[0]} frame {number}"
     if step is None:
         return f"({place}) no tip in the frame{' before' if before is None else ''}"
@@ -120,8 +120,8 @@ def _frame_count() -> int:
     return len(list(PICTURES.glob("DC_*/*.jpg")))
 
 
-def _papers() -> Papers:
-    """Return of each frame in which ruled lines are found its size [px] and the plane through their crossings."""
+def _find_papers() -> Papers:
+    """Return size [px] and fitted plane of each frame in which ruled lines are found."""
     papers = {}
     for path in sorted(PICTURES.glob("DC_*/*.jpg")):
         picture = read_picture(path)
@@ -148,7 +148,7 @@ def _scale_between(ends_px: NDArray[np.float64], fit: PlaneFit) -> float:
 
 
 def _area_scales(papers: Papers) -> list[float]:
-    """Return the square root of the px a mm^2 at the middle of the needle's path."""
+    """Return the square root of the px per mm^2 at the middle of the needle's path."""
     scales = []
     for size, fit in papers.values():
         middle = np.mean(PATH, axis=0) * size
@@ -157,8 +157,8 @@ def _area_scales(papers: Papers) -> list[float]:
     return scales
 
 
-def _marked_lines() -> dict[str, NDArray[np.float64]]:
-    """Return of each marked frame rows (line, u, v)."""
+def _read_marked_lines() -> dict[str, NDArray[np.float64]]:
+    """Return the rows (line, u, v) of each marked frame."""
     lines: dict[str, list[tuple[float, float, float]]] = {}
     with LINE_MARKS.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
@@ -169,7 +169,7 @@ def _marked_lines() -> dict[str, NDArray[np.float64]]:
 
 def _marked_scales() -> list[float]:
     """Return px/mm down each marked frame, by least squares over its lines."""
-    return [_eyes_scale(lines) for lines in _marked_lines().values()]
+    return [_eyes_scale(lines) for lines in _read_marked_lines().values()]
 
 
 def _eyes_scale(lines: NDArray[np.float64]) -> float:
@@ -177,12 +177,12 @@ def _eyes_scale(lines: NDArray[np.float64]) -> float:
 
 
 def _ours_off_eye(papers: Papers) -> float:
-    """Return by how many percent our scale from the first to the last marked line is off the eye's, median."""
+    """Return the median deviation [%] of our scale from the eye's between the first and last marked lines."""
     return float(
         np.median(
             [
                 100.0 * (_scale_between(lines[[0, -1], 1:], papers[name][1]) / _eyes_scale(lines) - 1.0)
-                for name, lines in _marked_lines().items()
+                for name, lines in _read_marked_lines().items()
                 if name in papers
             ]
         )

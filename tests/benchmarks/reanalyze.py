@@ -1,7 +1,7 @@
-"""`labrig reanalyze` of many recorded frames on one core and on both: one run, and several with a mask.
+"""`labrig reanalyze` of many recorded frames on one core and on both: a run, and several runs with a mask.
 
 `python -m tests.benchmarks reanalyze`; the number of frames is `LABRIG_BENCHMARK_FRAMES`, 1,000 unless set. One core
-and two take turns, three times, so that what else the machine does strikes both; the ratio is that of the medians.
+and two take turns three times, so that other load affects both; the ratio is that of the medians.
 """
 
 import os
@@ -24,44 +24,44 @@ DIFFERENT = 20
 SEVERAL = 8
 TURNS = 3
 LEAST_RATIO = 1.7
-# Plain progress lines stand two seconds apart or more.
+# Plain progress lines are at least two seconds apart.
 LONG_ENOUGH_S = 6.0
 MASK = '{"*": [[[0, 700], [1279, 700], [1279, 719], [0, 719]]]}'
 
 
 @dataclass(frozen=True)
-class _Took:
-    """Wall and processor time [s] of a command, and what it said on standard error."""
+class _Timing:
+    """Wall and processor time [s] of a command, and its standard error."""
 
     wall_s: float
     cpu_s: float
-    said: str
+    stderr: str
 
 
 def print_table() -> None:
-    """Wall times on one core and on both, their ratio, what share is serial by it, and whether progress was shown."""
+    """Print wall times on one core and on both, their ratio, the serial share, and whether progress was shown."""
     with tempfile.TemporaryDirectory() as folder:
-        one = _imported(Path(folder) / "one", 1)
-        several = _imported(Path(folder) / "several", SEVERAL)
+        single = _import(Path(folder) / "one", 1)
+        several = _import(Path(folder) / "several", SEVERAL)
         mask = Path(folder) / "mask.json"
         mask.write_text(MASK)
         rows = [
-            _row(f"1 run of {FRAMES} frames", one),
+            _row(f"1 run of {FRAMES} frames", single),
             _row(f"{SEVERAL} runs of {FRAMES // SEVERAL} with a mask", [*several, "--mask", str(mask)]),
         ]
     heads = ("", "one core s", "both s", "ratio", "limit", "serial %", "waited %", "progress")
     print_rows(heads, rows)
     print(
         "serial: the share of the time on one core that does not halve on two, 2 / ratio - 1; waited: of the time on\n"
-        "one core, what the command waited for it because of something else: above 5 % the machine was not quiet"
+        "one core, the share that the command waited for other load: above 5 % the machine was not quiet"
     )
 
 
 def _row(what: str, arguments: list[str]) -> list[object]:
-    turns = [(_reanalyzed(arguments, "0"), _reanalyzed(arguments, "0,1")) for _ in range(TURNS)]
+    turns = [(_reanalyze(arguments, "0"), _reanalyze(arguments, "0,1")) for _ in range(TURNS)]
     one_s, both_s = (statistics.median(turn[core].wall_s for turn in turns) for core in (0, 1))
     cpu_s = statistics.median(turn[0].cpu_s for turn in turns)
-    shown = all("pictures" in turn[1].said and "left" in turn[1].said for turn in turns)
+    shown = all("pictures" in turn[1].stderr and "left" in turn[1].stderr for turn in turns)
     return [
         what,
         f"{one_s:.1f}",
@@ -74,8 +74,8 @@ def _row(what: str, arguments: list[str]) -> list[object]:
     ]
 
 
-def _imported(folder: Path, runs: int) -> list[str]:
-    """Return runs of rendered pictures, a few of them over and over, that hold all frames between them."""
+def _import(folder: Path, runs: int) -> list[str]:
+    """Return runs of rendered pictures that repeat a few pictures and together hold all frames."""
     lens = Lens(k1=0.0, k2=0.0, tilt_rad=0.0)
     bench = Bench(lens)
     drawn = [
@@ -94,15 +94,15 @@ def _imported(folder: Path, runs: int) -> list[str]:
     return sorted(str(run) for run in (folder / "runs").iterdir() if run.is_dir())
 
 
-def _reanalyzed(arguments: list[str], cores: str) -> _Took:
+def _reanalyze(arguments: list[str], cores: str) -> _Timing:
     """Measure the command on these cores."""
     command = ["taskset", "-c", cores, sys.executable, "-m", "labrig", "reanalyze", *arguments]
     before_s, started = _children_s(), time.perf_counter()
     done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return _Took(time.perf_counter() - started, _children_s() - before_s, done.stderr)
+    return _Timing(time.perf_counter() - started, _children_s() - before_s, done.stderr)
 
 
 def _children_s() -> float:
-    """Return the processor time [s] of all commands that have ended, with that of their processes."""
+    """Return the processor time [s] of all finished commands and their child processes."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

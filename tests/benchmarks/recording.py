@@ -37,7 +37,7 @@ MOST_GROWTH_MB = 20.0
 
 @dataclass(frozen=True)
 class Recorded:
-    """What recording took."""
+    """The cost of a recording."""
 
     cpu: float
     frames: int
@@ -49,8 +49,8 @@ class Recorded:
 
 
 def print_table(duration_s: float = DURATION_S) -> None:
-    """Print, for each way to keep pictures, processor time, pictures that came too late, and growth of memory."""
-    pictures = _pictures()
+    """Print processor time, late pictures and growth of memory for each store."""
+    pictures = _draw_pictures()
     rows = []
     for store, limit in LIMITS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -72,8 +72,8 @@ def _size(picture: Picture) -> str:
     return f"{width}x{height}"
 
 
-def _pictures() -> list[Picture]:
-    """Draw the simulated camera's pictures beforehand: what is measured is the recording of them."""
+def _draw_pictures() -> list[Picture]:
+    """Draw the simulated camera's pictures beforehand, so that only the recording is measured."""
     description = load_rig(RIG).world
     assert description is not None
     world = World(description, seed=1)
@@ -81,7 +81,7 @@ def _pictures() -> list[Picture]:
 
 
 def _record(recorder: Recorder, pictures: list[Picture], duration_s: float) -> Recorded:
-    """Record in real time, and count the pictures that the camera would have lost meanwhile."""
+    """Record in real time, and count the pictures that the camera would have lost."""
     clock, process = SystemClock(), psutil.Process()
     late_s: list[float] = []
     warm_mb = 0.0

@@ -1,4 +1,4 @@
-"""Records cut at every byte of a file's last kilobyte, and with flipped bits: is anything wrong ever read?"""
+"""Records cut at every byte of a file's last kilobyte, or with a flipped bit: is the damage always noticed?"""
 
 import random
 import sys
@@ -17,11 +17,11 @@ FLIPS = 1000
 _LAST_BYTES = 1024
 _STORES: tuple[Store, ...] = ("png", "raw")
 _NOT_RECORDED = frozenset({".lock"})
-"""Who writes the run; of one that was left it says nothing."""
+"""Names the writing process; it holds no record."""
 
 
 def print_table(flips: int = FLIPS) -> None:
-    """Print how many cuts and flips of open and closed runs were noticed, or changed nothing that is read."""
+    """Print how many cuts and flips of open and closed runs were noticed, or changed no data."""
     rows: list[list[object]] = []
     for store in _STORES:
         for closed in (False, True):
@@ -29,14 +29,16 @@ def print_table(flips: int = FLIPS) -> None:
                 run = full_run(Path(folder), closed=closed, store=store)
                 name = f"{'closed' if closed else 'open'} run, {'PNG' if store == 'png' else 'raw'} frames"
                 rows += _rows(name, run, store, closed, flips)
-    rows.append(_row("index of a folder of runs: one flipped bit, the list is the same", _index_flips(flips)))
+    rows.append(
+        _row("index of a folder of runs: one flipped bit, the list is the same", _try_index_flips(flips))
+    )
     print_rows(("opened as it was, or refused with the place", "so", "limit"), rows)
 
 
 def _rows(name: str, run: Path, store: Store, closed: bool, flips: int) -> Iterator[list[object]]:
     original = values(open_run(run))
-    yield _row(f"{name}: cut at each byte of a file's last kilobyte", _cuts(run, original, store))
-    found = list(_flips(run, original, flips))
+    yield _row(f"{name}: cut at each byte of a file's last kilobyte", _try_cuts(run, original, store))
+    found = list(_try_flips(run, original, flips))
     yield _row(f"{name}: one flipped bit", [noticed for noticed, _ in found])
     if closed:
         yield _row(f"{name}: that bit named by runs check", [by_check for _, by_check in found])
@@ -47,8 +49,8 @@ def _row(what: str, outcomes: Iterator[bool] | list[bool]) -> list[object]:
     return [what, sum(so), f"{len(so)} of {len(so)}"]
 
 
-def _cuts(run: Path, original: Values, store: Store) -> Iterator[bool]:
-    """Yield for each cut whether it was noticed; anything but a named error ends the benchmark."""
+def _try_cuts(run: Path, original: Values, store: Store) -> Iterator[bool]:
+    """Yield for each cut whether it was noticed; an unexpected error ends the benchmark."""
     for name in raw_files(store):
         content = (run / name).read_bytes()
         for kept in range(max(0, len(content) - _LAST_BYTES), len(content)):
@@ -58,21 +60,21 @@ def _cuts(run: Path, original: Values, store: Store) -> Iterator[bool]:
         (run / name).write_bytes(content)
 
 
-def _flips(run: Path, original: Values, count: int) -> Iterator[tuple[bool, bool]]:
-    """Yield for each flip whether it was noticed by who reads the run, and whether by a check."""
+def _try_flips(run: Path, original: Values, count: int) -> Iterator[tuple[bool, bool]]:
+    """Yield for each flip whether the reader noticed it, and whether the check did."""
     source = random.Random(6)
     files = sorted(path for path in run.rglob("*") if path.is_file() and path.stat().st_size)
     files = [path for path in files if path.name not in _NOT_RECORDED]
     for _ in range(count):
         path = source.choice(files)
         content = path.read_bytes()
-        path.write_bytes(_flipped(content, source))
+        path.write_bytes(_flip_bit(content, source))
         yield is_noticed_or_unchanged(run, original), bool(told(run))
         path.write_bytes(content)
 
 
-def _index_flips(count: int) -> Iterator[bool]:
-    """Yield for each flip in the index of three runs whether the list is the same."""
+def _try_index_flips(count: int) -> Iterator[bool]:
+    """Yield for each flip in the index of three runs whether the list stays the same."""
     source = random.Random(6)
     with tempfile.TemporaryDirectory() as folder:
         for name in ("a", "b", "c"):
@@ -80,11 +82,11 @@ def _index_flips(count: int) -> Iterator[bool]:
         listed, index = list_runs(Path(folder)), Path(folder) / INDEX_FILE
         content = index.read_bytes()
         for _ in range(count):
-            index.write_bytes(_flipped(content, source))
+            index.write_bytes(_flip_bit(content, source))
             yield list_runs(Path(folder)) == listed
 
 
-def _flipped(content: bytes, source: random.Random) -> bytes:
+def _flip_bit(content: bytes, source: random.Random) -> bytes:
     changed = bytearray(content)
     changed[source.randrange(len(changed))] ^= 1 << source.randrange(8)
     return bytes(changed)

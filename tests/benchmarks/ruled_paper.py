@@ -1,4 +1,4 @@
-"""Hand-held photographs of ruled paper: crossings that the fit did not see, and which sheet is not flat."""
+"""Hand-held photographs of ruled paper: error of held-out crossings, and which sheet is not flat."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ PITCH_MM = 1.0
 
 
 def print_table() -> None:
-    """Each sheet: crossings found, error of those left out without and with its bend, whether it is said to be flat."""
+    """Print per sheet the crossings, the error of held-out crossings without and with its bend, and the verdict."""
     if not PHOTOGRAPHS.is_dir():
         print(f"skipped: {PHOTOGRAPHS} is not here")
         return
     rows = []
     for name, flat in FLAT.items():
         plane = calibrate_plane(read_picture(PHOTOGRAPHS / name), None, PITCH_MM, (600.0, 250.0), "right")
-        said = "not flat" if any("not flat" in reason for reason in plane.reasons) else "flat"
+        verdict = "not flat" if any("not flat" in reason for reason in plane.reasons) else "flat"
         rows.append(
             [
                 name,
@@ -29,19 +29,19 @@ def print_table() -> None:
                 "-" if plane.bend is None else f"{plane.bend.holdout_rms_mm:.3f}",
                 "0.150" if flat else "-",
                 f"{plane.flatness_mm:.2f}",
-                said,
+                verdict,
                 "flat" if flat else "not flat",
             ]
         )
     heads = (
         "sheet",
         "crossings",
-        "noise of one, mm rms",
+        "noise of a crossing, mm rms",
         "left out: plane",
         "with bend",
         "limit",
         "unevenness mm",
-        "said",
+        "verdict",
         "wanted",
     )
     print_rows(heads, rows)

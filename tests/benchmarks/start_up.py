@@ -1,4 +1,4 @@
-"""How long commands take to start, beside a bare Python in the same run."""
+"""The start-up time of commands beside a bare Python in the same run."""
 
 import statistics
 import subprocess
@@ -19,7 +19,7 @@ COMMANDS = (
 
 
 def print_table() -> None:
-    """Median and fastest of twenty runs each, taken in turns."""
+    """Print median and fastest of twenty runs per command, in turns."""
     labrig = str(Path(sys.executable).with_name("labrig"))
     commands = {"python -c pass": [sys.executable, "-c", "pass"]} | {
         " ".join(["labrig", *words]): [labrig, *words] for words in COMMANDS

@@ -1,4 +1,4 @@
-"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and that a second one is the same."""
+"""The sweep of 72 insertions: time, memory, accuracy against the drawn truth, and identity of a second sweep."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def print_table() -> None:
-    """Run the sweep twice and print the figures of the first and whether the second has the same bytes."""
+    """Run the sweep twice, and print the figures of the first and whether the second has the same bytes."""
     with tempfile.TemporaryDirectory() as folder:
         runs = [_sweep(Path(folder) / str(number)) for number in (1, 2)]
         measured, document = runs[0]
@@ -47,24 +47,24 @@ def _sweep(runs_dir: Path) -> tuple[Measured, dict[str, Any]]:
     return measured, json.loads(measured.out)
 
 
-def _truth(run: Path) -> dict[int, dict[str, Any]]:
+def _read_truth(run: Path) -> dict[int, dict[str, Any]]:
     lines = (json.loads(line) for line in (run / "truth.jsonl").read_text(encoding="utf-8").splitlines())
     return {line["trial"]: line for line in lines}
 
 
 def _finals(document: dict[str, Any]) -> list[dict[str, Any]]:
-    return [one for one in document["result"]["measurements"] if one["role"] == "final"]
+    return [line for line in document["result"]["measurements"] if line["role"] == "final"]
 
 
 def _accuracy(document: dict[str, Any]) -> list[list[str]]:
-    truth = _truth(Path(document["run"]))
+    truth = _read_truth(Path(document["run"]))
     finals = _finals(document)
-    errors = [one["radius_mm"] - truth[one["trial"]]["radius_mm"] for one in finals if one["accepted"]]
-    refused = sum(not one["accepted"] for one in finals)
+    errors = [line["radius_mm"] - truth[line["trial"]]["radius_mm"] for line in finals if line["accepted"]]
+    refused = sum(not line["accepted"] for line in finals)
     covered = sum(
-        one["radius_ci95_mm"][0] <= truth[one["trial"]]["radius_mm"] <= one["radius_ci95_mm"][1]
-        for one in finals
-        if one["accepted"]
+        line["radius_ci95_mm"][0] <= truth[line["trial"]]["radius_mm"] <= line["radius_ci95_mm"][1]
+        for line in finals
+        if line["accepted"]
     )
     return [
         ["worst error of a picture, mm", f"{max(map(abs, errors)):.3f}", "0.25"],
@@ -76,10 +76,10 @@ def _accuracy(document: dict[str, Any]) -> list[list[str]]:
 
 
 def _sheaths(document: dict[str, Any], truth: dict[int, dict[str, Any]]) -> list[list[str]]:
-    """Return how far from the truth the sheath's tip was found, and how many trials are refused for it."""
+    """Return the errors of the sheath's tip, and how many trials are refused for it."""
     origins = document["result"]["origins"]
-    off_mm = [math.dist(one["tip_mm"], truth[one["trial"]]["sheath_tip_mm"]) for one in origins]
-    refused = sum(not one["accepted"] for one in origins)
+    off_mm = [math.dist(line["tip_mm"], truth[line["trial"]]["sheath_tip_mm"]) for line in origins]
+    refused = sum(not line["accepted"] for line in origins)
     return [
         ["sheath's tip found, worst error mm", f"{max(off_mm):.3f}", "0.05"],
         [f"sheaths refused, of {len(origins)}", str(refused), "0"],
@@ -88,7 +88,7 @@ def _sheaths(document: dict[str, Any], truth: dict[int, dict[str, Any]]) -> list
 
 def _means(document: dict[str, Any]) -> list[list[str]]:
     drawn = defaultdict(list)
-    for line in _truth(Path(document["run"])).values():
+    for line in _read_truth(Path(document["run"])).values():
         drawn[line["specimen"]].append(line["radius_mm"])
     rows = []
     for specimen in document["result"]["specimens"]:

@@ -1,4 +1,4 @@
-"""How the tables are printed, and how a command is measured."""
+"""Printing of tables, and measurement of a command."""
 
 import subprocess
 import tempfile
@@ -10,7 +10,7 @@ import psutil
 
 
 def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print rows under their heads, columns aligned."""
+    """Print rows under their heads in aligned columns."""
     cells = [[str(value) for value in row] for row in (heads, *rows)]
     widths = [max(len(row[column]) for row in cells) for column in range(len(heads))]
     for row in cells:
@@ -19,7 +19,7 @@ def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
 
 @dataclass(frozen=True)
 class Measured:
-    """A command that was run: wall time, peak memory of its processes together, exit code and output."""
+    """A finished command: wall time, peak memory of all its processes, exit code and output."""
 
     wall_s: float
     peak_mb: float
@@ -30,24 +30,24 @@ class Measured:
 def measure(command: Sequence[str]) -> Measured:
     """Run a command and sample the proportional memory of it and its children twenty times a second.
 
-    One that fails (an exit code above 1, which says that the answer is no) ends the benchmark with what it said.
+    An exit code above 1 (1 means that the answer is no) ends the benchmark with the standard error of the command.
     """
-    # Into a file: a pipe that nobody reads while the memory is sampled fills up, and the command waits for ever.
+    # The output goes into a file: an unread pipe would fill up while the memory is sampled, and block the command.
     with (
         tempfile.TemporaryFile("w+", encoding="utf-8") as out,
-        tempfile.TemporaryFile("w+", encoding="utf-8") as said,
+        tempfile.TemporaryFile("w+", encoding="utf-8") as stderr,
     ):
         started = time.perf_counter()
-        process = subprocess.Popen(command, stdout=out, stderr=said)
+        process = subprocess.Popen(command, stdout=out, stderr=stderr)
         root = psutil.Process(process.pid)
         peak = 0
         while _still_runs(process):
             peak = max(peak, _memory(root))
         wall_s = time.perf_counter() - started
         out.seek(0)
-        said.seek(0)
+        stderr.seek(0)
         if process.returncode not in {0, 1}:
-            raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}:\n{said.read()}")
+            raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}:\n{stderr.read()}")
         return Measured(wall_s, peak / 1e6, process.returncode, out.read())
 
 
@@ -61,7 +61,7 @@ def _still_runs(process: subprocess.Popen[bytes]) -> bool:
 
 
 def _memory(root: psutil.Process) -> int:
-    """Return the proportional set size of a process and its children: pages that they share count once."""
+    """Return the proportional set size of a process and its children, which counts shared pages once."""
     total = 0
     try:
         for process in (root, *root.children(recursive=True)):

@@ -1,4 +1,4 @@
-"""How near the tip is found by its template, and how fast."""
+"""Accuracy and speed of finding the tip by its template."""
 
 import math
 import statistics
@@ -14,12 +14,12 @@ from tests.vision.tips import tip
 
 PICTURES = 60
 _TIMED = 200
-_TOLD_RAD = math.radians(5.0)
+_HEADING_ERROR_RAD = math.radians(5.0)
 _NEAR_PX = 15.0
 
 
 def print_table() -> None:
-    """Error over rendered pictures, and times of a region and of a full frame."""
+    """Print the error over rendered pictures, and times of a region and of a full frame."""
     template = tip(0.0, 100).template()
     random = np.random.default_rng(0)
     errors, headings, missed = [], [], 0
@@ -29,8 +29,8 @@ def print_table() -> None:
             shown.px[0] + random.uniform(-_NEAR_PX, _NEAR_PX),
             shown.px[1] + random.uniform(-_NEAR_PX, _NEAR_PX),
         )
-        told = shown.heading_rad + random.uniform(-_TOLD_RAD, _TOLD_RAD)
-        fix = locate_tip(shown.picture, template, near_px=near, heading_rad=told, roll_rad=0.0)
+        near_rad = shown.heading_rad + random.uniform(-_HEADING_ERROR_RAD, _HEADING_ERROR_RAD)
+        fix = locate_tip(shown.picture, template, near_px=near, heading_rad=near_rad, roll_rad=0.0)
         if fix.tip_px is None or fix.heading_rad is None:
             missed += 1
             continue
@@ -39,7 +39,7 @@ def print_table() -> None:
     across, down = np.sqrt(np.mean(np.square(errors), axis=0))
     shown = tip(0.3, 1)
     full = cv2.copyMakeBorder(shown.picture, 300, 300, 640, 640, cv2.BORDER_REFLECT)[:1080, :1920].copy()
-    told = {"heading_rad": 0.35, "roll_rad": 0.0}
+    hint = {"heading_rad": 0.35, "roll_rad": 0.0}
     print_rows(
         ("figure", "measured", "limit"),
         [
@@ -57,12 +57,12 @@ def print_table() -> None:
             ["missed", missed, "0"],
             [
                 "region of 120 x 120 px, ms, median",
-                _milliseconds(lambda: locate_tip(shown.picture, template, near_px=shown.px, **told)),
+                _milliseconds(lambda: locate_tip(shown.picture, template, near_px=shown.px, **hint)),
                 "1",
             ],
             [
                 f"frame of {full.shape[1]} x {full.shape[0]} px, ms, median",
-                _milliseconds(lambda: locate_tip(full, template, **told)),
+                _milliseconds(lambda: locate_tip(full, template, **hint)),
                 "5",
             ],
         ],

@@ -33,12 +33,12 @@ def test_the_grid_stops_where_the_knuckle_would_slip_out() -> None:
 
 def test_cells_are_in_order_with_progress(cells: tuple[GridPoint, ...]) -> None:
     """Each cell belongs to its hinge, for any executor, and progress counts to the end."""
-    told: list[tuple[int, int]] = []
+    progress: list[tuple[int, int]] = []
     hinges = make_hinge_grid(Tube(), 0.025, points=3)[:2]
     with ThreadPoolExecutor(2) as executor:
-        again = search_grid(hinges, executor, lambda done, total: told.append((done, total)))
+        again = search_grid(hinges, executor, lambda done, total: progress.append((done, total)))
     assert again == cells[:2]
-    assert told == [(1, 2), (2, 2)]
+    assert progress == [(1, 2), (2, 2)]
 
 
 def test_a_plane_is_found_exactly() -> None:

@@ -126,7 +126,7 @@ def test_a_radius_that_no_clearance_explains_is_a_no() -> None:
 
 
 @pytest.mark.parametrize(
-    ("radius", "said", "hint"),
+    ("radius", "message", "hint"),
     [
         (0.03, "at least 3.82 mm", "0.03 m is 30 mm"),
         (30_000.0, "at most 1e+04 mm", "30000 µm is 30 mm"),
@@ -136,15 +136,15 @@ def test_a_radius_that_no_clearance_explains_is_a_no() -> None:
         (math.inf, "at most", "give a value"),
     ],
 )
-def test_impossible_radii_are_refused(radius: float, said: str, hint: str) -> None:
+def test_impossible_radii_are_refused(radius: float, message: str, hint: str) -> None:
     """A radius beyond its limits is refused with the limit, and with the unit that was probably meant."""
-    with pytest.raises(InputError, match=said.replace("+", r"\+")) as refused:
+    with pytest.raises(InputError, match=message.replace("+", r"\+")) as refused:
         rotation_for_radius_deg(radius, 3.0)
     assert hint in refused.value.hint
 
 
 @pytest.mark.parametrize(
-    ("tube", "said"),
+    ("tube", "message"),
     [
         ((0.7, 1.2, 3.0), "below the outer diameter"),
         ((1.2, 1.2, 3.0), "below the outer diameter"),
@@ -154,7 +154,7 @@ def test_impossible_radii_are_refused(radius: float, said: str, hint: str) -> No
         ((math.nan, 0.7, 3.0), "outer diameter is nan mm"),
     ],
 )
-def test_impossible_tubes_are_refused(tube: tuple[float, float, float], said: str) -> None:
+def test_impossible_tubes_are_refused(tube: tuple[float, float, float], message: str) -> None:
     """A tube that no needle is made of is refused with the value."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         Tube(*tube)

@@ -75,11 +75,11 @@ def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("beta_cut_deg", "said"), [(30.0, "at most 29"), (-1.0, "at least 0"), (math.nan, "nan")]
+    ("beta_cut_deg", "message"), [(30.0, "at most 29"), (-1.0, "at least 0"), (math.nan, "nan")]
 )
-def test_an_inclination_that_cuts_the_lips_through_is_refused(beta_cut_deg: float, said: str) -> None:
+def test_an_inclination_that_cuts_the_lips_through_is_refused(beta_cut_deg: float, message: str) -> None:
     """The inclination is limited by what it leaves of the lips."""
-    with pytest.raises(InputError, match=f"cutting inclination.*{said}"):
+    with pytest.raises(InputError, match=f"cutting inclination.*{message}"):
         Hinge(Tube(), 0.025, beta_cut_deg)
 
 

@@ -46,7 +46,9 @@ def test_corners_are_seen_where_the_pose_puts_them(views: list[Floats]) -> None:
     for view, found in enumerate(views):
         pose = choose_board_pose(view, BOARD, stream(2, "board", view), QUIET.lens)
         expected = project(pose.to_camera(corners_mm()), QUIET.lens)
-        missed = min(np.sqrt(((found - each) ** 2).sum(axis=1).mean()) for each in (expected, expected[::-1]))
+        missed = min(
+            np.sqrt(((found - corners) ** 2).sum(axis=1).mean()) for corners in (expected, expected[::-1])
+        )
         assert missed < 0.1
 
 

@@ -11,7 +11,7 @@ def hat(v: Floats) -> Floats:
     return np.array([[0, -v[5], v[4], v[0]], [v[5], 0, -v[3], v[1]], [-v[4], v[3], 0, v[2]], [0, 0, 0, 0]])
 
 
-def moved(pose: Floats, error: Floats) -> Floats:
+def apply_error(pose: Floats, error: Floats) -> Floats:
     """Return the pose whose position and orientation are off by an error in its own frame."""
     return (
         pose
@@ -31,7 +31,8 @@ def plain_ekf(insertion: Insertion) -> tuple[Floats, Floats]:
         f = np.zeros((6, 6))
         for i in range(6):
             plus, minus = (
-                np.linalg.inv(pose @ step) @ moved(pose, s * 1e-6 * np.eye(6)[i]) @ step for s in (1, -1)
+                np.linalg.inv(pose @ step) @ apply_error(pose, s * 1e-6 * np.eye(6)[i]) @ step
+                for s in (1, -1)
             )
             change = (plus - minus) / 2e-6
             f[:, i] = (*change[:3, 3], change[2, 1], change[0, 2], change[1, 0])
@@ -39,7 +40,7 @@ def plain_ekf(insertion: Insertion) -> tuple[Floats, Floats]:
         pose = pose @ step
         h = np.hstack((pose[:3, :3], np.zeros((3, 3))))
         gain = p @ h.T @ np.linalg.inv(h @ p @ h.T + SIGMA_MM**2 * np.eye(3))
-        pose, p = moved(pose, gain @ (seen - pose[:3, 3])), (np.eye(6) - gain @ h) @ p
+        pose, p = apply_error(pose, gain @ (seen - pose[:3, 3])), (np.eye(6) - gain @ h) @ p
         poses.append(pose)
         covariances.append(p)
     return np.stack(poses), np.stack(covariances)

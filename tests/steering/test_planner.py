@@ -13,9 +13,9 @@ from labrig.needle.kinematics import path_points
 from labrig.steering.clearance import arc_distances, path_distances
 from labrig.steering.planner import plan_path, sample_path
 from labrig.steering.problem import Obstacle, PlanMethod, PlanProblem
-from tests.benchmarks.oracle import integrated_path
+from tests.benchmarks.oracle import integrate_path
 from tests.benchmarks.planner import oracle
-from tests.benchmarks.planning_problems import faults, planar_problem, spatial_problems
+from tests.benchmarks.planning_problems import draw_planar_problem, draw_spatial_problems, find_faults
 
 TARGET = (0.0, 5.0, 100.0)
 OBSTACLES = (Obstacle((0.0, -2.0, 35.0), 8.0), Obstacle((0.0, 6.0, 68.0), 8.0))
@@ -36,16 +36,16 @@ def _turned(seed: int) -> np.ndarray:
 def test_what_the_oracle_solves_is_solved(count: int) -> None:
     """Whatever stepwise driving over a grid of angles solves, the planner solves, and its path stands re-checking."""
     rng = np.random.default_rng([count, 7])
-    for problem in [planar_problem(rng, count) for _ in range(8)]:
+    for problem in [draw_planar_problem(rng, count) for _ in range(8)]:
         if plan_path(problem).found:
-            assert faults(problem) == []
+            assert find_faults(problem) == []
         else:
             assert not oracle(problem)
 
 
 def test_blocked_free_plans_are_replaced_in_space() -> None:
     """In 3-D every problem with a witness path is solved, although its obstacle-free plan would collide."""
-    assert [faults(problem) for problem in spatial_problems(10, seed=11)] == [[]] * 10
+    assert [find_faults(problem) for problem in draw_spatial_problems(10, seed=11)] == [[]] * 10
 
 
 @pytest.mark.parametrize(("planar", "target"), [(True, TARGET), (False, (8.0, 5.0, 95.0))])
@@ -205,14 +205,14 @@ def test_obstacles_off_the_plane_count_by_their_cut() -> None:
         PlanProblem(TARGET, (Obstacle((out, float(middle[1]), float(middle[2])), 8.0),), planar=True)
         for out in (5.0, 30.0)
     )
-    assert faults(near) == []
+    assert find_faults(near) == []
     assert not np.array_equal(plan_path(near).psi, free.psi)
     assert np.array_equal(plan_path(far).psi, free.psi)
 
 
 def test_the_same_problem_has_the_same_plan() -> None:
     """Planning draws from no clock and no global seed."""
-    problem = spatial_problems(1, seed=5)[0]
+    problem = draw_spatial_problems(1, seed=5)[0]
     assert plan_path(problem) == plan_path(problem)
 
 
@@ -233,7 +233,7 @@ def test_a_tolerance_of_the_radius_buys_robustness(planar: bool) -> None:
     robust = plan_path(wide)
 
     def miss_mm(psi: np.ndarray, radius_mm: float) -> float:
-        path = integrated_path([(roll, angle * 30.0 / radius_mm) for angle, roll in psi], radius_mm)
+        path = integrate_path([(roll, angle * 30.0 / radius_mm) for angle, roll in psi], radius_mm)
         return float(np.linalg.norm(path[-1] - TARGET))
 
     worst_mm = max(miss_mm(robust.psi, end_mm) for end_mm in (27.6, 32.9))

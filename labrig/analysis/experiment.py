@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from labrig.analysis.pictures import Analysis, Progress
 from labrig.analysis.result import Findings, Result, Stamp
@@ -37,30 +37,35 @@ Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings | Analysis[F
 """(run, protocol, request) -> findings; a generator where pictures can be measured one by one, in any process."""
 
 
-class MeasuredExperiment(Protocol):
-    """What the engine needs to know of an experiment."""
+@dataclass(frozen=True)
+class MeasuredExperiment:
+    """What the engine needs to know of an experiment; its parts are imported when they are first used.
 
-    @property
-    def name(self) -> str:
-        """What a protocol file has behind `experiment:`."""
-        ...
+    Attributes
+    ----------
+    name : str
+        What a protocol file has behind `experiment:`.
+    reanalysis_keys : tuple of str
+        Sections of the protocol that a reanalysis may change.
+    part : callable
+        Gives a part that the experiment declares, by its name there.
+    """
+
+    name: str
+    reanalysis_keys: tuple[str, ...]
+    part: Callable[[str], Any]
 
     @property
     def protocol_model(self) -> type[ExperimentProtocol]:
         """The model of its protocol."""
-        ...
+        return cast("type[ExperimentProtocol]", self.part("protocol"))
 
     @property
     def result_model(self) -> type[Result]:
         """The model of its result."""
-        ...
-
-    @property
-    def reanalysis_keys(self) -> tuple[str, ...]:
-        """Sections of the protocol that a reanalysis may change."""
-        ...
+        return cast("type[Result]", self.part("result"))
 
     @property
     def analyze(self) -> Analyze:
         """The function that makes a result of a run."""
-        ...
+        return cast("Analyze", self.part("analyze"))

@@ -27,3 +27,8 @@ class ResultComparison:
 
     lines: tuple[str, ...] = ()
     document: Mapping[str, Any] = field(default_factory=dict)
+
+
+def compare_numbers_alone(_old: object, _new: object) -> ResultComparison:
+    """Say nothing beside the numbers."""
+    return ResultComparison()

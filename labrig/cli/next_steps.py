@@ -54,13 +54,13 @@ def _is_simulated(run: Path) -> bool:
 def can_resume(experiment: str | None) -> bool:
     """Return whether an interrupted run of an experiment can be continued; not where it is not installed."""
     found = _installed(experiment)
-    return found is not None and found.can_resume
+    return found is not None and found.declaration.resume is not None
 
 
 def _may_leave_a_needle(experiment: str | None) -> bool:
     """Return whether a needle may be in tissue; of an experiment that is not installed nobody knows."""
     found = _installed(experiment)
-    return experiment == _WITHDRAWAL or found is None or found.puts_needle_in_tissue
+    return experiment == _WITHDRAWAL or found is None or found.declaration.puts_needle_in_tissue
 
 
 def _installed(experiment: str | None) -> Any:

@@ -26,7 +26,6 @@ from labrig.errors import (
     MachineError,
     TargetMissedError,
 )
-from labrig.experiments.registry import RegisteredExperiment
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.durable import require_free_bytes
@@ -43,7 +42,7 @@ from labrig.runner.session import Session
 class Order:
     """What is to be run: an experiment and its protocol, on which rig if any, into which record, by which command."""
 
-    experiment: RegisteredExperiment
+    experiment: Experiment
     protocol: ExperimentProtocol
     rig: RigDescription | None
     runs_dir: Path

@@ -7,8 +7,8 @@ from labrig.errors import InputError
 from labrig.plugins import INTERFACE
 
 _PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-_OPTIONAL = ("procedure", "resume", "view", "compare")
-PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", *_OPTIONAL)
+_OPTIONAL = ("procedure", "resume")
+PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "compare", *_OPTIONAL)
 """What a declaration names by module and attribute."""
 
 
@@ -36,10 +36,10 @@ class ExperimentDeclaration:
         `summarise(document) -> Summary`.
     resume : str or None
         `resume(protocol, run) -> Remainder`; None where an interrupted run is not continued.
-    view : str or None
-        `view(run, result) -> View`; None where the record alone is shown.
-    compare : str or None
-        `compare(old, new) -> ResultComparison`; None where numbers are all that a reanalysis can change.
+    view : str
+        `view(run, result) -> View`; by default the record alone is shown.
+    compare : str
+        `compare(old, new) -> ResultComparison`; by default numbers are all that a reanalysis can change.
     reanalysis_keys : tuple of str
         Sections of the protocol that a reanalysis may change.
     puts_needle_in_tissue : bool
@@ -65,8 +65,8 @@ class ExperimentDeclaration:
     page: str
     summary: str
     resume: str | None = None
-    view: str | None = None
-    compare: str | None = None
+    view: str = "labrig.report.view:show_record_alone"
+    compare: str = "labrig.analysis.summary:compare_numbers_alone"
     reanalysis_keys: tuple[str, ...] = ()
     puts_needle_in_tissue: bool = False
     counts: str = "pictures"

@@ -27,36 +27,6 @@ class DeclaredExperiment:
         return self.declaration.name
 
     @property
-    def title(self) -> str:
-        """What it is called in a report."""
-        return self.declaration.title
-
-    @property
-    def moves_rig(self) -> bool:
-        """Whether it has a procedure."""
-        return self.declaration.procedure is not None
-
-    @property
-    def can_resume(self) -> bool:
-        """Whether an interrupted run of it can be continued."""
-        return self.declaration.resume is not None
-
-    @property
-    def puts_needle_in_tissue(self) -> bool:
-        """Whether a needle may be in tissue where a run of it was cut short."""
-        return self.declaration.puts_needle_in_tissue
-
-    @property
-    def counts(self) -> str:
-        """What its analysis counts while it goes on."""
-        return self.declaration.counts
-
-    @property
-    def reanalysis_keys(self) -> tuple[str, ...]:
-        """Sections of the protocol that a reanalysis may change."""
-        return self.declaration.reanalysis_keys
-
-    @property
     def protocol_model(self) -> type[ExperimentProtocol]:
         """The model of its protocol."""
         model: type[ExperimentProtocol] = self.part("protocol")

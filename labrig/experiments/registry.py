@@ -1,95 +1,37 @@
 """Finds experiments by name, with what a run, an analysis and a report ask of them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
 
-from labrig.analysis.experiment import Analyze
-from labrig.analysis.result import AnyResult, Result, load_result
-from labrig.analysis.summary import ResultComparison, Summary
-from labrig.devices.rig_file import RigDescription
-from labrig.experiments.declared import PROTOCOL_MODELS, DeclaredExperiment, find_declared
+from labrig.analysis.result import AnyResult, load_result
+from labrig.experiments.declared import PROTOCOL_MODELS, find_declared
 from labrig.plugins import EXPERIMENTS, require_installed
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
-from labrig.report.page import Page
-from labrig.report.view import NO_VIEW, View
-from labrig.runner.experiment import Remainder, RunPlan
-from labrig.runner.session import Session
-
-_NO_COMPARISON = ResultComparison()
-_Part = TypeVar("_Part")
-
-
-@dataclass(frozen=True)
-class RegisteredExperiment(DeclaredExperiment):
-    """An experiment with its parts typed, each imported when it is first used; see `labrig.runner.Experiment`."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Cross to another process by name."""
-        return find_experiment, (self.name,)
-
-    @property
-    def result_model(self) -> type[Result]:
-        """The model of its result."""
-        model: type[Result] = self.part("result")
-        return model
-
-    @property
-    def analyze(self) -> Analyze:
-        """The function that makes a result of a run."""
-        analyze: Analyze = self.part("analyze")
-        return analyze
-
-    def plan(self, protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
-        """Return what the protocol is going to ask of a rig."""
-        plan: RunPlan = self.part("plan")(protocol, rig)
-        return plan
-
-    def run(self, protocol: ExperimentProtocol, session: Session) -> None:
-        """Carry out the procedure."""
-        self.part("procedure")(protocol, session)
-
-    def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
-        """Return what is left of an interrupted run."""
-        remainder: Remainder = self.part("resume")(protocol, run)
-        return remainder
-
-    def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
-        """Return what the report shows of a run."""
-        page: Page = self.part("page")(run, protocol, result)
-        return page
-
-    def view(self, run: Run, result: AnyResult | None) -> View:
-        """Return what the rerun view shows beside pictures, axes and events."""
-        if self.declaration.view is None or result is None:
-            return NO_VIEW
-        view: View = self.part("view")(run, result)
-        return view
-
-    def summarise(self, result: Mapping[str, Any]) -> Summary:
-        """Return what a terminal shows of a result."""
-        summary: Summary = self.part("summary")(result)
-        return summary
-
-    def compare(self, old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-        """Return what a reanalysis changed beside the numbers."""
-        if self.declaration.compare is None:
-            return _NO_COMPARISON
-        comparison: ResultComparison = self.part("compare")(old, new)
-        return comparison
+from labrig.report.view import View
+from labrig.runner.experiment import Experiment
 
 
 @cache
-def find_experiment(name: str) -> RegisteredExperiment:
+def find_experiment(name: str) -> Experiment:
     """Return the experiment of this name. Raises as `find_declared`."""
     declared = find_declared(name)
-    return RegisteredExperiment(declared.plugin, declared.declaration)
+    declaration = declared.declaration
+    return Experiment(
+        name=name,
+        reanalysis_keys=declaration.reanalysis_keys,
+        part=declared.part,
+        plugin=declared.plugin,
+        title=declaration.title,
+        moves_rig=declaration.procedure is not None,
+        can_resume=declaration.resume is not None,
+        puts_needle_in_tissue=declaration.puts_needle_in_tissue,
+        counts=declaration.counts,
+        require_parts=declared.require_parts,
+    )
 
 
-def experiment_of(run: Run) -> RegisteredExperiment:
+def experiment_of(run: Run) -> Experiment:
     """Return the experiment of a run; of a withdrawal that of the run whose needle it took out.
 
     Raises

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, cast
 
 from labrig.analysis.experiment import MeasuredExperiment
 from labrig.analysis.result import AnyResult
 from labrig.analysis.summary import ResultComparison, Summary
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
+from labrig.plugins import Plugin
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
 from labrig.report.page import Page
@@ -67,11 +68,14 @@ class Remainder:
     run: Callable[[Session], None]
 
 
-class Experiment(MeasuredExperiment, Protocol):
+@dataclass(frozen=True)
+class Experiment(MeasuredExperiment):
     """An experiment, as the registry hands it to whoever runs, resumes, replays or shows it.
 
     Attributes
     ----------
+    plugin : Plugin
+        The package that it comes from.
     title : str
         What it is called in a report.
     moves_rig : bool
@@ -82,36 +86,21 @@ class Experiment(MeasuredExperiment, Protocol):
         Whether a needle may be in tissue where a run of it was cut short.
     counts : str
         What its analysis counts while it goes on: pictures, hinges.
+    require_parts : callable
+        Raises `PluginError` where a part that it declares is not there.
     """
 
-    @property
-    def title(self) -> str:
-        """What it is called in a report."""
-        ...
-
-    @property
-    def moves_rig(self) -> bool:
-        """Whether it has a procedure."""
-        ...
-
-    @property
-    def can_resume(self) -> bool:
-        """Whether an interrupted run of it can be continued."""
-        ...
-
-    @property
-    def puts_needle_in_tissue(self) -> bool:
-        """Whether a needle may be in tissue where a run of it was cut short."""
-        ...
-
-    @property
-    def counts(self) -> str:
-        """What its analysis counts while it goes on."""
-        ...
+    plugin: Plugin
+    title: str
+    moves_rig: bool
+    can_resume: bool
+    puts_needle_in_tissue: bool
+    counts: str
+    require_parts: Callable[[], None]
 
     def plan(self, protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
         """Return what the protocol is going to ask of a rig; None for a protocol that moves none."""
-        ...
+        return cast("RunPlan", self.part("plan")(protocol, rig))
 
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:
         """Carry out the procedure.
@@ -121,33 +110,27 @@ class Experiment(MeasuredExperiment, Protocol):
         AnswerIsNoError, SafetyStopError, InterruptedRunError, MachineError
             However it ends before its end; the caller stops the axes and closes the record.
         """
-        ...
+        self.part("procedure")(protocol, session)
 
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
-        """Return what is left of an interrupted run.
-
-        Raises
-        ------
-        InputError
-            When there is no room for the rest.
-        """
-        ...
+        """Return what is left of an interrupted run. Raises `InputError` when there is no room for the rest."""
+        return cast("Remainder", self.part("resume")(protocol, run))
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
         """Return what the report shows of a run; without a result, the facts of its protocol."""
-        ...
+        return cast("Page", self.part("page")(run, protocol, result))
 
     def view(self, run: Run, result: AnyResult | None) -> View:
-        """Return what the rerun view shows beside pictures, axes and events."""
-        ...
+        """Return what the rerun view shows beside pictures, axes and events; nothing without a result."""
+        return View() if result is None else cast("View", self.part("view")(run, result))
 
     def summarise(self, result: Mapping[str, Any]) -> Summary:
         """Return what a terminal shows of a result."""
-        ...
+        return cast("Summary", self.part("summary")(result))
 
     def compare(self, old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
         """Return what a reanalysis changed beside the numbers, such as commands that would have differed."""
-        ...
+        return cast("ResultComparison", self.part("compare")(old, new))
 
 
 def total_duration_s(moves: Sequence[PlannedMove]) -> float:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from labrig.protocol.yaml_tree import yaml_values
+
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "labrig").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
@@ -166,3 +168,11 @@ def test_tracked_files_hold_none_of_these(what: str, pattern: str) -> None:
         if re.search(pattern, path.read_text(encoding="utf-8", errors="replace")):
             offenders.append(name)
     assert offenders == [], what
+
+
+def test_a_commit_is_checked_as_make_checks_the_code() -> None:
+    """The hooks of pre-commit are the commands of `make check-code`, in the same order."""
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck-code:")[1].split("\n\n")[0]
+    commands = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
+    (local,) = yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
+    assert [hook["entry"] for hook in local["hooks"]] == [f".venv/bin/{command}" for command in commands]

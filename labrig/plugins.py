@@ -113,10 +113,13 @@ def _read_entry_points(group: str) -> Iterator[Plugin]:
         yield Plugin(group, entry_point.name, package, version, entry_point)
 
 
-@cache  # every access to the metadata of a distribution parses them again
+@cache  # a package with several plugins has its metadata parsed once
 def _read_package(distribution: Distribution | None) -> tuple[str, str]:
     """Return name and version."""
-    return ("unknown", "") if distribution is None else (distribution.name, distribution.version)
+    if distribution is None:
+        return "unknown", ""
+    metadata = distribution.metadata  # parsed at every access
+    return metadata["Name"], metadata["Version"]
 
 
 def find_plugin(group: str, name: str) -> Plugin:

@@ -59,7 +59,7 @@ class LabrigError(Exception):
         self.message = message
         self.hint = hint
 
-    def reworded(self, message: str, hint: str | None = None) -> Self:
+    def reword(self, message: str, hint: str | None = None) -> Self:
         """Return this error with another message, and hint if one is given; type and what else it carries stay."""
         twin = copy(self)
         twin.args = (message,)

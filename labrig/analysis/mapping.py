@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from labrig.errors import InputError
 from labrig.protocol.sections import Scale
-from labrig.protocol.yaml_file import model_of_values
+from labrig.protocol.yaml_file import validate_values
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.intrinsics import Intrinsics
@@ -37,7 +37,7 @@ def load_mapping(run: Run) -> PlaneMap:
             f"{run.path} has no calibration/{PLANE_FILE}, so its pictures have no scale",
             "record it with a calibrated rig, or import the pictures again with --px-per-mm or --plane",
         )
-    scale = model_of_values(stated, f"scale of {run.path}", Scale)
+    scale = validate_values(stated, f"scale of {run.path}", Scale)
     return PlaneMap.from_scale(scale.px_per_mm, scale.origin_px, scale.insertion)
 
 

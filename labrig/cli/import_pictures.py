@@ -13,7 +13,7 @@ from labrig.experiments.imported_pictures.events import PictureRefused
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.protocol.model import Direction
-from labrig.protocol.yaml_file import dump_yaml, model_of_values
+from labrig.protocol.yaml_file import dump_yaml, validate_values
 from labrig.record.provenance import collect_provenance
 from labrig.record.writer import Recorder
 from labrig.vision.mask import load_mask
@@ -162,7 +162,7 @@ def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
             "max_radius_sigma_mm": 0.5,
         },
     }
-    return model_of_values(values, "labrig import", ImportProtocol)
+    return validate_values(values, "labrig import", ImportProtocol)
 
 
 def _pictures(folder: Path) -> list[Path]:

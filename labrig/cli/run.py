@@ -15,7 +15,7 @@ from labrig.cli.options import (
     SetOption,
 )
 from labrig.cli.output import AsJson
-from labrig.protocol.words import mask_passwords
+from labrig.protocol.formatting import mask_passwords
 
 
 def run(

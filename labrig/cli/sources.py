@@ -9,9 +9,9 @@ from labrig.cli.rigs import rig_for
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
+from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from labrig.protocol.words import mask_passwords
 
 
 @dataclass(frozen=True)

@@ -803,7 +803,7 @@ class Cia402Drive(Generic[Section]):
         self.download(co.CONTROLWORD, 0)
         self._emergency = None
         for left in self.faults():
-            raise left.reworded(f"{left.message}; it could not be reset, its cause is still there")
+            raise left.reword(f"{left.message}; it could not be reset, its cause is still there")
 
     def _restore_communication(self) -> None:
         """Bring back what resetting the communication took: both heartbeats and the report, once configured."""

@@ -378,7 +378,7 @@ def open_drive(link: CanLink, section: AxisDescription, axis: str, clock: Clock)
 def raise_together(failures: Sequence[MachineError]) -> None:
     """Raise the first failure with the messages of all, if there are any."""
     if failures:
-        raise failures[0].reworded("; ".join(failure.message for failure in failures))
+        raise failures[0].reword("; ".join(failure.message for failure in failures))
 
 
 def wait_for_all(waits: Mapping[str, Iterator[None]], clock: Clock) -> dict[str, str]:

@@ -349,7 +349,7 @@ class Rig:
         try:
             self.stop()
         except SafetyStopError as failure:
-            raise error.reworded(f"{error.message}; {failure.message}") from failure
+            raise error.reword(f"{error.message}; {failure.message}") from failure
 
     # The needle
 
@@ -474,9 +474,9 @@ class Rig:
         if not self._opening.reset_faults:
             command = "withdraw" if self.state.needle_in_tissue else f"home --axis {axis.name}"
             way_out = f"labrig devices {command} --rig FILE resets it once you confirm"
-            raise fault.reworded(fault.message, f"{fault.hint}; {way_out}")
+            raise fault.reword(fault.message, f"{fault.hint}; {way_out}")
         if not self.ask(ConfirmFaultReset(fault.message, fault.remedy)).confirmed:
-            raise fault.reworded(f"{fault.message}; the operator did not confirm its reset")
+            raise fault.reword(f"{fault.message}; the operator did not confirm its reset")
         axis.drive.reset_fault()
 
     def _find_shared_cob_ids(self) -> list[MachineError]:

@@ -21,7 +21,7 @@ from labrig.plugins import CAMERAS, DRIVES, Plugin, find_plugin
 from labrig.protocol.model import Conflict, Model, Name
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import Needle
-from labrig.protocol.yaml_file import load_yaml_model, model_of_values
+from labrig.protocol.yaml_file import load_yaml_model, validate_values
 from labrig.simulation.description import WorldDescription
 
 FileName = Annotated[str, Field(min_length=1, max_length=200)]
@@ -186,7 +186,7 @@ class RigDescription(Model):
             "link_mm": design.link_length_mm,
             "design": {"radius_low_mm": design.radius_low_mm, "radius_high_mm": design.radius_high_mm},
         }
-        world = model_of_values(
+        world = validate_values(
             values, f"the simulated world with needle {needle.needle_id}", WorldDescription
         )
         changed = self.model_copy(update={"world": world})

@@ -60,7 +60,7 @@ def stop_rig(rig: RigDescription) -> StopReport:
         link = open_can(rig.can, clock)
     except BusError as error:
         message = f"{'; '.join(before)}; {error.message}"
-        raise error.reworded(message, f"press the emergency stop; then: {error.hint}") from error
+        raise error.reword(message, f"press the emergency stop; then: {error.hint}") from error
     with closing(link):
         return StopReport("bus", (*before, *stop_drives(rig, link, clock)))
 

@@ -2,20 +2,20 @@
 
 Decided here:
 
-- YAML 1.2 by ruamel.yaml, read from its nodes: `no` is a word; a key that stands twice, tags, merge keys
-  and NaN are refused; aliases expand within bounds. A protocol is data, and nothing in it can name code.
-- All problems of a file are told at once, each with file, line, column, value, what was expected and a hint; only
-  what makes a text no YAML is told alone. The words are taken from the JSON Schema that editors read, so the
-  two cannot differ.
-- Values are validated in pydantic's strict JSON mode: 40 is a length, "40" and yes are not. Units stand in
-  the names and are never converted silently; a hint says what the value would be.
-- Rules between values are `Model.conflicts`, told at the key that has to change.
-- `dump_yaml` writes every default out: the protocol in a record means the same when defaults have changed.
-- A needle, of a protocol or of a scenario, may name a design file (`design_file:`) instead of diameter and radius. The
-  numbers are put in when the file is read, so that what is recorded is whole; the name is relative and stays beside the
-  folder of the file that names it. `load_design` reads one for whoever needs the radius with its tolerance.
+- ruamel.yaml composes YAML 1.2 and its nodes are read here: `no` is a word; duplicate keys, tags, merge keys and NaN
+  are refused; aliases expand within bounds. A protocol is data, and nothing in it can name code.
+- All problems of a file are reported at once, each with file, line, column, value, what was expected and a hint; only
+  a syntax error is reported alone. The wording comes from the JSON Schema that editors read, so the two cannot differ.
+- Values are validated in pydantic's strict JSON mode: 40 is a length, "40" and yes are not. Units are part of the
+  names and are never converted silently; a hint gives the converted value.
+- Rules between values are in `Model.conflicts` and are reported at the key that has to change.
+- `dump_yaml` writes out every default, so the protocol in a record keeps its meaning when defaults change.
+- The needle of a protocol or a scenario may name a design file (`design_file:`) instead of diameter and radius. The
+  numbers are filled in when the file is read, so that the record is complete. The name is relative, and the file must
+  be below the parent of the folder that holds the protocol.
 - The rig file and its `world:` section use the same `Model` and the same reader.
 
-An experiment is added by a `Protocol` subclass in `protocols.py` and its name in `load.py`; then
+This room knows no experiment. Each experiment's folder holds its own model, a subclass of `ExperimentProtocol`, and
+`load_protocol` is handed all of them by name. After a change of a model, run
 `labrig schema > protocols/protocol.schema.json`.
 """

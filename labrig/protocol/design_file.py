@@ -1,8 +1,8 @@
-"""A design file: what was cut, for which radius within which tolerance, and how that was computed.
+"""A design file: the hinge that was cut, its radius with tolerance, and how they were computed.
 
-`labrig design --out` and design runs write it as JSON. JSON is YAML, so it is read as every other file is, and its
-faults have a line too. It stands here and not in `needle` because protocols name it, and what knows protocols must not
-thereby know how a hinge is computed: the simulated world is one of those.
+`labrig design --out` and design runs write it as JSON. JSON is YAML, so the usual reader reads it and its problems
+have a line too. It is here and not in `needle` because protocols name it, and code that reads protocols, such as the
+simulated world, must not depend on how a hinge is computed.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ class TubeSection(Model):
 
 
 class NeedleDesign(Model):
-    """A design, as other rooms take it: diameter, and the radius with its worst cases within the laser's tolerances."""
+    """A design as other rooms use it: diameter, and the radius with its worst cases within the laser's tolerances."""
 
     kind: Literal["labrig-needle-design"] = Field(description="Which kind of file this is.")
     schema_version: Literal[1] = Field(
@@ -43,11 +43,11 @@ class NeedleDesign(Model):
     )
     tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
     clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
-    radius_mm: PositiveMm = Field(description="Steering radius that it is cut for [mm].")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination of the cut [degrees].")
+    radius_mm: PositiveMm = Field(description="Steering radius that the hinge is cut for [mm].")
     radius_low_mm: PositiveMm = Field(description="Smallest radius within the laser's tolerances [mm].")
     radius_high_mm: float = Field(gt=0, description="Largest radius within the laser's tolerances [mm].")
-    basis: Basis = Field(description="By which plane inclination and tolerance were computed.")
+    basis: Basis = Field(description="Model by which inclination and tolerance were computed.")
     provenance: dict[str, Any] = Field(description="Code version, packages, host and command line.")
 
     @property
@@ -56,7 +56,7 @@ class NeedleDesign(Model):
         return self.tube.outer_diameter_mm
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a radius that lies outside of its own tolerance."""
+        """Yield a radius outside its own tolerance."""
         low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
         if not low_mm <= self.radius_mm <= high_mm:
             message = (

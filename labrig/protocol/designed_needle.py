@@ -11,8 +11,8 @@ from pathlib import Path
 
 from labrig.errors import FileFormatError, InputError, Problem
 from labrig.protocol.design_file import NeedleDesign, load_design
+from labrig.protocol.formatting import Plain, show
 from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
-from labrig.protocol.words import Plain, show
 
 KEY = "design_file"
 _DESIGN = ("needle", KEY)
@@ -30,7 +30,7 @@ class Filling:
     values: Callable[[NeedleDesign, str, str], dict[str, Plain]]
 
 
-def with_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
+def fill_in_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
     """Return `tree` with the numbers of the design file that its needle names; unchanged where it names none.
 
     Parameters

@@ -1,6 +1,6 @@
-"""What pydantic found wrong -> faults with a place, in words that need no Python.
+"""Errors of pydantic -> faults with a position, in words that need no knowledge of Python.
 
-The words come from the model's JSON Schema, so that an editor and an error message never disagree on a limit.
+The limits come from the model's JSON Schema, so that an editor and an error message never disagree.
 """
 
 from collections.abc import Iterator, Mapping
@@ -9,27 +9,27 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from labrig.protocol.model import ConflictError
-from labrig.protocol.schema import SchemaView
-from labrig.protocol.tree import InputFault, KeyPath, Tree
-from labrig.protocol.words import (
+from labrig.protocol.formatting import (
     Plain,
     Scalar,
     choice_hint,
-    closest,
+    find_closest,
     number_text_hint,
     other_unit_hint,
     rescaled_hint,
     show,
     show_key,
 )
+from labrig.protocol.model import ConflictError
+from labrig.protocol.schema import SchemaView
+from labrig.protocol.tree import InputFault, KeyPath, Tree
 
 _TRUTH_WORDS = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
 
 
 @dataclass(frozen=True)
 class _Spot:
-    """Where an error of pydantic stands, in the file and in the schema.
+    """The place of a pydantic error, in the file and in the schema.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class _Spot:
     path : tuple of keys and indices
         From the top.
     view, holder_view : SchemaView or None
-        The schema there, and that of the section or list around it, as far as there are such.
+        The schema of the place and the schema of the section or list around it; None if there is none.
     """
 
     tree: Tree
@@ -48,7 +48,7 @@ class _Spot:
 
     @property
     def value(self) -> Plain:
-        """The value there, None where there is none."""
+        """The value, None if the file has none."""
         return self.tree.value(self.path)
 
     @property
@@ -58,14 +58,14 @@ class _Spot:
 
     @property
     def name(self) -> str:
-        """The key as a message names it, an entry of a list after the list's key."""
+        """The key as a message names it; an entry of a list follows the key of the list."""
         keys = [index for index, part in enumerate(self.path) if isinstance(part, str)]
         return ".".join(show_key(part) for part in self.path[keys[-1] :]) if keys else "the file"
 
     @property
-    def words(self) -> str:
-        """What is expected."""
-        return self.view.words() if self.view else "another value"
+    def expected(self) -> str:
+        """The expected value, in words."""
+        return self.view.describe() if self.view else "another value"
 
     @property
     def about(self) -> str:
@@ -73,28 +73,30 @@ class _Spot:
         return self.view.description if self.view else ""
 
     def fault(self, message: str, hint: str = "") -> InputFault:
-        """Return a fault of the value there, or of the key of what should hold it."""
+        """Return a fault at the value, or at the key of the section that lacks it."""
         found = self.tree.at(self.path)
         return InputFault(found.value if self.tree.holds(self.path) else found.key, self.path, message, hint)
 
 
-def explained(error: ValidationError, tree: Tree, view: SchemaView) -> tuple[InputFault, ...]:
+def explain_errors(error: ValidationError, tree: Tree, view: SchemaView) -> tuple[InputFault, ...]:
     """Return each error of pydantic as a fault of the file that `tree` was read from.
 
-    A missing key for which an unknown key beside it was probably meant is one fault, told at the unknown key.
+    A missing key and an unknown key beside it that probably means it are one fault, at the unknown key.
     """
-    located = [(detail, _located(detail["loc"], tree, view)) for detail in error.errors(include_url=False)]
-    meant = {(*spot.holder, _meant(spot)) for detail, spot in located if detail["type"] == "extra_forbidden"}
+    spots = [(detail, _locate(detail["loc"], tree, view)) for detail in error.errors(include_url=False)]
+    meant = {
+        (*spot.holder, _guess_key(spot)) for detail, spot in spots if detail["type"] == "extra_forbidden"
+    }
     return tuple(
         fault
-        for detail, spot in located
+        for detail, spot in spots
         if detail["type"] != "missing" or spot.path not in meant
-        for fault in _faults(detail, spot, view)
+        for fault in _explain_error(detail, spot, view)
     )
 
 
-def _located(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
-    """Follow the location that pydantic gives; it also holds the kinds of unions, which no file has."""
+def _locate(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
+    """Follow the location that pydantic gives; it also names the kinds of unions, which the file does not."""
     spot = _Spot(tree, (), view, view)
     for part in loc:
         if spot.view and part in spot.view.tags:
@@ -106,23 +108,23 @@ def _located(loc: KeyPath, tree: Tree, view: SchemaView) -> _Spot:
     return spot
 
 
-def _faults(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> Iterator[InputFault]:
+def _explain_error(detail: Mapping[str, Any], spot: _Spot, top: SchemaView) -> Iterator[InputFault]:
     kind, raised = detail["type"], detail.get("ctx", {}).get("error")
     if isinstance(raised, ConflictError):
-        yield from _conflicts(raised, spot)
+        yield from _explain_conflicts(raised, spot)
     elif kind == "extra_forbidden":
-        yield _unknown_key(spot, top)
+        yield _explain_unknown_key(spot, top)
     elif kind in {"union_tag_invalid", "union_tag_not_found"}:
         view = spot.view
         key, kinds = (view.tag_key, tuple(view.tags)) if view else ("kind", ())
         yield choice_fault(spot.tree, (*spot.path, key), kinds)
     elif not spot.tree.holds(spot.path):
-        yield _missing(spot)
+        yield _explain_missing(spot)
     else:
-        yield _wrong_value(spot, str(raised or ""))
+        yield _explain_wrong_value(spot, str(raised or ""))
 
 
-def _conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
+def _explain_conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
     for conflict in raised.conflicts:
         path = spot.path
         for part in conflict.key.split("."):
@@ -130,17 +132,17 @@ def _conflicts(raised: ConflictError, spot: _Spot) -> Iterator[InputFault]:
         yield InputFault(spot.tree.at(path).value, path, conflict.message, conflict.hint)
 
 
-def _meant(spot: _Spot) -> str | None:
-    """Return the key that an unknown one was probably meant to be, rather one that the file lacks."""
-    known = spot.holder_view.keys if spot.holder_view else ()
-    free = [key for key in known if not spot.tree.holds((*spot.holder, key))]
-    return closest(str(spot.path[-1]), free) or closest(str(spot.path[-1]), known)
+def _guess_key(spot: _Spot) -> str | None:
+    """Return the key that an unknown key probably means, if possible one that the file lacks."""
+    keys = spot.holder_view.keys if spot.holder_view else ()
+    free = [key for key in keys if not spot.tree.holds((*spot.holder, key))]
+    return find_closest(str(spot.path[-1]), free) or find_closest(str(spot.path[-1]), keys)
 
 
-def _unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
+def _explain_unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
     key = str(spot.path[-1])
-    elsewhere = next(_paths_to(key, top), None)
-    if meant := _meant(spot):
+    elsewhere = next(_find_paths(key, top), None)
+    if meant := _guess_key(spot):
         hint = f"did you mean {meant}?{other_unit_hint(key, meant, spot.value)}"
     elif elsewhere:
         hint = f"{key} stands at {elsewhere}; check the indentation"
@@ -149,15 +151,15 @@ def _unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
     return InputFault(spot.tree.at(spot.path).key, spot.path, f"unknown key {show_key(key)}", hint)
 
 
-def _paths_to(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterator[str]:
-    if len(path) > 4:  # sections are not nested deeper; this bounds a schema that holds itself
+def _find_paths(key: str, view: SchemaView, path: tuple[str, ...] = ()) -> Iterator[str]:
+    if len(path) > 4:  # sections are not nested deeper; this bounds a recursive schema
         return
     for kind in [view.kind(tag) for tag in view.tags] or [view]:
         for name in kind.keys:
             if name == key:
                 yield ".".join((*path, name))
             if child := kind.child(name):
-                yield from _paths_to(key, child, (*path, name))
+                yield from _find_paths(key, child, (*path, name))
 
 
 def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFault:
@@ -171,17 +173,17 @@ def choice_fault(tree: Tree, path: KeyPath, choices: tuple[str, ...]) -> InputFa
     return InputFault(tree.at(path).value, path, f"{key} is {show(chosen)}, expected one of {listed}", hint)
 
 
-def _missing(spot: _Spot) -> InputFault:
-    if isinstance(spot.path[-1], int):  # a list that is too short is the fault of the list
-        return _wrong_value(_Spot(spot.tree, spot.holder, spot.holder_view, None), "")
-    return spot.fault(f"{spot.name} is missing, expected {spot.words}", spot.about)
+def _explain_missing(spot: _Spot) -> InputFault:
+    if isinstance(spot.path[-1], int):  # the fault is that the list is too short
+        return _explain_wrong_value(_Spot(spot.tree, spot.holder, spot.holder_view, None), "")
+    return spot.fault(f"{spot.name} is missing, expected {spot.expected}", spot.about)
 
 
-def _wrong_value(spot: _Spot, raised: str) -> InputFault:
+def _explain_wrong_value(spot: _Spot, raised: str) -> InputFault:
     if raised:
         return spot.fault(f"{spot.name} is {show(spot.value)}: {raised}", spot.about)
     hint = _value_hint(spot.name, spot.value, spot.view) if spot.view else ""
-    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {spot.words}", hint or spot.about)
+    return spot.fault(f"{spot.name} is {show(spot.value)}, expected {spot.expected}", hint or spot.about)
 
 
 def _value_hint(name: str, value: Plain, view: SchemaView) -> str:

@@ -8,16 +8,16 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import Field
 
-from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, with_design
+from labrig.protocol.designed_needle import IN_PROTOCOL, Filling, fill_in_design
 from labrig.protocol.explain import choice_fault
 from labrig.protocol.model import Model
-from labrig.protocol.overrides import overridden
+from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
 from labrig.protocol.tree import Position, Tree, file_format_error
-from labrig.protocol.yaml_file import model_of_tree
+from labrig.protocol.yaml_file import validate_tree
 from labrig.protocol.yaml_text import read_tree
-from labrig.protocol.yaml_tree import require_kind, tree_of_file
+from labrig.protocol.yaml_tree import load_tree, require_kind
 
 Models: TypeAlias = Mapping[str, type[ExperimentProtocol]]
 """The model of each experiment's protocol, by the name that stands behind `experiment:`."""
@@ -53,7 +53,7 @@ def load_protocol(
     FileFormatError
         With every problem of the file and of the overrides.
     """
-    tree = overridden(tree_of_file(Path(path)), overrides)
+    tree = apply_overrides(load_tree(Path(path)), overrides)
     if seed is not None:
         tree = tree.put(("seed",), seed, Position("--seed"))
     return _protocol_of(tree, models, Path(path).parent)
@@ -72,7 +72,7 @@ def load_designed_model(path: Path | str, model: type[AnyModel], filling: Fillin
     FileFormatError
         With every problem of the file.
     """
-    return model_of_tree(with_design(tree_of_file(Path(path)), Path(path).parent, filling), model)
+    return validate_tree(fill_in_design(load_tree(Path(path)), Path(path).parent, filling), model)
 
 
 def protocol_schema(models: Models) -> JsonSchema:
@@ -88,4 +88,4 @@ def _protocol_of(tree: Tree, models: Models, folder: Path | None) -> ExperimentP
     if model is None:
         raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
     takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
-    return model_of_tree(with_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)
+    return validate_tree(fill_in_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from labrig.errors import FileFormatError, InputError
+from labrig.protocol.formatting import Plain, show
 from labrig.protocol.tree import InputFault, Position, Tree
-from labrig.protocol.words import Plain, show
 from labrig.protocol.yaml_text import MAX_DEPTH, compose, resolve_scalar
 
 SET = Position("--set")
 
 
-def overridden(tree: Tree, overrides: Sequence[str]) -> Tree:
+def apply_overrides(tree: Tree, overrides: Sequence[str]) -> Tree:
     """Return `tree` with each `dotted.key=value` put in, the later over the earlier.
 
     A value is a YAML scalar; one that starts with a bracket, a brace or a quote is YAML in full. An index

@@ -3,29 +3,40 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any, TypeAlias
 
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-from labrig.protocol.words import range_words, show_key
+from labrig.protocol.formatting import Plain, range_words, show_key
 
-JsonSchema: TypeAlias = dict[str, Any]
+JsonSchema: TypeAlias = dict[str, Plain]
 
+_BOUND_WORDS = {
+    "exclusiveMinimum": "above",
+    "minimum": "least",
+    "exclusiveMaximum": "below",
+    "maximum": "most",
+}
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _Untitled(GenerateJsonSchema):
-    """Leaves out the titles that pydantic makes from field names: the names say it."""
+    """Leaves out the titles that pydantic makes from field names: they repeat the names."""
 
-    def field_title_should_be_set(self, schema: Any) -> bool:  # noqa: ARG002 - asked for each field
+    def field_title_should_be_set(self, schema: object) -> bool:  # noqa: ARG002 - pydantic's signature
         return False
 
 
 def model_schema(model: Any, title: str) -> JsonSchema:
-    """Return the JSON Schema of `model` (a model class, or an annotated union of them) under `title`."""
+    """Return the JSON Schema of `model`, a model class or an annotated union of them, which has no type of its own."""
     made = TypeAdapter(model).json_schema(schema_generator=_Untitled)
-    return {"$schema": DIALECT, "title": title, **{key: each for key, each in made.items() if key != "title"}}
+    return {
+        "$schema": DIALECT,
+        "title": title,
+        **{key: value for key, value in made.items() if key != "title"},
+    }
 
 
 def schema_text(schema: JsonSchema) -> str:
@@ -35,126 +46,137 @@ def schema_text(schema: JsonSchema) -> str:
 
 @dataclass(frozen=True)
 class SchemaView:
-    """One place of a JSON Schema, with references followed, for error messages.
+    """A part of a JSON Schema, with references resolved, for error messages.
 
     Parameters
     ----------
     node : mapping
-        The schema of the place.
+        The schema of the part.
     definitions : mapping
         The `$defs` of the whole schema.
     """
 
-    node: Mapping[str, Any]
-    definitions: Mapping[str, Any]
+    node: Mapping[str, Plain]
+    definitions: Mapping[str, Plain]
 
     @classmethod
     def of(cls, schema: JsonSchema) -> "SchemaView":
-        """Return the top of a whole schema."""
-        return cls(schema, schema.get("$defs", {})).followed(schema)
+        """Return the view of a whole schema."""
+        return cls(schema, _as_section(schema.get("$defs"))).follow(schema)
 
-    def followed(self, node: Mapping[str, Any]) -> "SchemaView":
-        """Return the view of `node`, its reference and its `or null` resolved."""
+    def follow(self, node: Mapping[str, Plain]) -> "SchemaView":
+        """Return the view of `node`, with its reference and its `or null` resolved."""
         if "$ref" in node:
-            target = self.definitions[node["$ref"].rsplit("/", 1)[1]]
+            target = _as_section(self.definitions[str(node["$ref"]).rsplit("/", 1)[1]])
             node = {**target, **{key: value for key, value in node.items() if key != "$ref"}}
-        options = [each for each in node.get("anyOf", ()) if each != {"type": "null"}]
+        options = [option for option in _as_list(node.get("anyOf")) if option != {"type": "null"}]
         if len(options) == 1:
             rest = {key: value for key, value in node.items() if key != "anyOf"}
-            return self.followed({**options[0], **rest, "nullable": True})
+            return self.follow({**_as_section(options[0]), **rest, "nullable": True})
         return SchemaView(node, self.definitions)
 
     @property
     def description(self) -> str:
-        """What the field is, with its unit; empty where nobody wrote it."""
+        """What the field is, with its unit; empty if the model has no description."""
         return str(self.node.get("description", ""))
 
     @property
     def keys(self) -> tuple[str, ...]:
         """The keys of a section."""
-        return tuple(self.node.get("properties", {}))
+        return tuple(_as_section(self.node.get("properties")))
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that may stand here, where only some may."""
+        """The words that are allowed, if only certain words are."""
         if "const" in self.node:
             return (str(self.node["const"]),)
-        return tuple(map(str, self.node.get("enum", ())))
+        return tuple(map(str, _as_list(self.node.get("enum"))))
 
     @property
-    def tags(self) -> Mapping[str, str]:
+    def tags(self) -> Mapping[str, Plain]:
         """For a section of several kinds: kind -> reference to the schema of that kind."""
-        return dict(self.node.get("discriminator", {}).get("mapping", {}))
+        return _as_section(_as_section(self.node.get("discriminator")).get("mapping"))
 
     @property
     def tag_key(self) -> str:
         """For a section of several kinds: the key that names the kind."""
-        return str(self.node.get("discriminator", {}).get("propertyName", ""))
+        return str(_as_section(self.node.get("discriminator")).get("propertyName", ""))
 
     def kind(self, tag: str) -> "SchemaView":
         """Return the schema of one of `tags`."""
-        return self.followed({"$ref": self.tags[tag]})
+        return self.follow({"$ref": self.tags[tag]})
 
     def child(self, key: str | int) -> "SchemaView | None":
-        """Return the schema of an entry, or None where none is described."""
+        """Return the schema of an entry, or None if the schema describes none."""
         if isinstance(key, int):
-            fixed = self.node.get("prefixItems", ())
+            fixed = _as_list(self.node.get("prefixItems"))
             found = fixed[key] if key < len(fixed) else self.node.get("items")
         else:
-            found = self.node.get("properties", {}).get(key, self.node.get("additionalProperties"))
-        return self.followed(found) if isinstance(found, Mapping) else None
+            found = _as_section(self.node.get("properties")).get(key, self.node.get("additionalProperties"))
+        return self.follow(found) if isinstance(found, dict) else None
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The lowest and highest number, whether or not they are included."""
-        low = self.node.get("minimum", self.node.get("exclusiveMinimum", float("-inf")))
-        high = self.node.get("maximum", self.node.get("exclusiveMaximum", float("inf")))
-        return float(low), float(high)
+        """The lowest and the highest number; either may be excluded."""
+        bounds = self._bounds()
+        low = bounds.get("minimum", bounds.get("exclusiveMinimum", -inf))
+        return low, bounds.get("maximum", bounds.get("exclusiveMaximum", inf))
 
-    def words(self) -> str:
-        """Return what is expected here, limits included, as words of a sentence."""
-        said = self._own_words()
-        return f"{said} or null" if self.node.get("nullable") else said
+    def _bounds(self) -> dict[str, float]:
+        return {
+            key: float(value)
+            for key, value in self.node.items()
+            if key in _BOUND_WORDS and isinstance(value, int | float)
+        }
 
-    def _own_words(self) -> str:
+    def describe(self) -> str:
+        """Return the expected value, limits included, as words of a sentence."""
+        words = self._describe_value()
+        return f"{words} or null" if self.node.get("nullable") else words
+
+    def _describe_value(self) -> str:
         if self.choices:
             return "one of " * (len(self.choices) > 1) + ", ".join(map(show_key, self.choices))
-        if options := [*self.node.get("anyOf", ()), *self.node.get("oneOf", ())]:
-            return " or ".join(dict.fromkeys(self.followed(option).words() for option in options))
+        if options := [*_as_list(self.node.get("anyOf")), *_as_list(self.node.get("oneOf"))]:
+            return " or ".join(
+                dict.fromkeys(self.follow(_as_section(option)).describe() for option in options)
+            )
         describe = {
-            "number": lambda: self._number_words("a number"),
-            "integer": lambda: self._number_words("a whole number"),
+            "number": lambda: self._describe_number("a number"),
+            "integer": lambda: self._describe_number("a whole number"),
             "boolean": lambda: "true or false",
-            "string": self._text_words,
-            "array": self._list_words,
-            "object": self._section_words,
+            "string": self._describe_text,
+            "array": self._describe_list,
+            "object": self._describe_section,
         }
-        return describe.get(self.node.get("type", ""), lambda: "another value")()
+        return describe.get(str(self.node.get("type", "")), lambda: "another value")()
 
-    def _number_words(self, noun: str) -> str:
-        names = {
-            "exclusiveMinimum": "above",
-            "minimum": "least",
-            "exclusiveMaximum": "below",
-            "maximum": "most",
-        }
-        return range_words(noun, **{word: self.node[key] for key, word in names.items() if key in self.node})
+    def _describe_number(self, noun: str) -> str:
+        return range_words(noun, **{_BOUND_WORDS[key]: value for key, value in self._bounds().items()})
 
-    def _text_words(self) -> str:
+    def _describe_text(self) -> str:
         least, most = self.node.get("minLength", 0), self.node.get("maxLength")
         if most is None:
             return "text"
         return f"text of {least} to {most} characters" if least else f"text of at most {most} characters"
 
-    def _list_words(self) -> str:
-        each = self.child(0)
-        return f"a list{self._count_words()}" + (f", each {each.words()}" if each else "")
+    def _describe_list(self) -> str:
+        entry = self.child(0)
+        return f"a list{self._describe_count()}" + (f", each {entry.describe()}" if entry else "")
 
-    def _count_words(self) -> str:
+    def _describe_count(self) -> str:
         least, most = self.node.get("minItems", 0), self.node.get("maxItems")
         if most is None:
             return f" of at least {least} entries" if least else ""
         return f" of {most} values" if least == most else f" of {least} to {most} entries"
 
-    def _section_words(self) -> str:
+    def _describe_section(self) -> str:
         return f"a section with {', '.join(self.keys)}" if self.keys else "a section (keys and values)"
+
+
+def _as_section(value: Plain) -> dict[str, Plain]:
+    return value if isinstance(value, dict) else {}
+
+
+def _as_list(value: Plain) -> list[Plain]:
+    return value if isinstance(value, list) else []

@@ -104,7 +104,7 @@ class Needle(Model):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a radius that the needle's own thickness rules out."""
-        yield from radius_too_small(self.diameter_mm, self.design_radius_mm)
+        yield from check_radius(self.diameter_mm, self.design_radius_mm)
 
 
 class Specimen(Model):
@@ -220,18 +220,18 @@ class Scale(Model):
     insertion: Direction = Field(description="Where the insertion points in the picture.")
 
 
-def must_exceed(key: str, value: float, other: str, limit: float) -> Conflict:
+def limit_conflict(key: str, value: float, other: str, limit: float) -> Conflict:
     """Return the conflict of a value that is not above the limit that another key sets."""
     return Conflict(key, f"{key} is {value:g}, must be above {other}, {limit:g}", "are both in mm?")
 
 
-def radius_too_small(diameter_mm: float, radius_mm: float | None) -> Iterator[Conflict]:
+def check_radius(diameter_mm: float, radius_mm: float | None) -> Iterator[Conflict]:
     """Yield a radius that the needle's own thickness rules out."""
     if radius_mm is not None and radius_mm <= diameter_mm:
-        yield must_exceed("design_radius_mm", radius_mm, "diameter_mm", diameter_mm)
+        yield limit_conflict("design_radius_mm", radius_mm, "diameter_mm", diameter_mm)
 
 
-def sheath_too_thin(key: str, sheath_mm: float, needle_mm: float) -> Iterator[Conflict]:
+def check_sheath(key: str, sheath_mm: float, needle_mm: float) -> Iterator[Conflict]:
     """Yield a sheath that the needle does not fit through."""
     if sheath_mm <= needle_mm:
         message = f"{key} is {sheath_mm:g}, must be above needle.diameter_mm, {needle_mm:g}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from labrig.errors import FileFormatError, InputError, Problem
-from labrig.protocol.words import Plain, children, show, show_key
+from labrig.protocol.formatting import Plain, children, show, show_key
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
@@ -118,7 +118,7 @@ def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
     return [*holder[:index], _put(holder[index], keys[1:], value), *holder[index + 1 :]]
 
 
-def half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]:
+def find_half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]:
     """Yield each key and text that holds half a surrogate pair, which no encoding can write.
 
     They come from escapes in double quotes and from options that are not valid in the terminal's encoding.
@@ -129,7 +129,7 @@ def half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]:
         message = f"{show(value)} or its key holds bytes that are no character"
         yield InputFault(tree.at(path).value, path, message, "write the character itself, in UTF-8")
     for key in children(value):
-        yield from half_characters(tree, (*path, key))
+        yield from find_half_characters(tree, (*path, key))
 
 
 def file_format_error(faults: Iterable[InputFault]) -> FileFormatError:

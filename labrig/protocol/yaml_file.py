@@ -12,18 +12,18 @@ from ruamel.yaml import YAML
 from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import SafeRepresenter
 
-from labrig.protocol.explain import explained
+from labrig.protocol.explain import explain_errors
 from labrig.protocol.model import Model
-from labrig.protocol.overrides import overridden
+from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import SchemaView, model_schema
 from labrig.protocol.tree import (
     EntryPosition,
     Position,
     Tree,
     file_format_error,
-    half_characters,
+    find_half_characters,
 )
-from labrig.protocol.yaml_tree import require_kind, tree_of_file
+from labrig.protocol.yaml_tree import load_tree, require_kind
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -52,16 +52,16 @@ def load_yaml_model(
     FileFormatError
         With every problem of the file and of the overrides.
     """
-    tree = tree_of_file(Path(path))
+    tree = load_tree(Path(path))
     require_kind(tree, others)
-    return model_of_tree(overridden(tree, overrides), model)
+    return validate_tree(apply_overrides(tree, overrides), model)
 
 
-def model_of_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
+def validate_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
     """Return the `model` of values that stand in no file, such as options. Raises as `load_yaml_model`."""
     position = Position(source)
     plain = json.loads(json.dumps(values, default=str))
-    return model_of_tree(Tree(plain, {(): EntryPosition(position, position)}), model)
+    return validate_tree(Tree(plain, {(): EntryPosition(position, position)}), model)
 
 
 def dump_yaml(model: Model) -> str:
@@ -89,16 +89,16 @@ class _Representer(SafeRepresenter):
 _Representer.add_representer(str, _Representer.represent_text)
 
 
-def model_of_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
+def validate_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
     """Return the validated model of a tree. Raises `FileFormatError` with the faults of both."""
-    if halves := tuple(half_characters(tree)):
+    if halves := tuple(find_half_characters(tree)):
         raise file_format_error([*tree.faults, *halves])
     try:
         # Through JSON: strict there reads a list as a tuple and 40 as 40.0, and converts nothing else.
         made = model.model_validate_json(json.dumps(tree.values))
     except ValidationError as error:
         view = SchemaView.of(model_schema(model, ""))
-        raise file_format_error([*tree.faults, *explained(error, tree, view)]) from error
+        raise file_format_error([*tree.faults, *explain_errors(error, tree, view)]) from error
     if tree.faults:
         raise file_format_error(tree.faults)
     return made

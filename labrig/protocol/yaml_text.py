@@ -17,8 +17,8 @@ from ruamel.yaml.events import AliasEvent, DocumentStartEvent, Event
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from labrig.protocol.formatting import Plain, Scalar, show
 from labrig.protocol.tree import EntryPosition, InputFault, Position, Tree, file_format_error
-from labrig.protocol.words import Plain, Scalar, show
 
 MAX_DEPTH = 20
 MAX_VALUES = 20_000

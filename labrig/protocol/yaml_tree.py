@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from labrig.errors import FileFormatError
+from labrig.protocol.formatting import Plain
 from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
-from labrig.protocol.words import Plain
 from labrig.protocol.yaml_text import read_tree
 
 _SUFFIXES = frozenset({".yaml", ".yml", ".json"})
 MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads about 150 kB a second
 
 
-def yaml_values(path: Path | str) -> dict[str, Plain]:
+def load_yaml_values(path: Path | str) -> dict[str, Plain]:
     """Return what a YAML file says, of whatever kind it is, as JSON would hold it.
 
     Raises
@@ -22,11 +22,11 @@ def yaml_values(path: Path | str) -> dict[str, Plain]:
     FileFormatError
         When it is no YAML, or holds no mapping.
     """
-    return _values(tree_of_file(Path(path)))
+    return _values(load_tree(Path(path)))
 
 
 def parse_yaml_values(text: str, source: str) -> dict[str, Plain]:
-    """Return what a YAML text says; `source` names it in messages. Raises as `yaml_values`."""
+    """Return what a YAML text says; `source` names it in messages. Raises as `load_yaml_values`."""
     return _values(read_tree(text, source))
 
 
@@ -36,7 +36,7 @@ def _values(tree: Tree) -> dict[str, Plain]:
     return tree.section(())
 
 
-def tree_of_file(path: Path) -> Tree:
+def load_tree(path: Path) -> Tree:
     """Return the mapping that a file holds, with places. Raises `FileFormatError`."""
     content = _read_bytes(path).removeprefix(BOM_UTF8)
     try:

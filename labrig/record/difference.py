@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from labrig.errors import RecordError
-from labrig.protocol.yaml_tree import yaml_values
+from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.layout import CALIBRATION, COPY_HINT, PROTOCOL, RIG, inside
 from labrig.record.manifest import read_manifest
 from labrig.record.results import latest_result
@@ -99,7 +99,7 @@ def _read_sections(run: Path) -> dict[str, Mapping[str, object]]:
 
 def _read_yaml(run: Path, name: str) -> Mapping[str, object]:
     path = inside(run, name)
-    return yaml_values(path) if path.exists() else {}
+    return load_yaml_values(path) if path.exists() else {}
 
 
 def _read_calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:

@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from labrig.errors import FileFormatError, RecordError
-from labrig.protocol.yaml_tree import parse_yaml_values, yaml_values
+from labrig.protocol.yaml_tree import load_yaml_values, parse_yaml_values
 from labrig.record.annotations import Annotations
 from labrig.record.json_lines import plain_text
 from labrig.record.layout import PROTOCOL, inside
@@ -80,10 +80,10 @@ def _protocol_fields(path: Path) -> Leaves:
         for section in _SECTION.split(path.read_text(encoding="utf-8")):
             found = _section_fields(section)
             if fields.keys() & found.keys():
-                return _leaves(yaml_values(path), "protocol", _LEFT_OUT)
+                return _leaves(load_yaml_values(path), "protocol", _LEFT_OUT)
             fields |= found
     except (OSError, ValueError, FileFormatError):
-        return _leaves(yaml_values(path), "protocol", _LEFT_OUT)
+        return _leaves(load_yaml_values(path), "protocol", _LEFT_OUT)
     return fields
 
 

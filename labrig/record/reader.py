@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from labrig.errors import Problem, RecordError
-from labrig.protocol.yaml_tree import yaml_values
+from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.annotations import Annotations, read_annotations
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.check import (
@@ -239,7 +239,7 @@ class Run:
         FileFormatError
             When it is no YAML.
         """
-        return yaml_values(self.protocol_path)
+        return load_yaml_values(self.protocol_path)
 
     @property
     def protocol_path(self) -> Path:

@@ -120,7 +120,7 @@ def load_template(path: Path) -> TipTemplate:
     try:
         return TipTemplate(picture, found.tip_px, found.heading, found.insertion, found.roll_rad)
     except PictureError as error:
-        raise error.reworded(f"{picture_file}: {error.message}") from error
+        raise error.reword(f"{picture_file}: {error.message}") from error
     except InputError as error:
         raise _malformed(json_file, error.message) from error
 

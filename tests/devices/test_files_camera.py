@@ -15,7 +15,7 @@ from labrig.devices.files.settings import FilesCameraDescription
 from labrig.devices.files.stream import StreamSource, open_stream
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import CameraError, FileFormatError
-from labrig.protocol.words import mask_passwords
+from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.yaml_file import dump_yaml
 from tests.devices.captures import SIZE_PX, Computer, ComputerClock, EndlessStream, FedStream
 from tests.devices.recorded import number_in, numbered_picture, write_film, write_pictures, write_sidecar

@@ -15,7 +15,7 @@ from labrig.devices.rig_file import (
 from labrig.errors import FileFormatError, InputError, LimitError
 from labrig.protocol.schema import schema_text
 from labrig.protocol.sections import Needle, NeedleDesignSection
-from labrig.protocol.yaml_file import dump_yaml, model_of_tree
+from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 from labrig.simulation.description import DesignDescription
 from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulated_rig
@@ -45,7 +45,7 @@ def test_a_rig_file_survives_being_written_into_a_record() -> None:
     """What the record keeps reads back as the same rig, and holds no path of the machine."""
     rig = load_rig(SIMULATED)
     text = dump_yaml(rig)
-    assert model_of_tree(read_tree(text, "rig.yaml"), RigDescription).placed_in(SIMULATED.parent) == rig
+    assert validate_tree(read_tree(text, "rig.yaml"), RigDescription).placed_in(SIMULATED.parent) == rig
     assert str(SIMULATED.parent) not in text
 
 

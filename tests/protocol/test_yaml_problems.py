@@ -11,7 +11,7 @@ from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
-from labrig.protocol.yaml_file import model_of_tree, model_of_values
+from labrig.protocol.yaml_file import validate_tree, validate_values
 from labrig.protocol.yaml_text import read_tree
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -304,7 +304,7 @@ class Bench(Model):
 def bench_problem(text: str) -> Problem:
     """Return the one problem of a rig text."""
     with pytest.raises(FileFormatError) as caught:
-        model_of_tree(read_tree(text, "rig.yaml"), Bench)
+        validate_tree(read_tree(text, "rig.yaml"), Bench)
     (problem,) = caught.value.problems
     return problem
 
@@ -359,9 +359,9 @@ def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, mess
 def test_values_that_stand_in_no_file_are_told_by_their_source():
     """Options of a command make a model through the same checks."""
     with pytest.raises(FileFormatError) as caught:
-        model_of_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", Bench)
+        validate_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", Bench)
     assert caught.value.problems[0].where == "labrig import camera.rate_hz"
-    made = model_of_values(
+    made = validate_values(
         {"camera": {"kind": "fast", "rate_hz": 1}, "origin_px": (1, 2)}, "labrig import", Bench
     )
     assert made.origin_px == (1.0, 2.0)
@@ -369,7 +369,7 @@ def test_values_that_stand_in_no_file_are_told_by_their_source():
 
 def test_notes_may_have_lines_and_any_script_joins_its_letters():
     """User-written text is kept as written; only what nobody can see is refused."""
-    made = model_of_values(
+    made = validate_values(
         {"camera": {"kind": "fast", "rate_hz": 1}, "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"}, "test", Bench
     )
     assert (made.notes, made.name) == ("a\n\tb", "می‌خواهم 👩‍🔬 é")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, Problem
 from labrig.protocol.model import Model
-from labrig.protocol.yaml_file import load_yaml_model, model_of_tree
+from labrig.protocol.yaml_file import load_yaml_model, validate_tree
 from labrig.protocol.yaml_text import MAX_DEPTH, MAX_VALUES, read_tree
 
 
@@ -120,7 +120,7 @@ def test_duplicate_keys_tags_merge_keys_and_directives_are_gathered():
     """Faults that do not stop the reading are told together, in the order of the file."""
     text = "%YAML 1.1\n---\na: 1\na: !!python/object:os.system 2\n<<: {b: 3}\n? [c]\n: 4\n"
     with pytest.raises(FileFormatError) as caught:
-        model_of_tree(read_tree(text, "x.yaml"), Anything)
+        validate_tree(read_tree(text, "x.yaml"), Anything)
     told = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
     assert told == [
         ("x.yaml:2:1", "the file declares YAML 1.1"),
@@ -136,7 +136,7 @@ def test_any_text_is_read_or_refused(text: str):
     """Whatever stands in a file gives a model or a FileFormatError with a place and a sentence."""
     told: tuple[Problem, ...] = ()
     try:
-        model_of_tree(read_tree(text, "x.yaml"), Anything)
+        validate_tree(read_tree(text, "x.yaml"), Anything)
     except FileFormatError as error:
         told = error.problems
     assert all(problem.where.startswith("x.yaml") and problem.message for problem in told)

@@ -11,7 +11,7 @@ from labrig.experiments.imported_pictures.protocol import ImportedNeedle, Import
 from labrig.protocol.load import load_protocol, parse_protocol
 from labrig.protocol.model import Model
 from labrig.protocol.sections import AnalysisWindow, Scale
-from labrig.protocol.yaml_file import dump_yaml, model_of_tree
+from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
@@ -93,4 +93,4 @@ any_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=40)
 )
 def test_any_model_survives_being_written(model: Mixed):
     """Text that looks like a number, a date, a tag or a comment comes back as text, keys included."""
-    assert model_of_tree(read_tree(dump_yaml(model), "written"), Mixed) == model
+    assert validate_tree(read_tree(dump_yaml(model), "written"), Mixed) == model

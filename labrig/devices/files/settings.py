@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, Field, PlainSerializer
 
 from labrig.devices.camera_settings import CameraDescription, RigKind, Setting
+from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.model import Conflict
-from labrig.protocol.words import mask_passwords
 
 MOST_PIXELS = 7680 * 4320
 """Pixels of the largest picture, that of 8K video: a stream is not to fill the memory."""

@@ -11,8 +11,8 @@ from labrig.protocol.sections import (
     ExperimentProtocol,
     NeedleInPicture,
     Scale,
-    radius_too_small,
-    sheath_too_thin,
+    check_radius,
+    check_sheath,
 )
 
 
@@ -27,7 +27,7 @@ class ImportedNeedle(Model):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a radius that the needle's own thickness rules out."""
-        yield from radius_too_small(self.diameter_mm, self.design_radius_mm)
+        yield from check_radius(self.diameter_mm, self.design_radius_mm)
 
 
 class ImportProtocol(ExperimentProtocol):
@@ -52,4 +52,4 @@ class ImportProtocol(ExperimentProtocol):
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a sheath that the needle does not fit through."""
         if self.sheath_diameter_mm is not None:
-            yield from sheath_too_thin("sheath_diameter_mm", self.sheath_diameter_mm, self.needle.diameter_mm)
+            yield from check_sheath("sheath_diameter_mm", self.sheath_diameter_mm, self.needle.diameter_mm)

@@ -16,7 +16,7 @@ from labrig.protocol.sections import (
     RollZeroSteps,
     Sheath,
     Specimen,
-    sheath_too_thin,
+    check_sheath,
 )
 from labrig.steering.parameters import SteeringPolicy
 
@@ -211,7 +211,7 @@ class InsertionProtocol(ExperimentProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield sizes that do not go together."""
-        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"
             yield Conflict("planner.radius_mm", message, "are both in mm?")

@@ -10,9 +10,9 @@ from pydantic import Field
 from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.design_file import NeedleDesign
 from labrig.protocol.designed_needle import Filling
+from labrig.protocol.formatting import Plain
 from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
-from labrig.protocol.words import Plain
 from labrig.steering.parameters import PlanWeights
 from labrig.steering.problem import Obstacle, PlanProblem
 

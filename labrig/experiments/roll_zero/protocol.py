@@ -14,7 +14,7 @@ from labrig.protocol.sections import (
     NeedleInPicture,
     RollZeroSteps,
     Sheath,
-    sheath_too_thin,
+    check_sheath,
 )
 
 
@@ -40,4 +40,4 @@ class RollZeroProtocol(ExperimentProtocol):
 
     def conflicts(self) -> Iterator[Conflict]:
         """Yield a sheath that the needle does not fit through."""
-        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)

@@ -15,8 +15,8 @@ from labrig.protocol.sections import (
     NeedleInPicture,
     Sheath,
     Specimen,
-    must_exceed,
-    sheath_too_thin,
+    check_sheath,
+    limit_conflict,
 )
 
 
@@ -77,9 +77,9 @@ class SteerabilityProtocol(ExperimentProtocol):
         """Yield names that stand twice, and sizes that do not go together."""
         yield from self._repeated_names()
         yield from self._holes_beyond_the_block()
-        yield from sheath_too_thin("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
+        yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
-            yield must_exceed(
+            yield limit_conflict(
                 "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm
             )
         if self.analysis.least_length_mm > self.insertion.length_mm:

@@ -76,7 +76,7 @@ def show_key(key: str | int) -> str:
     return text if re.fullmatch(r"[\w.<>-]{1,60}", text) else show(text)
 
 
-def closest(word: str, choices: Iterable[str]) -> str | None:
+def find_closest(word: str, choices: Iterable[str]) -> str | None:
     """Return the choice that `word` was probably meant to be, or None."""
     by_folded = {choice.casefold().replace("-", "_"): choice for choice in choices}
     folded = word.strip().casefold().replace("-", "_").replace(" ", "_")
@@ -87,7 +87,7 @@ def closest(word: str, choices: Iterable[str]) -> str | None:
 def choice_hint(word: str, choices: Iterable[str]) -> str:
     """Return `did you mean x?` for a word close to a choice, else the choices."""
     names = tuple(choices)
-    meant = closest(word, names)
+    meant = find_closest(word, names)
     return f"did you mean {show_key(meant)}?" if meant else "known here: " + ", ".join(map(show_key, names))
 
 

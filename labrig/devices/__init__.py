@@ -2,11 +2,10 @@
 
 What is decided here
 --------------------
-- A replayed rig (`open_replayed`) is one whose bus, camera, clock and operator are those of a record; axes and drivers
-  are the real ones there too, and what they send is compared with what was sent.
-- Real or simulated is what the rig file says, and only `hardware.make_hardware` asks. The seam is at the wire: a
-  simulated drive is a CANopen node on a bus inside the process, and the driver that talks to it is the one
-  for real drives.
+- A replayed rig (`open_replayed`) takes bus, camera, clock and operator from a record; axes and drivers are the real
+  ones, and what they send is compared with what was sent.
+- The rig file says whether a rig is real or simulated, and only `hardware.make_hardware` asks. The seam is at the
+  wire: a simulated drive is a CANopen node on a bus inside the process, driven by the driver of real drives.
 - A kind of drive is a folder (`epos2/`, `cia402/`) behind `Drive` and `DriveKind`, which an entry point of the group
   `labrig.drives` names; what CANopen drives share stands beside it (`cia402_drive`, `canopen_objects`, `sdo_client`).
   Nothing else imports such a folder.
@@ -19,15 +18,14 @@ What is decided here
 - Homing is ordered: a search needs a bare instrument, the linear module first; with a needle mounted zeros are set
   where the axes stand. Backlash stands in the rig file; moves end from one side.
 - States of all axes are of one instant, that of a SYNC. The set-up of a drive may be pinned in the rig file.
-- Whatever goes wrong, every axis is stopped, and standing still is read back; a halt goes out to all before any
-  answer is awaited. What comes of each fault stands in a table that the tests hold. A closed rig has its power
-  stages off.
-- What is moved outside of a run is noted beside the state file before it begins (`motion_log`); runs have their record.
-- One labrig has a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
-  through a socket that it looks at between two bus transactions.
-- Each setting of the camera is read back, and one that was not taken closes the rig. What a camera is stands in a
-  folder of its own (`uvc/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
-- A picture is never older than its command. Where its camera tells when it was exposed, the axes' positions at that
-  time are those between the readings before and after it; how far the time may be wrong is recorded with the picture.
+- After any failure every axis is stopped, and standstill is read back; a halt goes to all axes before any answer is
+  awaited. A table in the tests has the outcome of each fault. A closed rig has its power stages off.
+- A motion outside a run is logged beside the state file before it begins (`motion_log`); runs have their record.
+- One labrig uses a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
+  through a socket that it polls between two bus transactions.
+- Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera is a folder
+  (`uvc/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
+- A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are
+  interpolated between the readings before and after it; the bound of that time is recorded with the picture.
 - This room alone reads the time, sleeps, and knows CAN, cameras and threads (python-can's, on a real bus).
 """

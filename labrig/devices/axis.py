@@ -1,4 +1,4 @@
-"""One axis of the rig: limits, reference, and what a move is, whatever drives it."""
+"""One axis of the rig: its limits, its reference and its moves, for any kind of drive."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ _MOVE_MARGIN_FRACTION = 0.2
 
 @dataclass(frozen=True)
 class Setpoint:
-    """A move as it was asked and as it was sent.
+    """A move as requested and as sent.
 
     Parameters
     ----------
     asked_position, asked_speed : float
         What was asked [mm or rad, per s].
     sent : mapping of str to int
-        What went over the wire, by the names that its drive gives it.
+        What went over the wire, by the names of its drive.
     position, speed : float
-        What that is [mm or rad, per s]; off by rounding.
+        What that amounts to [mm or rad, per s]; differs by rounding.
     """
 
     asked_position: float
@@ -35,17 +35,16 @@ class Setpoint:
     speed: float
 
     def document(self) -> dict[str, float]:
-        """Return it as an event of the record has it."""
+        """Return it as in an event of the record."""
         asked = {"asked_position": self.asked_position, "asked_speed": self.asked_speed}
         return {**asked, **self.sent, "position": self.position, "speed": self.speed}
 
 
 @dataclass(frozen=True, slots=True)
 class AxisReadback:
-    """What an axis read: position and speed [mm or rad, per s], statusword, its state, and whether the move is done.
+    """A reading of an axis: position and speed [mm or rad, per s], statusword, state, and whether the move is done.
 
-    The speed is that between this position and the one read before; the drive's own is quantised to tens of
-    rpm.
+    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm.
     """
 
     position: float
@@ -67,7 +66,7 @@ class Axis:
     drive : Drive
         Its drive.
     clock : Clock
-        Whose time bounds moves.
+        Rig time, which bounds moves.
     """
 
     def __init__(self, name: str, description: AxisDescription, drive: Drive, clock: Clock) -> None:
@@ -90,19 +89,19 @@ class Axis:
     # Moving
 
     def check_move(self, position: float, speed: float) -> None:
-        """Refuse a move beyond the limits of this axis, or one whose speed integer rpm would change too much.
+        """Refuse a move beyond the limits of this axis, or one whose speed changes too much by rounding.
 
         Raises `LimitError`.
         """
         self.description.check_move(self.name, position, speed)
 
     def nearest_speed(self, speed: float) -> float:
-        """Return the fastest speed that the drive of this axis can be told and that is no faster than `speed`."""
+        """Return the fastest speed that the drive can be set to and that is no faster than `speed`."""
         scale = self.description.scale()
         return scale.to_speed(scale.speed_units_below(speed))
 
     def start_move(self, position: float, speed: float) -> Setpoint:
-        """Start a move and return at once; `read` and `Rig.read_states` say when it is done.
+        """Start a move and return at once; `read` and `Rig.read_states` tell when it is done.
 
         Parameters
         ----------
@@ -116,7 +115,7 @@ class Axis:
         LimitError
             Before anything is sent.
         SafetyStopError
-            When the axis is not referenced, so that no position means anything, and none is assumed.
+            When the axis has neither a reference nor an assumed position.
         DriveError, BusError
         """
         self.check_move(position, speed)
@@ -131,9 +130,9 @@ class Axis:
         return Setpoint(position, speed, move.sent, move.position, move.speed)
 
     def start_jog(self, distance: float, speed: float) -> float:
-        """Start a move by a distance from where the axis stands, referenced or not; `read` says when it is done.
+        """Start a relative move, referenced or not; `read` tells when it is done.
 
-        Backlash is not compensated. Limits of the rig file hold where the axis has a reference.
+        Backlash is not compensated. The limits of the rig file hold if the axis has a reference.
 
         Parameters
         ----------
@@ -145,7 +144,7 @@ class Axis:
         Returns
         -------
         float
-            The speed that integer rpm give [mm/s or rad/s].
+            The achieved speed, after rounding [mm/s or rad/s].
 
         Raises
         ------
@@ -163,7 +162,7 @@ class Axis:
         return achieved
 
     def _beyond(self, position: float) -> float | None:
-        """Return where a move downwards turns round, so that it ends from below; None for one that need not."""
+        """Return where a downward move turns round, so that it ends from below; None if it need not."""
         here = self.drive.position()
         if not self.description.backlash or position >= here:
             return None
@@ -176,7 +175,7 @@ class Axis:
         self.drive.start_move(target if beyond is None else beyond, speed)
 
     def _longest_s(self, target: float, speed: float) -> float:
-        """Return after how long a move must be done: its own time, window time and a margin."""
+        """Return the longest time that a move may take: its own time, window time and a margin."""
         distance = abs(target - self.drive.position()) + 2 * self.description.backlash
         ramps_s = 4 * speed / self.description.acceleration
         window_s = self.description.position_window_time_ms / 1000
@@ -186,12 +185,12 @@ class Axis:
         """Read statusword and position.
 
         `target_reached` means that the last move is done: the drive says so, and the position that was read
-        stands within the window around the target.
+        is within the window around the target.
 
         Raises
         ------
         DriveError
-            On a fault, a restart, silence, lost power, or a move that is not done long after it should be.
+            On a fault, a restart, silence, lost power, or a move that is long overdue.
         BusError
         """
         read = self.drive.read()
@@ -211,7 +210,7 @@ class Axis:
         return AxisReadback(read.position, self._speed(read.position), read.statusword, read.state, reached)
 
     def _has_arrived(self, *, arrived: bool) -> bool:
-        """Tell whether the drive said so each time that it was read for the window time, its position in the window."""
+        """Tell whether every reading during the window time said so, with its position in the window."""
         if not self._moves:
             return True
         now_s = self._clock.now_s()
@@ -223,7 +222,7 @@ class Axis:
         return now_s - self._inside_since_s >= self.description.position_window_time_ms / 1000
 
     def _speed(self, position: float) -> float:
-        """Return the speed since the position before this one; zero for the first."""
+        """Return the speed since the previous position; zero for the first."""
         now_s = self._clock.now_s()
         then_s, before = self._last or (now_s, position)
         self._last = (now_s, position)
@@ -232,12 +231,12 @@ class Axis:
     # Stopping
 
     def halt(self) -> None:
-        """Begin to decelerate, and hold. Raises `DriveError`, `BusError`."""
+        """Start to decelerate, then hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
         self.drive.stop()
 
     def wait_until_still(self) -> Iterator[None]:
-        """Look until the axis stands still, as its position reads; quick-stop it when halting does not do.
+        """Poll the position until the axis stands still; quick-stop it if halting does not suffice.
 
         Raises
         ------
@@ -258,7 +257,7 @@ class Axis:
     # Reference
 
     def start_homing(self, homing: Homing) -> None:
-        """Begin to look for home, without a reference and its limits until `finish_homing`.
+        """Start homing; the axis has no reference and no limits until `finish_homing`.
 
         Raises `DriveError`, `BusError`.
         """
@@ -268,7 +267,7 @@ class Axis:
         self.drive.start_homing(homing)
 
     def finish_homing(self, homing: Homing) -> None:
-        """Hold at home, and give the drive the limits, which mean something from now on.
+        """Hold at home, and give the drive the limits, which apply from now on.
 
         Raises `DriveError`, `BusError`.
         """
@@ -278,10 +277,10 @@ class Axis:
         self.drive.set_limits(self.limits)
 
     def assume_position(self, position: float) -> None:
-        """Take the axis to stand at `position` [mm or rad], as a person has confirmed, for a withdrawal.
+        """Assume that the axis is at `position` [mm or rad], as a person has confirmed, for a withdrawal.
 
-        Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits that the
-        drive may have from another zero are taken off; those of the rig file hold here.
+        Nothing is homed: the drive keeps its counter, and the axis stays without a reference. Limits of the drive that
+        refer to another zero are removed; those of the rig file apply.
 
         Raises `DriveError`, `BusError`.
         """
@@ -292,5 +291,5 @@ class Axis:
         self.assumed = True
 
     def describe(self) -> dict[str, object]:
-        """Return how the axis converts, for the record."""
+        """Return the conversion of the axis and its drive, for the record."""
         return {"unit": self.unit, **self.drive.describe()}

@@ -1,8 +1,8 @@
-"""The CAN bus, real or inside the process, as one `CanLink`; whoever has a link cannot tell which.
+"""The CAN bus, real or inside the process. Both are a `CanLink`, and a user of the link cannot tell which it is.
 
-Everything that passes is noted with its rig time, for the record. A bus that has failed (error frames of bus
-passive and bus off, an adapter whose reading ends) is remembered as `CanLink.trouble`; interfaces that report
-neither are found out by the silence of the drives.
+Every frame is logged with its rig time, for the record. `CanLink.trouble` is the error of a bus that has failed (error
+frames for error passive and bus off, or an adapter that can no longer be read). Interfaces that report neither show
+the failure by the silence of the drives.
 """
 
 import logging
@@ -22,35 +22,34 @@ _NOTIFIER_CYCLE_S = 0.1
 """How long closing may wait for python-can's thread."""
 
 _LOOK_S = 0.01
-"""On a bus inside the process time passes only when somebody sleeps; a late answer is looked for this often."""
+"""On a bus inside the process, time passes only during a sleep; a late answer is polled at this interval."""
 
 _MOST_FRAMES_KEPT = 200_000
-"""Frames that wait for a record; without one the oldest are dropped."""
+"""Most frames that wait for the record; beyond that the oldest are dropped."""
 
 # Classes of SocketCAN's error frames, and bits of their second byte (linux/can/error.h).
 _ERROR_CONTROLLER, _ERROR_BUS_OFF, _ERROR_PASSIVE = 0x004, 0x040, 0x30
 
 OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, TypeError, AttributeError)
-"""Interfaces of python-can whose vendor's driver is missing fail in each of these ways."""
+"""What python-can raises when the vendor's driver is missing differs by interface."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
-"""What python-can is told where the rig file does not: its slcan else looks a thousand times a second."""
+"""Default options; without this one, python-can polls slcan a thousand times a second."""
 
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
-# What these libraries log comes back as errors of ours; without a handler Python would print it to stderr as
-# well.
+# labrig raises what these libraries log; without a handler Python would also print it to stderr.
 for _library in ("canopen", "can"):
     logging.getLogger(_library).addHandler(logging.NullHandler())
 
 
 class BusNetwork(canopen.Network):
-    """A network of `canopen` that notes what passes, and what goes wrong.
+    """A network of `canopen` that logs frames and errors.
 
     Parameters
     ----------
     clock : Clock
-        Whose time the frames get.
+        Gives the frames their time.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -63,28 +62,28 @@ class BusNetwork(canopen.Network):
         self.listeners = listeners  # type: ignore[assignment]
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send a frame and note it."""
+        """Send and log a frame."""
         self._frames.append((self._clock.now_s(), can_id, data, "T"))
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Note a frame and give it to its subscribers."""
+        """Log a frame and pass it to its subscribers."""
         self._frames.append((self._clock.now_s(), can_id, bytes(data), "R"))
         for callback in self.subscribers.get(can_id, ()):
             callback(can_id, data, timestamp)
 
     def check(self) -> None:
-        """Do nothing: why receiving ended stands in `trouble`."""
+        """Do nothing: `trouble` has the reason why receiving ended."""
 
     def take_error_frame(self, kind: int, data: bytes) -> None:
-        """Remember what an error frame of SocketCAN says."""
+        """Take an error frame of SocketCAN."""
         if kind & _ERROR_BUS_OFF:
             self.trouble = BusOffError("the CAN bus is off: the adapter counted too many errors", _CHECK_BUS)
         elif kind & _ERROR_CONTROLLER and len(data) > 1 and data[1] & _ERROR_PASSIVE and not self.trouble:
             self.trouble = BusPassiveError("the CAN adapter is error passive: frames get lost", _CHECK_BUS)
 
     def take_frames(self) -> list[tuple[float, int, bytes, str]]:
-        """Return the frames noted since the last call: rig time, COB-ID, data, and T or R for sent or received."""
+        """Return the frames since the last call: rig time, COB-ID, data, and T or R for sent or received."""
         taken = []
         while self._frames:
             taken.append(self._frames.popleft())
@@ -92,7 +91,7 @@ class BusNetwork(canopen.Network):
 
 
 class _TroubleListener(can.Listener):
-    """Takes error frames, and the error with which python-can's reading thread ends."""
+    """Takes error frames, and the error that ends python-can's reading thread."""
 
     def __init__(self, network: BusNetwork) -> None:
         self._network = network
@@ -114,11 +113,11 @@ class CanLink:
     network : BusNetwork
         The bus.
     clock : Clock
-        Rig time, in which answers are waited for.
+        Rig time, which bounds waiting for answers.
     answer_timeout_s : float
-        How long a drive may take to answer; a real EPOS2 took at most 13 ms in 30 000 answers.
+        How long a drive may take to answer; a real drive took at most 13 ms in 30 000 answers.
     in_process : bool
-        Whether time has to be made to pass while an answer is awaited.
+        Whether waiting for an answer must let time pass.
     """
 
     network: BusNetwork
@@ -128,12 +127,12 @@ class CanLink:
 
     @property
     def trouble(self) -> BusError | None:
-        """What is wrong with the bus, once something is."""
+        """The error of a bus that has failed; None while it works."""
         return self.network.trouble
 
     @property
     def carries(self) -> bool:
-        """Whether frames still pass, as on a sound bus, and on one that is only error passive."""
+        """Whether frames still pass: on a working bus, and on one that is only error passive."""
         return self.trouble is None or isinstance(self.trouble, BusPassiveError)
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -161,7 +160,7 @@ class CanLink:
                     self.clock.sleep(_LOOK_S)
 
     def close(self) -> None:
-        """Leave the bus. Raises `BusError` when it does not close, unless it is known to have failed before."""
+        """Leave the bus. Raises `BusError` if closing fails, unless the bus had failed before."""
         try:
             self.network.disconnect()
         except (can.CanError, OSError) as error:

@@ -1,4 +1,4 @@
-"""The camera: settings that are negotiated one by one, and pictures that are what the rig file promised."""
+"""The camera: negotiates its settings, and checks that pictures are what the rig file promises."""
 
 import hashlib
 import math
@@ -16,27 +16,27 @@ from labrig.errors import CameraError
 Picture = npt.NDArray[np.uint8]
 
 _RATE_TOLERANCE = 0.01
-"""Cameras tell their rate as a fraction of integers; 29.97 is what some mean by 30 Hz."""
+"""Cameras state their rate as a fraction of integers; some report 29.97 for 30 Hz."""
 
 _MICROSECOND_S = 1e-6
 
 _MOVED_MM = 0.5
-"""Travel after which a picture cannot be the one before."""
+"""Travel after which a picture must differ from the one before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """A picture as its source gives it, (H, W) or (H, W, 3) uint8, and what the source knows of its time.
+    """A picture from its source, (H, W) or (H, W, 3) uint8, with what the source knows about its time.
 
     Attributes
     ----------
     t_s : float or None
-        Rig time [s] of the exposure; None where it is that of the call.
+        Rig time [s] of the exposure; None means the time of the call.
     t_bound_s : float or None
-        How far `t_s` may be wrong [s], to be fields with it; None where it is that of the call.
+        Bound of the error of `t_s` [s]; None if `t_s` is.
     fraction : float or None
-        Where the exposure lay between the encoder readings before and after it, 0 to 1, as a record says; None where
-        that is still to be worked out.
+        Place of the exposure between the encoder readings before and after it, 0 to 1, from a record; None if it is
+        not yet computed.
     """
 
     image: Picture
@@ -46,23 +46,23 @@ class Exposure:
 
 
 class PictureSource(Protocol):
-    """What draws pictures: a camera's driver, or the simulated one."""
+    """Source of pictures: the driver of a camera, or a simulated camera."""
 
     @property
     def exposures(self) -> int:
-        """Exposures that the camera has made so far, those thrown away included."""
+        """Exposures that the camera has made so far, including those discarded."""
 
     def set(self, name: str, value: Setting) -> None:
-        """Ask for a setting; the source need not obey. Raises `CameraError` when it cannot even be asked."""
+        """Request a setting, which the source may ignore. Raises `CameraError` if it has no such setting."""
 
     def get(self, name: str) -> Setting | None:
-        """Return the value that the source uses now; None where it cannot tell."""
+        """Return the value that the source uses now; None if it cannot tell."""
 
     def read(self) -> Exposure | None:
-        """Return a picture exposed after this call, or None when there is none."""
+        """Return a picture exposed after this call, or None if none comes."""
 
     def close(self) -> None:
-        """Let go of the camera; a second time changes nothing."""
+        """Release the camera; a second call changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Frame:
     def between(self, before_s: float, after_s: float) -> "Frame":
         """Return this frame with its place between two encoder readings at these rig times [s].
 
-        Where the exposure lies outside of them, the time between it and the nearer one is added to its bound.
+        If the exposure lies outside them, its distance to the nearer one is added to its bound.
         """
         if self.t_bound_s is None or self.fraction is not None or after_s <= before_s:
             return self
@@ -90,26 +90,26 @@ class Frame:
         return replace(self, t_bound_s=self.t_bound_s + abs(self.t_s - nearest_s), fraction=fraction)
 
     def time_fields(self) -> dict[str, float]:
-        """Return what its line in the record says of its time beside `t_s`; nothing where that is exact."""
+        """Return the fields of its line in the record about its time, besides `t_s`; empty if that is exact."""
         fields = {"t_bound_s": self.t_bound_s, "fraction": self.fraction}
         return {name: value for name, value in fields.items() if value is not None}
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """What was asked of the camera, and what it says it does."""
+    """The requested settings of the camera, and those that it read back."""
 
     asked: Mapping[str, Setting]
     readback: Mapping[str, Setting]
 
 
 class Camera:
-    """A camera whose settings have all been taken.
+    """A camera that has accepted all its settings.
 
     Parameters
     ----------
     source : PictureSource
-        What draws pictures.
+        Source of the pictures.
     description : CameraDescription
         Its section of the rig file.
     clock : Clock
@@ -118,7 +118,7 @@ class Camera:
     Raises
     ------
     CameraError
-        When a setting is not taken; names it, what was asked and what is used instead.
+        When a setting is not accepted; names it, the requested value and the one in use.
     """
 
     def __init__(self, source: PictureSource, description: CameraDescription, clock: Clock) -> None:
@@ -130,7 +130,7 @@ class Camera:
         self.settings = _negotiate(source, description.settings())
 
     def read_settings(self) -> dict[str, Setting | None]:
-        """Return what the camera uses now for each setting that was made; None where it cannot tell.
+        """Return the value in use of each requested setting; None if the camera cannot tell.
 
         Raises `CameraError`.
         """
@@ -142,7 +142,7 @@ class Camera:
         Raises
         ------
         CameraError
-            When none comes, or one of another size or depth.
+            When none comes, or its size or depth is wrong.
         """
         asked_s = self._clock.now_s()
         exposure = self._source.read()
@@ -164,7 +164,7 @@ class Camera:
         return frame
 
     def _wait_for(self, exposed_s: float, asked_s: float) -> float:
-        """Return the time of an exposure in whole microseconds, once it has come; refuse one from before the call."""
+        """Wait until the time of an exposure and return it in whole microseconds; refuse one before the call."""
         t_s = round(exposed_s, 6)
         if t_s < asked_s - _MICROSECOND_S:
             raise CameraError(
@@ -175,7 +175,7 @@ class Camera:
         return t_s
 
     def measure_rate_hz(self, pictures: int) -> float | None:
-        """Return the rate of exposures [Hz] over so many pictures; None where pictures take no rig time.
+        """Return the rate of exposures [Hz] over this many pictures; None if pictures take no rig time.
 
         Raises `CameraError`.
         """
@@ -187,15 +187,15 @@ class Camera:
         return (self._source.exposures - before) / took_s if took_s > 0 else None
 
     def require_new(self, frame: Frame, place_mm: tuple[float, float]) -> None:
-        """Refuse a camera that goes on showing one picture: two exposures are never alike to the last bit.
+        """Refuse a camera that repeats a picture: two real exposures are never identical.
 
         Parameters
         ----------
         frame : Frame
             The newest picture.
         place_mm : tuple of float
-            Where needle and sheath stood. A picture that comes again while they stand still is let pass, as
-            simulated worlds without noise have it.
+            Positions of needle and sheath. A repeated picture is accepted while they stand still, as in simulated
+            worlds without noise.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class Camera:
             )
 
     def close(self) -> None:
-        """Let go of the camera."""
+        """Release the camera."""
         self._source.close()
 
 

@@ -1,4 +1,4 @@
-"""What a package adds to labrig to have a camera of its own: a `CameraKind`, named by an entry point."""
+"""`CameraKind`: what a package declares by an entry point to add a kind of camera."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _LEAST_RATE_FRACTION = 0.9
 
 @dataclass(frozen=True)
 class CameraContext:
-    """What a camera is opened in.
+    """The context in which a camera is opened.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class CameraKind(Generic[Section]):
     Attributes
     ----------
     name : str
-        Name of the entry point, which `camera.driver` of a rig file gives.
+        Name of the entry point, as in `camera.driver` of a rig file.
     interface : int
-        Version of this interface that it was written for.
+        Version of this interface for which it is written.
     settings : type of CameraDescription
         Model of its section of the rig file.
     """
@@ -66,7 +66,7 @@ class CameraKind(Generic[Section]):
         raise NotImplementedError
 
     def check(self, section: Section, camera: Camera) -> Iterator[CheckResult]:
-        """Yield what `devices check` says of the camera, once its settings have been taken. Raises `CameraError`."""
+        """Yield the results of `devices check` for a camera with accepted settings. Raises `CameraError`."""
         frame = camera.capture()
         height, width = frame.image.shape[:2]
         yield CheckResult("camera picture", CheckStatus.PASS, f"{width}x{height} px")
@@ -94,7 +94,7 @@ def find_camera_kind(name: str) -> CameraKind[CameraDescription]:
 
 
 def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:
-    """Compare the rate of the camera as measured with the one that was asked for."""
+    """Compare the measured rate of the camera with the requested one."""
     check = "camera rate"
     if measured_hz is None:
         return CheckResult(check, CheckStatus.PASS, f"{asked_hz:g} Hz asked; simulated pictures take no time")

@@ -1,6 +1,6 @@
 """Objects of any CANopen drive that labrig reads, writes or simulates (CiA 301 and 402): index, type, access, default.
 
-Where the standards leave a default or a range to the manufacturer, it is maxon's; only simulated drives use them.
+If the standards leave a default or a range to the manufacturer, the value here serves simulated drives only.
 """
 
 import struct
@@ -111,9 +111,7 @@ GUARD_TIME = Entry(0x100C, 0, "guard time", "H")
 LIFE_TIME_FACTOR = Entry(0x100D, 0, "life time factor", "B")
 STORE = Entry(0x1010, 1, "store all parameters", "I", default=1)
 RESTORE = Entry(0x1011, 1, "restore all default parameters", "I", default=1)
-RESTORE_PDO_IDS = Entry(
-    0x1011, 5, "restore default PDO COB-IDs", "I", default=1
-)  # of the manufacturer, maxon
+RESTORE_PDO_IDS = Entry(0x1011, 5, "restore default PDO COB-IDs", "I", default=1)
 EMERGENCY_ID = Entry(0x1014, 0, "COB-ID EMCY", "I", "ro", 0x80)
 CONSUMER_HEARTBEAT_2 = Entry(0x1016, 2, "consumer heartbeat 2", "I")
 SDO_REQUEST_ID = Entry(0x1200, 1, "COB-ID SDO client to server", "I", "ro", 0x600)

@@ -1,4 +1,4 @@
-"""What is in order with a rig and what is not, and what to do; no power is switched on, nothing moves."""
+"""Checks a rig and says what to do about problems; no power is switched on, and nothing moves."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ _OLD_DAYS = 30
 def check_rig(rig: RigDescription) -> list[CheckResult]:
     """Check bus, drives, camera, calibration, disk and state of a rig.
 
-    What cannot be reached is a result as well; this raises nothing for it.
+    A device that cannot be reached is a failed result, not an error.
     """
     results = [
         CheckResult(key, CheckStatus.FAIL, "unknown", f"enter it: {w}")
@@ -125,7 +125,7 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:
-    """Say which part of the camera's picture a mask takes away."""
+    """Return the share of the camera's picture that a mask excludes."""
     size = (rig.camera.height_px, rig.camera.width_px)
     masked = load_mask(path).masked("", np.zeros(size, np.uint8))
     share = 0.0 if masked is None else 100.0 * float(masked.mean())
@@ -133,7 +133,7 @@ def _describe_mask(rig: RigDescription, path: Path) -> str:
 
 
 def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
-    """Tell how old a calibration is; a bench's camera is touched sooner or later."""
+    """Check the age of a calibration; on a bench the camera is touched sooner or later."""
     check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
     made = read_creation_time(path)
     if made is None:
@@ -162,7 +162,7 @@ def _calibration_result(
 
 
 def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap) -> None:
-    """Refuse a calibration that was refused when it was made, or made for pictures of another size."""
+    """Refuse a calibration that was rejected when it was made, or is for another picture size."""
     if not found.accepted:
         raise InputError(
             f"refused when it was made: {'; '.join(found.reasons)}", "calibrate again as this says"
@@ -198,7 +198,7 @@ def _state_result(rig: RigDescription) -> CheckResult:
 
 
 def _motion_results(rig: RigDescription) -> Iterator[CheckResult]:
-    """Tell what was last homed or jogged; whoever comes back to a bench wants to know."""
+    """Yield the last homing or jog, for a person who returns to a bench."""
     last = None if rig.state_path is None else last_motion(rig.state_path)
     if rig.state_path is None or last is None:
         return

@@ -1,4 +1,4 @@
-"""What a check of a device, a calibration or the computer came to."""
+"""Result of a check of a device, a calibration or the computer."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from labrig.errors import LabrigError
 
 
 class CheckStatus(StrEnum):
-    """How a check came out."""
+    """Outcome of a check."""
 
     PASS = "PASS"  # noqa: S105 - no password
     WARN = "WARN"
@@ -16,7 +16,7 @@ class CheckStatus(StrEnum):
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check: what was looked at, how it came out, what was found, and what to do about it."""
+    """One check: its subject, its outcome, what was found, and what to do about it."""
 
     check: str
     status: CheckStatus
@@ -25,5 +25,5 @@ class CheckResult:
 
 
 def failed(check: str, error: LabrigError) -> CheckResult:
-    """Return the result of a check that an error has ended."""
+    """Return the result of a check that ended with an error."""
     return CheckResult(check, CheckStatus.FAIL, error.message, error.hint)

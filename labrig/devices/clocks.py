@@ -33,10 +33,10 @@ class SystemClock:
 
 
 class SimulatedClock:
-    """Rig time passes when somebody sleeps, and only then.
+    """Rig time passes only during a sleep.
 
-    It is counted in microseconds, so that no rounding of many steps builds up. Calendar time is not
-    simulated: provenance says when the run was really made.
+    It is counted in microseconds, so that rounding does not accumulate. Calendar time is not simulated: provenance
+    says when the run was really made.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,8 @@
-"""Who has the rig: one labrig at a time, and how another one asks it to stop.
+"""Exclusive use of a rig by one labrig at a time, and requests of another one to stop it.
 
 The labrig that opens a rig holds a lock beside the rig's state file, and one for each node of its bus in a folder of
 this user, so that two rig files with the same drives exclude each other too. It listens on a Unix socket beside the
-state file and looks there between two bus transactions: no thread, so that a labrig that hangs answers nobody.
+state file and polls it between two bus transactions, without a thread, so that a labrig that hangs does not answer.
 A simulated rig without a state file is new in every run; there is nothing to share.
 """
 
@@ -23,27 +23,27 @@ from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
 _MOST_SILENT = 8
-"""Callers that have connected and not yet settings anything; of more, the oldest are forgotten."""
+"""Most callers that have connected but sent nothing; beyond that the oldest are dropped."""
 
 _TAKEN_WITHIN_S = 1.0
 _DONE_WITHIN_S = 10.0
-"""An axis is given max_speed / acceleration + 0.5 s twice; this is longer than for any sensible rig."""
+"""An axis gets max_speed / acceleration + 0.5 s twice; this is longer than any sensible rig needs."""
 
 
 class StopRequests:
-    """The end of the labrig that has the rig: learns that it is to stop, and says when every axis stands still.
+    """Receives requests to stop the rig, and answers when every axis stands still.
 
     Parameters
     ----------
     path : Path
-        Where to listen; the rig's lock is held.
+        Socket to listen on; the caller holds the rig's lock.
     doing : str
-        What the rig is used for, for whoever asks.
+        What the rig is used for, as told to a caller.
 
     Raises
     ------
     DiskError
-        When it cannot be listened.
+        When the socket cannot be made.
     """
 
     def __init__(self, path: Path, doing: str) -> None:
@@ -54,7 +54,7 @@ class StopRequests:
         self._arrived = False
 
     def poll(self) -> bool:
-        """Look for a request, without waiting; return whether one has arrived, now or before."""
+        """Check for a request without waiting; return whether one has arrived, now or before."""
         while self._listener is not None and (caller := self._listener.accept()) is not None:
             self._silent = [*self._silent[-_MOST_SILENT:], caller]
         for caller in tuple(self._silent):
@@ -66,14 +66,14 @@ class StopRequests:
         return self._arrived
 
     def answer(self, failures: Sequence[str]) -> None:
-        """Tell whoever has asked that every axis stands still, or of which that is not known."""
+        """Tell the callers that every axis stands still, or which may still move."""
         for caller in self._callers:
             caller.say(json.dumps({"failures": list(failures)}))
             caller.close()
         self._callers.clear()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self.answer(["labrig ended before every axis was seen to stand still"])
         for caller in self._silent:
             caller.close()
@@ -83,12 +83,12 @@ class StopRequests:
 
 @contextmanager
 def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None]:
-    """Have a rig alone, for as long as the block lasts; None where nobody else could reach it.
+    """Hold a rig for exclusive use during the block; yields None if no other process could reach it.
 
     Raises
     ------
     LockedError
-        When another labrig has it, or another one its drives; names what it does, its process and computer.
+        When another labrig uses it or its drives; names what it does, its process and its computer.
     DiskError
         When lock or socket cannot be made.
     """
@@ -115,7 +115,7 @@ def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
 
 
 def find_owner(rig: RigDescription) -> str:
-    """Return who has a rig or one of its drives now; empty where nobody has."""
+    """Return who uses a rig or one of its drives now; empty if nobody does."""
     owners = (read_lock_owner(path) for path in lock_paths(rig))
     return next((str(owner) for owner in owners if owner is not None), "")
 
@@ -135,7 +135,7 @@ def _hold_lock(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
 
 
 def _find_lock_folder() -> Path:
-    """Return a folder that only this user can write, made when absent."""
+    """Return a folder that only this user can write to; make it if it is absent."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = (
         Path(runtime) / "labrig"
@@ -155,14 +155,14 @@ def _beside(path: Path, ending: str) -> Path:
 
 @dataclass(frozen=True)
 class Reply:
-    """What the labrig that has a rig settings when it was asked to stop.
+    """The reply of the labrig that uses a rig to a request to stop.
 
     Parameters
     ----------
     owner : str
-        What it does and its process.
+        What it does, and its process.
     failures : tuple of str or None
-        Axes not known to stand still, and why; None where it has not settings in time.
+        Axes that may still move, and why; None if it did not reply in time.
     """
 
     owner: str
@@ -170,12 +170,12 @@ class Reply:
 
 
 def ask_to_stop(rig: RigDescription) -> Reply | None:
-    """Ask the labrig that has a rig to stop every axis, and wait for what it reads back.
+    """Ask the labrig that uses a rig to stop every axis, and wait for its readback.
 
     Returns
     -------
     Reply or None
-        None where nobody listens. One that hangs is given a second, one that stops ten.
+        None if nobody listens. One that hangs gets a second, one that is stopping gets ten.
     """
     caller = None if rig.state_path is None else call(_beside(rig.state_path, _SOCKET))
     if caller is None:

@@ -1,17 +1,17 @@
-"""`Drive`, a drive as axis and rig see it, in mm or rad; `DriveKind`, what a package declares to add a kind of drive.
+"""`Drive`, a drive in the units of its axis; `DriveKind`, what a package declares to add a kind of drive.
 
 What is decided here
 --------------------
-- An axis knows no objects, counts or rpm: a drive rounds, and says what it sent. Positions are those of the axis [mm or
-  rad], counted from where homing, or `assume_position`, put them.
+- An axis knows no objects, counts or rpm: a drive rounds, and tells what it sent. Positions are those of the axis [mm
+  or rad], relative to the zero from homing or `assume_position`.
 - What must not depend on the driver stays above it: `Axis` and `Rig` check limits, keep references, send heartbeats and
   stop everything. A drive holds the limits too, and stops by itself when the computer's heartbeat stops.
-- Nothing is believed that has not been read back. A method that writes a setting reads it back and raises `DriveError`
-  where the drive has kept another value.
+- Nothing counts until it has been read back. A method that writes a setting reads it back and raises `DriveError` if
+  the drive has another value.
 - Nothing but `enable` switches power on, and it moves nothing. Nothing but `reset_fault` resets a fault.
-- Every method may raise `DriveError` and `BusError`; where that is said further down, it is about when.
-- A drive is opened with an incomplete section too (an unknown gear): what needs no conversion works all the same, so
-  that `labrig devices stop` and `check` reach it. What needs one raises `InputError`.
+- Every method may raise `DriveError` and `BusError`; a `Raises` section below says when.
+- A drive can be opened with an incomplete section (an unknown gear): methods that need no conversion still work, so
+  that `labrig devices stop` and `check` reach it. The others raise `InputError`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,15 +32,15 @@ from labrig.errors import DriveFaultError, InputError, MachineError, PluginError
 from labrig.plugins import DRIVES, INTERFACE, find_plugin
 
 DEFAULT_DRIVER = "epos2"
-"""Kind of drive of an axis section that names none, as those of older rig files do."""
+"""Kind of drive of an axis section without the key `driver`, as in older rig files."""
 
 STILL_LOOK_S = 0.05
-"""Time between two looks at a position until it stands still [s]."""
+"""Time between two readings of a position while waiting for standstill [s]."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What a drive says it is; `versions` are its hardware and software, by the names that a record gives them.
+    """Identity that a drive reports; `versions` are its hardware and software, by their names in a record.
 
     `serial_number` is None for a drive that has none.
     """
@@ -56,14 +56,14 @@ class Identity:
 
 @dataclass(frozen=True)
 class RoundedMove:
-    """The move that a drive can make nearest to the one asked.
+    """The move of a drive that is nearest to the requested one.
 
     Parameters
     ----------
     position, speed : float
-        Where to and how fast [mm or rad, per s].
+        Target and speed [mm or rad, per s].
     sent : mapping of str to int
-        What goes over the wire, by the names that the record gives it.
+        What goes over the wire, by its names in the record.
     """
 
     position: float
@@ -73,9 +73,9 @@ class RoundedMove:
 
 @dataclass(frozen=True, slots=True)
 class DriveReading:
-    """What a drive read: position [mm or rad], statusword, its state, and whether its last move has arrived.
+    """A reading of a drive: position [mm or rad], statusword, state, and whether its last move has arrived.
 
-    `target_reached` is true where the drive says so and the position stands within the window around the target.
+    `target_reached` is true if the drive says so and the position is within the window around the target.
     """
 
     position: float
@@ -91,15 +91,15 @@ class Homing:
     Parameters
     ----------
     method : int
-        A key of the section's `homing_directions`; `HOMING_HERE` takes the position where the axis stands.
+        A key of the section's `homing_directions`; `HOMING_HERE` sets the position without a move.
     position : float
-        What the position is once home is found [mm or rad].
+        Position at home [mm or rad].
     offset : float
-        How far to move off the switch or stop before, without sign [mm or rad].
+        Distance to move off the switch or stop first, without sign [mm or rad].
     speed : float
         Speed of the search [mm/s or rad/s].
     timeout_s : float
-        When the search is given up [s].
+        Longest time of the search [s].
     """
 
     method: int
@@ -110,90 +110,90 @@ class Homing:
 
 
 class Drive(Protocol):
-    """One drive. A `DriveKind` opens it; opening subscribes to what the drive reports, and asks and writes nothing."""
+    """One drive. A `DriveKind` opens it; opening subscribes to its reports, and neither reads nor writes."""
 
     @property
     def name(self) -> str:
-        """What messages call it, with axis and node."""
+        """Its name in messages, with axis and node."""
 
     # Connecting
 
     def identify(self) -> Identity:
-        """Return what the drive is; nothing is written.
+        """Return the identity of the drive; nothing is written.
 
         Raises
         ------
         DriveError
             When it is not the drive of its section: another product, another encoder, changed parameters, or two nodes
-            that answer at once. All reasons are named together.
+            that answer at once. Names all reasons together.
         """
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys: no two drives share one."""
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
-        """Stop what moves, switch power off, and give the drive the settings of its section and the dead-man.
+        """Stop the axis, switch power off, and write the settings of its section and the heartbeat consumer.
 
-        From here on the drive beats, and `check` notices when it falls silent.
+        From here on the drive sends heartbeats, and `check` notices when they stop.
 
         Parameters
         ----------
         heartbeat : HeartbeatDescription
-            How often, as which node, and after which silence the drive stops.
+            Period, node id, and the silence after which the drive stops.
         max_current_ma : int or None
-            Output current that the drive does not exceed until `close` [mA]; None leaves its own limit.
+            Limit of the output current until `close` [mA]; None keeps its own limit.
 
         Raises
         ------
         DriveError
-            On a fault, a setting that the drive does not keep, and a current limit that it does not have.
+            On a fault, on a setting that the drive does not keep, and on a current limit that it does not have.
         """
 
     def settings(self) -> Mapping[str, int]:
-        """Return what each setting was asked to be, by its place in the manual; `configure` has read back the same."""
+        """Return the value written to each setting, by its place in the manual; `configure` has read it back."""
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Let the drive stop by itself when the computer falls silent: read, write where it differs, read back.
+        """Make the drive stop by itself when the computer's heartbeat stops: read, write if different, read back.
 
         Raises
         ------
         DriveError
-            When the drive does not keep it.
+            When the drive does not keep the setting.
         """
 
     def describe(self) -> dict[str, object]:
-        """Return how the drive converts and is set, for the record, ready for JSON."""
+        """Return conversion and settings of the drive for the record, ready for JSON."""
 
     def counts(self) -> dict[str, int]:
-        """Return how often it had to be asked again, `retries`, and its answers that nobody asked for, `strays`."""
+        """Return how many requests were repeated, `retries`, and how many answers were unexpected, `strays`."""
 
     # Power
 
     def enable(self) -> None:
-        """Switch power on; the axis holds where it stands. Raises `DriveError`, also on a fault."""
+        """Switch power on; the axis holds its position. Raises `DriveError`, also on a fault."""
 
     def disable(self) -> None:
         """Switch power off."""
 
     def close(self) -> None:
-        """Switch power off, take back what `configure` limited, and let both heartbeats end, which is no fault."""
+        """Switch power off, restore what `configure` limited, and end both heartbeats without a fault."""
 
     # Moving
 
     def position(self) -> float:
-        """Return where the axis stands [mm or rad]."""
+        """Return the position of the axis [mm or rad]."""
 
     def round_move(self, position: float, speed: float) -> RoundedMove:
-        """Return the move that the drive can make nearest to this one; nothing is sent."""
+        """Return the nearest move that the drive can make; nothing is sent."""
 
     def start_move(self, position: float, speed: float) -> None:
-        """Start a move to an absolute position [mm or rad, per s] and return once the drive has taken it.
+        """Start a move to an absolute position [mm or rad, per s] and return once the drive has accepted it.
 
-        It replaces a move that is under way.
+        It replaces a move in progress.
         """
 
     def expect_report(self) -> None:
-        """Let the next `read` return what the drive reports at the SYNC about to be sent, where it can do so."""
+        """Make the next `read` return what the drive reports at the coming SYNC, if it can."""
 
     def read(self) -> DriveReading:
         """Read statusword and position.
@@ -201,37 +201,37 @@ class Drive(Protocol):
         Raises
         ------
         DriveError
-            When the drive cannot move: a fault, a restart, silence, power that is off.
+            When the drive cannot move: a fault, a restart, silence, or power off.
         """
 
     def check(self) -> None:
-        """Raise the restart, emergency or silence that has been noticed; ask the drive nothing."""
+        """Raise a restart, emergency or silence that was noticed; send nothing to the drive."""
 
     # Stopping
 
     def send_stop(self) -> None:
-        """Tell a drive that was enabled when it was last heard to stop, and wait for no answer. Raises `BusError`."""
+        """Send a stop to a drive that was last known enabled, and wait for no answer. Raises `BusError`."""
 
     def stop(self) -> None:
-        """Decelerate and hold, if there is power; power is never switched on by this."""
+        """Decelerate and hold, if power is on; this never switches power on."""
 
     def quick_stop(self) -> None:
         """Stop with the quick stop deceleration; afterwards the drive must be enabled again."""
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
-        """Look until the axis stands still, as its position reads; the caller lets `STILL_LOOK_S` pass after each look.
+        """Poll the position until the axis stands still; the caller lets `STILL_LOOK_S` pass after each reading.
 
         Raises
         ------
         DriveError
-            When it still moves after `within_s`; the slowest speed that the drive can be told counts as moving, as
-            far as its position tells within 0.4 s.
+            When it still moves after `within_s`; the slowest speed of the drive counts as moving, if its position
+            shows it within 0.4 s.
         """
 
     # Reference
 
     def start_homing(self, homing: Homing) -> None:
-        """Begin to look for home, from standstill and enabled; what `assume_position` said is forgotten."""
+        """Start homing, from standstill and enabled; this discards the position of `assume_position`."""
 
     def has_homed(self) -> bool:
         """Tell whether home has been found since `start_homing`.
@@ -239,43 +239,43 @@ class Drive(Protocol):
         Raises
         ------
         DriveError
-            When it cannot be found, or not in time; one that an earlier homing found does not count.
+            When it is not found, or not in time; home found by an earlier homing does not count.
         """
 
     def finish_homing(self, homing: Homing) -> None:
         """Hold at home, ready for moves."""
 
     def is_referenced(self) -> bool:
-        """Tell whether the drive has kept its reference since it was set; lost with its power.
+        """Tell whether the drive still has its reference, which it loses with its power.
 
-        One that does not tell has it until it is closed.
+        A drive that cannot tell has it until it is closed.
         """
 
     def assume_position(self, position: float) -> None:
-        """Take the axis to stand at this position [mm or rad]; the drive keeps its counter and gets no reference."""
+        """Assume that the axis is at this position [mm or rad]; the drive keeps its counter and gets no reference."""
 
     def set_limits(self, limits: tuple[float, float] | None) -> None:
-        """Let the drive itself stop at these positions, wider by the window [mm or rad]; None takes limits off."""
+        """Make the drive itself stop at these positions, widened by the window [mm or rad]; None removes limits."""
 
     # Condition
 
     def faults(self) -> tuple[DriveFaultError, ...]:
-        """Return the faults in which the drive is, the newest first, as far as it tells them; none when in none."""
+        """Return the present faults that the drive reports, the newest first; empty without a fault."""
 
     def reset_fault(self) -> None:
-        """Reset a fault, as a person has confirmed; power stays off and nothing moves.
+        """Reset a fault that a person has confirmed; power stays off and nothing moves.
 
         Raises
         ------
         DriveFaultError
-            When the cause is still there.
+            When the cause persists.
         """
 
     def current_ma(self) -> float | None:
-        """Return the motor current, with its sign [mA]; None where the drive does not measure it."""
+        """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
 
     def current_limit_ma(self) -> int | None:
-        """Return the output current that the drive does not exceed [mA]; None where it has no such limit."""
+        """Return the limit of the output current [mA]; None if the drive has none."""
 
     def inputs(self) -> Mapping[str, bool]:
         """Return its digital inputs by name, true where active: `negative-limit`, `positive-limit`, `home`, others."""
@@ -291,7 +291,7 @@ class DriveKind(Generic[Section]):
     Parameters
     ----------
     name : str
-        As `driver:` in a rig file names it, and as the entry point is called.
+        Its name in `driver:` of a rig file, and of the entry point.
     settings : type of AxisDescription
         The model of an axis section in a rig file with this driver.
     open : callable
@@ -300,15 +300,15 @@ class DriveKind(Generic[Section]):
         (link, section, name of the axis, clock, heartbeat) -> results of `labrig devices check`; writes nothing and
         raises no `LabrigError`.
     find_object : callable
-        (section, index, subindex) -> the entry of the drive's object dictionary, None where it is not known; by it
-        a replay says in words what passed.
+        (section, index, subindex) -> the entry of the drive's object dictionary, None if unknown; a replay names
+        objects by it.
     simulated_node : callable or None
-        (section, wire, clock, mechanics, boot time [s]) -> a simulated drive on the wire. None where there is none: a
-        simulated rig refuses this kind then.
+        (section, wire, clock, mechanics, boot time [s]) -> a simulated drive on the wire. None if there is none: then
+        a simulated rig refuses this kind.
     example : callable or None
-        Node id -> a section for a simulated drive that stands on a bus for itself; with `simulated_node`.
+        Node id -> a section for a simulated drive alone on a bus; required with `simulated_node`.
     interface : int
-        Version of this interface that the kind is written for.
+        Version of this interface for which the kind is written.
     """
 
     name: str
@@ -340,7 +340,7 @@ class DriveKind(Generic[Section]):
         return self.simulated_node(section, wire, clock, mechanics, boot_time_s)
 
     def example_section(self, node_id: int) -> Section:
-        """Return a section for a simulated drive that stands on a bus for itself. Raises `InputError` as `simulate`."""
+        """Return a section for a simulated drive alone on a bus. Raises `InputError` as `simulate` does."""
         if self.example is None:
             raise self._without_simulation()
         return self.example(node_id)
@@ -352,12 +352,12 @@ class DriveKind(Generic[Section]):
 
 
 def find_drive_kind(name: str) -> DriveKind[Any]:
-    """Return the kind of drive that rig files call by this name.
+    """Return the kind of drive that has this name in rig files.
 
     Raises
     ------
     InputError
-        When no installed package has one, or several do.
+        When no installed package has one, or several have.
     PluginError
         When its package cannot be imported or is written for another interface.
     """
@@ -376,20 +376,20 @@ def open_drive(link: CanLink, section: AxisDescription, axis: str, clock: Clock)
 
 
 def raise_together(failures: Sequence[MachineError]) -> None:
-    """Raise the first failure with the messages of all, if there are any."""
+    """Raise the first failure with the messages of all; do nothing without failures."""
     if failures:
         raise failures[0].reword("; ".join(failure.message for failure in failures))
 
 
 def wait_for_all(waits: Mapping[str, Iterator[None]], clock: Clock) -> dict[str, str]:
-    """Wait at the same time until all stand still, and return what is wrong with those that do not.
+    """Wait in parallel until all stand still, and return the errors of those that do not.
 
     Parameters
     ----------
     waits : mapping of str to iterator
-        By name, as `Drive.wait_until_still` has them.
+        By name, from `Drive.wait_until_still`.
     clock : Clock
-        Lets the time between two looks pass.
+        Lets the time between two readings pass.
     """
     failures: dict[str, str] = {}
     moving = dict(waits)

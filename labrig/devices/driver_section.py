@@ -1,4 +1,4 @@
-"""A section of the rig file that belongs to a driver: its key `driver` names the entry point whose model it is."""
+"""A section of the rig file whose model belongs to a driver, which its key `driver` names."""
 
 import json
 from collections.abc import Iterator
@@ -17,16 +17,15 @@ _KEY = "driver"
 
 
 class _Kind(Protocol):
-    """What every entry point of a driver has."""
+    """The object that the entry point of a driver names."""
 
     settings: type[Model]
 
 
 class DriverSection:
-    """Annotates a field of the rig file whose model is that of the driver which the section names.
+    """Annotates a field of the rig file whose model is that of the driver that the section names.
 
-    Nothing is imported but that driver; error messages and schemas import every one that is installed, and leave out
-    those that cannot be.
+    Validation imports that driver only; error messages and schemas import every installed driver that can be imported.
 
     Parameters
     ----------
@@ -35,7 +34,7 @@ class DriverSection:
     base : type of Model
         What the models of all of them have in common.
     default : str or None
-        Driver of a section that names none; None requires the key.
+        Driver of a section without the key; None requires the key.
     """
 
     def __init__(self, group: str, base: type[Model], default: str | None = None) -> None:
@@ -44,7 +43,7 @@ class DriverSection:
         self._default = default
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return how a section is read and written."""
+        """Return the schema that validates and serializes a section."""
         written = core_schema.plain_serializer_function_ser_schema(_dump_section, info_arg=True)
         return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
 
@@ -80,7 +79,7 @@ class DriverSection:
 
 @cache
 def _validator(name: str, model: type[Model]) -> SchemaValidator:
-    """Return what reads the section of one driver; errors name the driver on the way to the key."""
+    """Return the validator of the section of a driver; errors name the driver on the path to the key."""
     return SchemaValidator(core_schema.tagged_union_schema({name: model.__pydantic_core_schema__}, _KEY))
 
 

@@ -1,4 +1,4 @@
-"""What every CANopen drive tells by a number: emergency frames (EMCY), and SDO aborts with their meaning."""
+"""Error codes of CANopen drives: emergencies (EMCY), and SDO abort codes with their meaning."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 class Emergency:
     """One error code of the drive.
 
-    `text` says what happened, `remedy` what to do; `register` is the bit that it sets in the error register
-    0x1001.
+    `text` says what happened and `remedy` what to do; `register` is its bit in the error register 0x1001.
     """
 
     code: int
@@ -57,4 +56,4 @@ ABORTS = {
 
 def describe_abort(code: int) -> str:
     """Return what an SDO abort code means."""
-    return ABORTS.get(code, "an abort code that maxon does not list")
+    return ABORTS.get(code, "an abort code unknown to labrig")

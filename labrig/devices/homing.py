@@ -1,9 +1,9 @@
 """Homing: when it is allowed, and in which order.
 
-An axis is homed by a search only on a bare instrument, the linear module first, so that nothing turns or comes out
-before the instrument is known to be clear of the frame. With a needle mounted only what cannot bend or lose it is
-allowed: needle and bevel get their zeros where they stand (the tip flush with the sheath), and the linear module may
-search backwards, away from the gel. With a needle in tissue nothing is homed at all.
+An axis searches for home only with a bare instrument, the linear module first, so that nothing turns or comes out
+before the instrument is clear of the frame. With a needle mounted, only what cannot bend or lose it is allowed: needle
+and bevel get their zeros in place (the tip flush with the sheath), and the linear module may search backwards, away
+from the gel. With a needle in tissue nothing is homed.
 """
 
 from collections.abc import Collection
@@ -11,7 +11,7 @@ from collections.abc import Collection
 from labrig.errors import SafetyStopError
 
 HOMING_HERE = 35
-"""Method that makes the position here the home position, whatever number the drive has for it; nothing moves."""
+"""Method that makes the present position home, whatever its number in the drive; nothing moves."""
 
 HOME_ORDER = ("linear", "insertion", "rotation")
 """In which order axes are homed."""
@@ -21,7 +21,7 @@ ZEROS = {
     "rotation": "the bevel, or its mark on the chuck, at roll zero",
     "linear": "the sheath's end just before the gel's place",
 }
-"""What the zero of each axis is."""
+"""Where the zero of each axis is."""
 
 
 def require_homing_allowed(

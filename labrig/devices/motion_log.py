@@ -1,7 +1,7 @@
-"""Who moved an axis by hand, when, from where to where: a log beside the rig's state file that is only added to.
+"""An append-only log beside the rig's state file: who moved an axis by hand, when, from where and to where.
 
-Runs and withdrawals leave records of their own. Homing and jogging leave two lines each here: one before anything
-moves, so that a power cut leaves it too, and one when the axis stands again. A simulated rig without a state file is
+Runs and withdrawals have records of their own. Homing and jogging write two lines each: one before anything
+moves, to survive a power cut, and one when the axis stands still again. A simulated rig without a state file is
 new in every run and keeps no log.
 """
 
@@ -22,12 +22,12 @@ _ENDING = ".motions.jsonl"
 
 
 def motion_log_path(state_path: Path) -> Path:
-    """Return where the log of a rig stands, by its state file."""
+    """Return the path of the log of a rig from that of its state file."""
     return state_path.with_name(state_path.name + _ENDING)
 
 
 def last_motion(state_path: Path) -> dict[str, object] | None:
-    """Return the last line of a rig's log; None where there is none, or its last line is torn or damaged."""
+    """Return the last line of a rig's log; None if there is none, or it is torn or damaged."""
     try:
         lines = motion_log_path(state_path).read_bytes().splitlines()
         return decode_line(lines[-1]) if lines else None
@@ -55,14 +55,14 @@ class MotionLog:
 
     @contextmanager
     def note_motion(self, axis: Axis, what: str) -> Iterator[None]:
-        """Note that an axis is about to do `what`, and, however the block ends, where it stands then.
+        """Log that an axis is about to do `what`, and its position when the block ends in any way.
 
-        An error of the block is the one that is told, also where the log cannot be written any more.
+        An error of the block has priority, even if the log can no longer be written.
 
         Raises
         ------
         DiskError
-            Before the block where the log cannot be written: nothing has moved.
+            Before the block, if the log cannot be written: nothing has moved.
         """
         self._append("start", axis, what=what, doing=self._doing, by=_find_person())
         try:
@@ -97,7 +97,7 @@ class MotionLog:
 
 
 def _append_whole(path: Path, line: bytes) -> None:
-    """Append a line and force it to disk; what a power cut left half written before it stays a line of its own."""
+    """Append a line and force it to disk; a line torn by a power cut stays a line of its own."""
     with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINKS, 0o666), "r+b", 0) as log:
         torn = log.seek(0, os.SEEK_END) > 0 and os.pread(log.fileno(), 1, log.tell() - 1) != b"\n"
         log.write(b"\n" + line if torn else line)
@@ -105,7 +105,7 @@ def _append_whole(path: Path, line: bytes) -> None:
 
 
 def _position(axis: Axis) -> float | None:
-    """Return where an axis stands [mm or rad], by the drive's counter where it has no reference; None if it is mute."""
+    """Return the position [mm or rad], from the drive's counter without a reference; None if it does not answer."""
     try:
         return axis.read().position
     except MachineError:

@@ -1,7 +1,6 @@
-"""What the rig must not forget between runs: a needle in tissue, axes that are referenced, the needle's roll zero.
+"""The state of a rig across runs: whether a needle is in tissue, referenced axes, and the needle's roll zero.
 
-The file is replaced atomically and forced to disk. In doubt (no file, a damaged one) a needle may be in
-tissue.
+The file is replaced atomically and forced to disk. If it is missing or damaged, a needle may be in tissue.
 """
 
 import json
@@ -20,7 +19,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class RollZero:
-    """Where the rotation axis stands when the needle bends towards -y, as a run has certified it.
+    """Position of the rotation axis at which the needle bends towards -y, as certified by a run.
 
     Parameters
     ----------
@@ -40,20 +39,20 @@ class RollZero:
 
 @dataclass(frozen=True)
 class RigState:
-    """What is known of the rig.
+    """The state of the rig.
 
     Parameters
     ----------
     needle_in_tissue : bool or None
-        None where nobody knows.
+        None if unknown.
     since_run : str or None
         The run that put the needle there.
     referenced : tuple of str
-        Axes whose zero has been set and has not been lost since.
+        Axes with a valid reference.
     note : str
-        Why something is not known.
+        Why something is unknown.
     roll_zero : RollZero or None
-        None where none is certified. It goes with the reference of the rotation axis.
+        None if none is certified. It is lost with the reference of the rotation axis.
     """
 
     needle_in_tissue: bool | None
@@ -64,14 +63,14 @@ class RigState:
 
     @property
     def doubt(self) -> str:
-        """Why a needle may be in tissue; empty when it is known that none is."""
+        """Why a needle may be in tissue; empty if none is."""
         if self.needle_in_tissue:
             return f"run {self.since_run} ended with the needle in tissue"
         return "" if self.needle_in_tissue is False else self.note
 
     @property
     def way_out(self) -> str:
-        """What to do about that doubt; empty when there is none."""
+        """What to do about that doubt; empty if there is none."""
         if self.needle_in_tissue:
             return (
                 f"take it out along its path: labrig devices withdraw --rig FILE --run {self.since_run}; "
@@ -90,7 +89,7 @@ NEW = RigState(needle_in_tissue=False)
 
 
 class NeedleState:
-    """What a rig must not forget, kept in a file, or, without a path, in memory.
+    """Keeps the state of a rig in a file, or, without a path, in memory.
 
     Every change is on disk before it returns, and may raise `DiskError`.
 
@@ -99,7 +98,7 @@ class NeedleState:
     path : Path or None
         The file; None for a rig that is new in every run.
     state : RigState
-        What is known without a file.
+        The state without a file.
     """
 
     def __init__(self, path: Path | None, state: RigState = NEW) -> None:
@@ -121,29 +120,29 @@ class NeedleState:
         self.update(needle_in_tissue=False, since_run=None, note="")
 
     def refuse_in_tissue(self, what: str) -> None:
-        """Refuse what must not happen while a needle is in tissue or may be. Raises `SafetyStopError`."""
+        """Refuse an action while a needle is or may be in tissue. Raises `SafetyStopError`."""
         if self.state.needle_in_tissue is not False:
             raise SafetyStopError(f"{what}: {self.state.doubt}", self.state.way_out)
 
     def note_reference(self, axis: str, *, known: bool) -> None:
-        """Remember that an axis has its reference, or has not."""
+        """Remember whether an axis has its reference."""
         kept = {*self.state.referenced, axis} if known else {*self.state.referenced} - {axis}
         self.update(referenced=tuple(name for name in AXES if name in kept))
 
     def forget_references(self, axes: Iterable[str]) -> None:
-        """Remember that axes have lost their reference, where it was not known."""
+        """Remember that axes have lost their reference; write only a change."""
         lost = set(axes)
         referenced = tuple(name for name in self.state.referenced if name not in lost)
         if referenced != self.state.referenced:
             self.update(referenced=referenced)
 
     def roll_zero_of(self, needle_id: str) -> RollZero | None:
-        """Return the roll zero that is certified for this needle as it is clamped, if one is."""
+        """Return the certified roll zero of this needle as it is clamped, or None."""
         known = self.state.roll_zero
         return known if known is not None and known.needle_id == needle_id else None
 
     def certify_roll_zero(self, roll_zero: RollZero) -> None:
-        """Remember the needle's roll zero until it is clamped anew, or the rotation axis loses its reference.
+        """Remember the needle's roll zero until it is clamped again or the rotation axis loses its reference.
 
         Raises
         ------
@@ -158,7 +157,7 @@ class NeedleState:
 
 
 def _drop_void_roll_zero(state: RigState) -> RigState:
-    """Drop a roll zero that was told from another zero of the rotation axis than the present one, or from none."""
+    """Drop a roll zero that does not refer to the present zero of the rotation axis."""
     return state if "rotation" in state.referenced else replace(state, roll_zero=None)
 
 

@@ -1,7 +1,7 @@
-"""What a person does at the rig, as requests that can be asked, answered and recorded.
+"""Requests to a person at the rig, which can be asked, answered and recorded.
 
-A request is a frozen subclass of `OperatorRequest`: its fields are recorded under the name of its class, its `sentence`
-is what a person reads. An experiment of another package derives its own in the same way.
+A request is a frozen subclass of `OperatorRequest`. The record keeps its fields under the name of its class; a person
+reads its `sentence`. An experiment of another package derives its own requests in the same way.
 """
 
 from collections.abc import Callable
@@ -103,8 +103,8 @@ class LayGraphPaper(OperatorRequest):
 class PlacePhantom(OperatorRequest):
     """Put a block of gel with obstacles cast in into the frame, so that they are seen where the protocol says.
 
-    obstacles : the pixel (u, v) of each one's centre, and its radius [mm]. What the camera is calibrated for is where
-    things are seen; a frame that nobody sees would be off by how the graph paper was laid.
+    obstacles : pixel (u, v) of the centre of each obstacle, and its radius [mm]. The camera is calibrated for pixels;
+    coordinates of a frame would also have the error of how the graph paper was laid.
     """
 
     name: str
@@ -286,7 +286,7 @@ class ConfirmWithdrawal(OperatorRequest):
 
 
 def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
-    """Return what a request says, for a record; files of the run are named relative to its folder."""
+    """Return the fields of a request for a record; files of the run are relative to its folder."""
     return {
         key: value.removeprefix(f"{run}/") if isinstance(value, str) else value
         for key, value in asdict(request).items()
@@ -295,7 +295,7 @@ def request_details(request: OperatorRequest, run: Path) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the operator said: done or refused, a note for the record, and the reading or pixel that was asked for."""
+    """Answer of the operator: done or refused, a note for the record, and a requested reading or pixel."""
 
     confirmed: bool
     note: str = ""
@@ -304,10 +304,10 @@ class Answer:
 
 
 class Operator(Protocol):
-    """Whoever does what the rig cannot do by itself."""
+    """A person, or a substitute, who does what the rig cannot do by itself."""
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
         """Ask, wait until it is done or refused, and return the answer.
 
-        Whoever has to wait calls `meanwhile` ten times a second or more: the drives hear the computer by it.
+        While it waits, it calls `meanwhile` at least ten times a second, which sends the heartbeats.
         """

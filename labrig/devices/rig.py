@@ -40,18 +40,18 @@ _HOMING_LOOK_S = 0.005
 
 @dataclass(frozen=True)
 class Opening:
-    """What of a rig is opened, and how.
+    """Which parts of a rig are opened, and how.
 
     Parameters
     ----------
     axes : tuple of str
-        The axes; the others need not be there, nor be known in the rig file.
+        The axes; the others need not be connected, nor complete in the rig file.
     camera : bool
         Whether the camera is opened too.
     max_current_ma : int or None
-        Output current that no drive exceeds while it is open; None leaves their own limits.
+        Limit of the output current of every drive while it is open; None keeps their own limits.
     reset_faults : bool
-        Whether the operator is asked to have faults reset; otherwise a drive in fault is refused.
+        Whether the operator may confirm the reset of a fault; otherwise a drive in fault is refused.
     """
 
     axes: tuple[str, ...] = AXES
@@ -72,21 +72,21 @@ class Rig:
     description : RigDescription
         Its rig file.
     hardware : Hardware
-        Clock, operator and what is true.
+        Bus, camera, clock and operator.
     link : CanLink
-        The bus on which the drives stand.
+        The bus of the drives.
     source : PictureSource or None
-        What draws the camera's pictures; None without the camera.
+        Source of the pictures; None without the camera.
     person : Operator
-        Answers where the hardware does not answer by itself.
+        Answers if the hardware has no operator of its own.
     interrupted : callable
-        Asked between two bus transactions whether a signal has arrived.
+        Called between two bus transactions; returns a signal that has arrived.
     stop_requests : StopRequests or None
-        Where another labrig asks this one to stop.
+        Requests of another labrig to stop.
     opening : Opening
-        What of it is opened, and how.
+        Which parts are opened, and how.
     needle : NeedleState or None
-        What the rig must not forget; by default what its state file says.
+        State across runs; by default that of its state file.
     doing : str
         What the rig is used for.
     """
@@ -127,15 +127,15 @@ class Rig:
         self._camera = None if source is None else Camera(source, description.camera, self._heartbeat)
         self._read_s = 0.0
 
-    # What is known
+    # State
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The axes that are open, all three of them in a run."""
+        """The open axes; in a run all three."""
         return tuple(self._axes.values())
 
     def axis(self, name: str) -> Axis:
-        """Return an axis by its name: insertion, rotation or linear. Raises `InputError` where it is not open."""
+        """Return an axis by its name: insertion, rotation or linear. Raises `InputError` if it is not open."""
         if name not in self._axes:
             raise InputError(f"axis {name} is not open", f"open are: {', '.join(self._axes)}")
         return self._axes[name]
@@ -147,7 +147,7 @@ class Rig:
 
     @property
     def rotation(self) -> Axis:
-        """What turns the needle about its axis."""
+        """The axis that turns the needle."""
         return self.axis("rotation")
 
     @property
@@ -157,7 +157,7 @@ class Rig:
 
     @property
     def camera(self) -> Camera:
-        """The camera. Raises `CameraError` where the rig was opened without it."""
+        """The camera. Raises `CameraError` if the rig was opened without it."""
         if self._camera is None:
             raise CameraError(
                 "the rig is open without its camera", "open it with its camera to take pictures"
@@ -166,19 +166,19 @@ class Rig:
 
     @property
     def state(self) -> RigState:
-        """What the rig knows of itself across runs."""
+        """The state of the rig across runs."""
         return self.needle.state
 
     def truth(self) -> tuple[dict[str, object], ...]:
-        """Return what is true of the insertion that the camera shows, one dict; nothing where nobody knows."""
+        """Return the truth of the insertion that the camera shows, one dict; nothing if it is unknown."""
         return () if self.description.camera.recorded else self._hardware.truth()
 
     def recall(self, insertions: Sequence[PastInsertion]) -> None:
-        """Take note of what earlier sessions of this run did to the specimens, once its needle is mounted."""
+        """Repeat in a simulated world what earlier sessions of this run did, once the needle is mounted."""
         self._hardware.recall(insertions)
 
     def describe(self) -> dict[str, object]:
-        """Return what the rig is and how it was found, ready for JSON."""
+        """Return the rig and the state of its devices, ready for JSON."""
         return {
             "rig": self.description.name,
             "kind": self.description.kind,
@@ -193,7 +193,7 @@ class Rig:
         }
 
     def snapshot(self) -> dict[str, object]:
-        """Return how the devices stand now, ready for JSON; of one that does not answer, why."""
+        """Return the present state of the devices, ready for JSON; for one that does not answer, the reason."""
         camera = self._camera
         return {
             "axes": {axis.name: _ask_device(partial(_read_axis, axis)) for axis in self.axes},
@@ -218,7 +218,7 @@ class Rig:
         Raises
         ------
         DriveError, BusError
-            When one of them cannot go on; all of them have been stopped then, as far as they answer.
+            When one of them cannot continue; all that answer have been stopped.
         """
         try:
             for axis in self.axes:
@@ -231,12 +231,12 @@ class Rig:
             raise
 
     def take_picture(self) -> tuple[Frame, dict[str, AxisReadback]]:
-        """Take a picture, and read where every axis stands; the frame says where it lies since the reading before.
+        """Take a picture, then read every axis; the frame gets its place between this reading and the one before.
 
         Raises
         ------
         CameraError
-            Also for the same picture, to the last bit, after the needle or the sheath has moved.
+            Also when the picture is identical to the last one although needle or sheath has moved.
         DriveError, BusError
         """
         before_s = self._read_s
@@ -246,7 +246,7 @@ class Rig:
         return frame.between(before_s, self._read_s), states
 
     def wait(self, duration_s: float) -> None:
-        """Let rig time pass while axes move, watching for signals and for what drives report.
+        """Let rig time pass while axes move, and watch for signals and reports of the drives.
 
         Raises
         ------
@@ -266,10 +266,9 @@ class Rig:
             raise
 
     def supervise(self) -> None:
-        """Check bus, drives and signals, and only then tell the drives by a beat that somebody watches.
+        """Check bus, drives and signals, and only then send a heartbeat if one is due.
 
-        To be called more often than the heartbeat's period while nothing else lets rig time pass; waits of
-        the rig do it by themselves.
+        Call it more often than the heartbeat period while nothing else lets rig time pass; `wait` calls it.
 
         Raises `InterruptedRunError`, `BusError`, `DriveError`.
         """
@@ -277,7 +276,7 @@ class Rig:
         self._heartbeat.beat()
 
     def ask(self, request: OperatorRequest) -> Answer:
-        """Let the operator do something; the axes hold still and are looked after meanwhile.
+        """Let the operator do something; meanwhile the axes hold still and are supervised.
 
         Raises
         ------
@@ -291,12 +290,12 @@ class Rig:
             raise
 
     def note_motion(self, axis_name: str, what: str) -> AbstractContextManager[None]:
-        """Note beside the state file, for as long as the block lasts, that an axis is moved outside of any run.
+        """Log that an axis is moved outside a run, at the start and the end of the block.
 
         Raises
         ------
         DiskError
-            Before the block.
+            Before the block starts.
         """
         return self._motions.note_motion(self.axis(axis_name), what)
 
@@ -318,14 +317,14 @@ class Rig:
             axis.drive.check()
 
     def stop(self) -> None:
-        """Stop every axis and see that each stands still; every axis is tried, whatever the others do.
+        """Stop every axis and verify that each stands still; a failure of one axis does not affect the others.
 
-        Within max_speed / acceleration + 0.5 s, and once more that long by quick stop.
+        Takes at most max_speed / acceleration + 0.5 s, and as long again with a quick stop.
 
         Raises
         ------
         SafetyStopError
-            When an axis is not known to stand still; names each and why.
+            When an axis may still move; names each such axis and the reason.
         """
         failures = [
             *_try_each(self.axes, lambda axis: axis.drive.send_stop()),
@@ -345,7 +344,7 @@ class Rig:
         return wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
 
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
-        """Stop everything; what cannot be stopped is told together with the error that is on its way."""
+        """Stop everything; a failure to stop joins the message of the error that caused it."""
         try:
             self.stop()
         except SafetyStopError as failure:
@@ -354,12 +353,12 @@ class Rig:
     # The needle
 
     def reference_axes(self) -> None:
-        """Make the positions of all axes zero where they stand (homing method 35).
+        """Set the present positions of all axes to zero (homing method 35).
 
         Raises
         ------
         SafetyStopError
-            When a needle is in tissue or may be: its depth and roll would be lost.
+            When a needle is or may be in tissue: its depth and roll would be lost.
         DriveError, BusError
         """
         self.needle.refuse_in_tissue("no axis is homed")
@@ -367,14 +366,14 @@ class Rig:
             self.home(axis.name, Homing(HOMING_HERE))
 
     def home(self, axis_name: str, homing: Homing) -> None:
-        """Find home with one axis; all are looked after meanwhile, and all are stopped when anything goes wrong.
+        """Home one axis; meanwhile all axes are supervised, and all are stopped if anything goes wrong.
 
         Raises
         ------
         SafetyStopError
-            When a needle is in tissue or may be.
+            When a needle is or may be in tissue.
         InterruptedRunError, DriveError, BusError
-            The axis is without a reference then.
+            The axis then has no reference.
         """
         self.needle.refuse_in_tissue("no axis is homed")
         axis = self._axes[axis_name]
@@ -391,7 +390,7 @@ class Rig:
         self.needle.note_reference(axis_name, known=True)
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
-        """Refuse a homing that is not allowed, or cannot end, as the rig is open.
+        """Refuse a homing that is not allowed, or cannot end with the current limit of this opening.
 
         Raises `SafetyStopError`, `LimitError`.
         """
@@ -413,12 +412,12 @@ class Rig:
             )
 
     def home_axis(self, name: str, method: int, *, needle_mounted: bool) -> None:
-        """Give one axis its reference as the rig file has it, by this method; the operator has confirmed it.
+        """Home one axis by this method, with the settings of the rig file; the operator has confirmed it.
 
         Raises
         ------
         SafetyStopError
-            When a needle is in tissue or may be, or this homing is not allowed; nothing has moved.
+            When a needle is or may be in tissue, or this homing is not allowed; nothing has moved.
         DriveError, BusError, InterruptedRunError
             The axis has been stopped and has no reference.
         """
@@ -427,9 +426,9 @@ class Rig:
         self.home(name, Homing(method, homing.position, homing.offset, homing.speed, homing.timeout_s))
 
     def assume_positions(self, positions: Mapping[str, float]) -> None:
-        """Take axes that have lost their reference to stand where a person has confirmed [mm or rad].
+        """Assume the positions that a person has confirmed, for axes that have lost their reference [mm or rad].
 
-        Only for taking a needle out: the axes stay without a reference, and the next run asks for zero.
+        Only for withdrawing a needle: the axes stay without a reference, and the next run asks for zero.
 
         Raises `DriveError`, `BusError`.
         """
@@ -439,12 +438,12 @@ class Rig:
     # Opening and closing
 
     def connect(self) -> None:
-        """Verify, configure and enable every drive, held where it stands; nothing moves.
+        """Verify, configure and enable every drive; it holds its position, and nothing moves.
 
         Raises
         ------
         DriveError
-            With the failures of all drives, not only of the first.
+            With the failures of all drives, not only the first.
         BusError
         """
         failures: list[MachineError] = []
@@ -467,7 +466,7 @@ class Rig:
         axis.drive.configure(self.description.can.heartbeat, self._opening.max_current_ma)
 
     def _offer_fault_reset(self, axis: Axis) -> None:
-        """Ask whether the fault of a drive may be reset, where this rig was opened to do so; refuse it elsewhere."""
+        """Reset the fault of a drive if this opening allows it and the operator confirms; refuse it otherwise."""
         fault = next(iter(axis.drive.faults()), None)
         if fault is None:
             return
@@ -482,7 +481,7 @@ class Rig:
     def _find_shared_cob_ids(self) -> list[MachineError]:
         """Return an error for each COB-ID of process data that two drives would both send or both obey.
 
-        A drive that does not tell is left out: it has failed otherwise, or will be found silent by the next step.
+        A drive that does not answer is left out: it has failed already, or the next step finds it silent.
         """
         owners: dict[tuple[int, int], str] = {}
         failures: list[MachineError] = []
@@ -499,7 +498,7 @@ class Rig:
         return failures
 
     def _recall_references(self) -> None:
-        """Believe an axis to be referenced when both the state file and its drive say so."""
+        """Accept an axis as referenced if both the state file and its drive say so."""
         for axis in self.axes:
             axis.referenced = axis.name in self.state.referenced and axis.drive.is_referenced()
             if axis.referenced:
@@ -507,12 +506,12 @@ class Rig:
         self.needle.forget_references(axis.name for axis in self.axes if not axis.referenced)
 
     def close(self) -> None:
-        """Stop every axis and switch its power stage off: nobody watches the drives from now on.
+        """Stop every axis and switch its power stage off: nothing supervises the drives from now on.
 
         Raises
         ------
         SafetyStopError
-            When an axis is not known to stand still without power.
+            When an axis may still move or have power.
         """
         try:
             self.stop()
@@ -527,12 +526,12 @@ class Rig:
 def _shared_cob_id_error(cob_id: int, first: str, second: str) -> MachineError:
     return DriveError(
         f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
-        "restore the default PDO COB-IDs of each drive (0x1011:05) in EPOS Studio, save, power it off and on",
+        "restore the default PDO COB-IDs of each drive with the program of its manufacturer, save, power it off and on",
     )
 
 
 def _try_each(axes: tuple[Axis, ...], action: Callable[[Axis], None]) -> list[str]:
-    """Do something to every axis; return what went wrong."""
+    """Do something with every axis; return the messages of the failures."""
     failures = []
     for axis in axes:
         try:
@@ -549,7 +548,7 @@ def _read_axis(axis: Axis) -> dict[str, object]:
 
 
 def _ask_device(ask: Callable[[], Mapping[str, object]]) -> Mapping[str, object]:
-    """Return what a device answers; why, where it does not."""
+    """Return the answer of a device, or the reason why there is none."""
     try:
         return ask()
     except MachineError as error:
@@ -566,7 +565,7 @@ def open_rig(
     doing: str = "labrig",
     opening: Opening = WHOLE,
 ) -> Iterator[Rig]:
-    """Open a rig, and stop and release it however the block is left.
+    """Open a rig, and stop and release it when the block ends in any way.
 
     Parameters
     ----------
@@ -579,16 +578,16 @@ def open_rig(
     interrupted : callable
         Returns the name of a signal that has arrived, or None.
     doing : str
-        What the rig is used for, as another labrig that wants it is told.
+        What the rig is used for; another labrig that wants the rig shows it.
     opening : Opening
-        What of it is opened, and how.
+        Which parts are opened, and how.
 
     Raises
     ------
     InputError
         When the rig file has unknown entries.
     LockedError
-        When another labrig has the rig.
+        When another labrig uses the rig.
     BusError, DriveError, CameraError
         When the rig cannot be opened; nothing has moved.
     """
@@ -619,7 +618,7 @@ def open_rig(
 
 
 def _close_on_exit(rig: Rig) -> Callable[[object, BaseException | None, object], None]:
-    """Return an exit callback that closes a rig; an error that is on its way is the one that is told."""
+    """Return an exit callback that closes a rig; an error already being raised keeps priority."""
 
     def close(_kind: object, error: BaseException | None, _traceback: object) -> None:
         try:

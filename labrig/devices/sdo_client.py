@@ -1,8 +1,8 @@
-"""The asking side of CANopen's SDO protocol (CiA 301): one transfer at a time a node, retried and counted.
+"""The client of CANopen's SDO protocol (CiA 301): one transfer at a time for each node, with counted retries.
 
-`canopen`'s own client has no lock, does not retry, and takes whatever answer comes next for its own; here an
-answer counts only when it names the object that was asked for. Everything that labrig asks may be asked
-twice: no object that it writes adds up, and moves are absolute.
+`canopen`'s own client has no lock, does not retry, and accepts any answer that comes next. Here an answer counts only
+if it names the requested object. Every request of labrig may be repeated: writing an object twice has no further
+effect, and moves are absolute.
 """
 
 import struct
@@ -12,7 +12,7 @@ from threading import Lock
 from labrig.devices.bus import CanLink
 
 RETRIES = 1
-"""How often a question is asked again that got no answer."""
+"""How often a request without an answer is repeated."""
 
 _HEAD = struct.Struct("<BHB")
 _ABORT = struct.Struct("<I")
@@ -34,11 +34,11 @@ class SdoAbortedError(Exception):
 
 
 class SdoSilenceError(Exception):
-    """The node did not answer, nor did it when it was asked again."""
+    """The node did not answer, not even to a retry."""
 
 
 class SdoClient:
-    """Asks one node.
+    """Reads and writes objects of one node.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ class SdoClient:
     Attributes
     ----------
     retries : int
-        Questions that had to be asked again.
+        Requests that had to be repeated.
     strays : int
-        Answers that nobody had asked for: duplicated or late ones.
+        Unexpected answers: duplicated or late ones.
     """
 
     def __init__(self, link: CanLink, node_id: int) -> None:
@@ -77,7 +77,7 @@ class SdoClient:
         self._exchange(_download_request(index, subindex, data))
 
     def post(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object without waiting for the answer, where every millisecond counts. Raises `BusError`."""
+        """Write an object without waiting for the answer, when every millisecond counts. Raises `BusError`."""
         request = _download_request(index, subindex, data)
         with self._lock:
             self._posted.append(request)
@@ -110,7 +110,7 @@ class SdoClient:
             return
 
     def _drop(self, answer: bytes) -> None:
-        """Drop an answer that is not awaited: the one to a post, or a stray one."""
+        """Drop an unexpected answer: the answer to a post, or a stray one."""
         posted = next((request for request in self._posted if _answers(answer, request)), None)
         if posted is None:
             self.strays += 1
@@ -123,7 +123,7 @@ def _download_request(index: int, subindex: int, data: bytes) -> bytes:
 
 
 def _answers(answer: bytes, request: bytes) -> bool:
-    """Tell whether an answer is one to this request: same object, and a kind that fits."""
+    """Tell whether an answer belongs to this request: same object, and a matching kind."""
     if len(answer) != 8 or answer[1:4] != request[1:4]:
         return False
     expected = 0x40 if request[0] == 0x40 else 0x60

@@ -1,4 +1,4 @@
-"""Stopping a rig from outside, when nothing is known of what it is doing."""
+"""Stops a rig from outside, without knowing what it is doing."""
 
 from contextlib import closing
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ class StopReport:
     Parameters
     ----------
     by : str
-        `run` where the labrig that has the rig stopped it, `bus` where this one did over the bus, `none` where a
-        simulated rig has no drives that could be reached.
+        `run` if the labrig that uses the rig stopped it, `bus` if this one did over the bus, `none` if a
+        simulated rig has no drives that can be reached.
     done : tuple of str
-        What was done, a sentence each.
+        What was done, one sentence for each step.
     """
 
     by: str
@@ -34,18 +34,18 @@ class StopReport:
 
 
 def stop_rig(rig: RigDescription) -> StopReport:
-    """Let the labrig that has the rig stop it; where it does not answer, stop every drive over the bus.
+    """Ask the labrig that uses the rig to stop it; if it does not answer, stop every drive over the bus.
 
-    Over the bus every drive is quick-stopped, seen to stand still, and NMT stop is sent to all. Nothing of the rig
-    file is needed for it but bus and node ids, so that an incomplete one will do. Every drive is told to stop
-    before any is waited for.
+    Over the bus, every drive gets a quick stop and is watched until it stands still; then NMT stop goes to all. This
+    needs only bus and node ids, so an incomplete rig file suffices. Every drive is told to stop before any is waited
+    for.
 
     Raises
     ------
     BusError
         When the bus cannot be reached.
     SafetyStopError
-        When a drive is not known to stand still; names each and what was done.
+        When a drive may still move; names each such drive and what was done.
     """
     reply = ask_to_stop(rig)
     if reply is not None and reply.failures == ():
@@ -66,7 +66,7 @@ def stop_rig(rig: RigDescription) -> StopReport:
 
 
 def _explain_no_stop(rig: RigDescription, reply: Reply | None) -> tuple[str, ...]:
-    """Say why the labrig that has the rig did not stop it; nothing where nobody has it."""
+    """Return why the labrig that uses the rig did not stop it."""
     if reply is None:
         owner = find_owner(rig)
         return (f"{owner} has the rig and does not listen",) if owner else ("no labrig has the rig",)
@@ -76,7 +76,7 @@ def _explain_no_stop(rig: RigDescription, reply: Reply | None) -> tuple[str, ...
 
 
 def stop_drives(rig: RigDescription, link: CanLink, clock: Clock) -> tuple[str, ...]:
-    """Do what `stop_rig` does over an open bus; return a sentence for each thing that was done."""
+    """Stop all drives over an open bus, as `stop_rig` does; return a sentence for each step."""
     drives = [open_drive(link, axis, name, clock) for name, axis in rig.axes.items()]
     done = [f"opened {rig.can.interface} {rig.can.channel} directly".replace("  ", " ")]
     failures = []

@@ -1,4 +1,4 @@
-"""Between mm or rad outside and the integers on the wire.
+"""Conversion between mm or rad and the integers on the wire.
 
 Positions are rounded to the nearest count (ties to even), so that they are off by at most half of one. Speeds and
 accelerations are integers too, so that they come in steps: with integer rpm of lead / (60 * gear) mm/s; the achieved
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AxisScale:
-    """What one axis makes of the counter and the units of its drive.
+    """Conversion of one axis to the counts and units of its drive.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class AxisScale:
     reversed : bool
         Whether the axis goes backwards when the motor's counter goes up.
     speed_units, acceleration_units : float
-        What the drive calls one turn of the motor a second, and one a second more each second; 60 for rpm and rpm/s.
+        Units of the drive for one turn of the motor per second, and for one more each second; 60 for rpm and rpm/s.
     """
 
     counts_per_turn: float
@@ -61,7 +61,7 @@ class AxisScale:
         return max(1, round(distance * self.counts_per_unit))
 
     def to_speed_units(self, speed: float) -> int:
-        """Return the integer nearest to a speed [mm/s or rad/s]; 1 is the least that a drive takes."""
+        """Return the integer nearest to a speed [mm/s or rad/s]; 1 is the least that a drive accepts."""
         return max(1, round(speed * self.speed_units_per_speed))
 
     def speed_units_below(self, speed: float) -> int:

@@ -19,7 +19,7 @@ from labrig.errors import BusError, InputError
 
 _TICK_S = 0.002
 _BOOT_TIME_S = 0.26
-"""How long a real EPOS2 took from NMT reset to its boot-up frame."""
+"""Measured on a real drive, from NMT reset to boot-up frame."""
 
 _BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
@@ -62,7 +62,7 @@ class ServedBus:
             )
         if self.bitrate not in _BITRATES:
             known = ", ".join(map(str, _BITRATES))
-            raise InputError(f"bit rate {self.bitrate} is none of an EPOS2", f"use one of {known}")
+            raise InputError(f"bit rate {self.bitrate} is not one that drives have", f"use one of {known}")
         if self.interface == "slcan":
             return SlcanAdapter(self.bitrate)
         if self.interface not in can.VALID_INTERFACES:

@@ -1,4 +1,4 @@
-"""Several runs analysed at once by the same processes; the results are those of one after another."""
+"""Analyse several runs at once in the same processes; the results are those of one run after another."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -16,13 +16,13 @@ from labrig.analysis.pictures import (
     Part,
     PictureWork,
     Progress,
-    concluded,
-    handed_out,
-    look_at,
-    seen,
+    finish_analysis,
+    gather_answers,
+    measure_pictures,
+    submit_work,
 )
 from labrig.analysis.result import AnyResult
-from labrig.analysis.run import analysis_of, analyze_run
+from labrig.analysis.run import AnalysisSettings, start_analysis
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.errors import LabrigError
 from labrig.record.pictures import count_pictures
@@ -33,8 +33,8 @@ RunsProgress = Callable[[int, int, Path], None]
 ExperimentOf = Callable[[Run], MeasuredExperiment]
 Outcome = AnyResult | LabrigError
 
-# Parts of the runs to come that are handed out while one is waited for, for each worker: it never runs dry while this
-# process writes a result, and the runs that are open stay few.
+# Parts of later runs submitted for each worker while one run is waited for: no worker idles while this process writes a
+# result, and few runs are open.
 _PARTS_AHEAD = 16
 
 
@@ -49,67 +49,56 @@ def analyze_runs(
     provenance: Mapping[str, Any],
     mask: Mask | None = None,
 ) -> list[Outcome]:
-    """Analyse runs, each into a new numbered result; one that fails does not keep the others from theirs.
+    """Analyse runs, each into a new numbered result; a failure does not stop the others.
 
-    The pictures of all runs are measured by the same processes, so that all of them have work until the end, whether
-    there is one long run among short ones or not.
+    The same processes measure the pictures of all runs, so that every process has work until the end, even with one
+    long run among short ones.
 
     Parameters
     ----------
     runs : sequence of Path
         Their folders, each once.
     experiment_of : callable
-        Gives the experiment of a run; it crosses to other processes by its name.
+        Returns the experiment of a run; it is pickled by name.
     progress : callable or None
-        Called with how many pictures are done, how many the runs have together, and which run they are of. A run
-        that has none, such as a design, counts as one.
+        Called with the number of finished pictures, the number in all runs, and the run at hand. A run without
+        pictures, such as a design, counts as one.
     overrides, created, provenance, mask
-        As `analyze_run` takes them.
+        As for `analyze_run`.
 
     Returns
     -------
     list
-        For each run in the order given its result, or why it has none.
+        The result of each run in the order given, or the error.
 
     Raises
     ------
     MachineError
         When a worker process dies.
     """
-    order = _Order(experiment_of, tuple(overrides), created, dict(provenance), mask)
-    meter = _Meter(runs, progress)
+    settings = AnalysisSettings(tuple(overrides), created, dict(provenance), mask)
+    meter = _ProgressMeter(runs, progress)
     outcomes: list[Outcome] = []
-    begun: deque[_Begun] = deque()
+    started: deque[_StartedRun] = deque()
     with worker_processes(workers, "analysed runs") as pool:
         for run in runs:
-            begun.append(_begin(run, order, pool))
-            while sum(len(one.parts) for one in list(begun)[1:]) > _PARTS_AHEAD * workers:
-                outcomes.append(_ended(begun.popleft(), meter))
-        outcomes += [_ended(one, meter) for one in begun]
+            started.append(_start(run, experiment_of, settings, pool))
+            while sum(len(later.parts) for later in list(started)[1:]) > _PARTS_AHEAD * workers:
+                outcomes.append(_finish(started.popleft(), meter))
+        outcomes += [_finish(run, meter) for run in started]
     return outcomes
 
 
 @dataclass(frozen=True)
-class _Order:
-    """How every run is analysed."""
-
-    experiment_of: ExperimentOf
-    overrides: tuple[str, ...]
-    created: datetime
-    provenance: Mapping[str, Any]
-    mask: Mask | None
-
-
-@dataclass(frozen=True)
-class _Begun:
-    """A run whose parts have been handed out, and what makes an outcome of their answers."""
+class _StartedRun:
+    """A run whose parts are submitted, and the call that makes an outcome of their answers."""
 
     parts: Sequence[Part]
     conclude: Callable[[Progress], Outcome]
 
 
-class _Meter:
-    """Tells how many of the pictures of all runs are done."""
+class _ProgressMeter:
+    """Reports how many of the pictures of all runs are done."""
 
     def __init__(self, runs: Sequence[Path], progress: RunsProgress | None) -> None:
         self._runs = deque((run, max(1, count_pictures(run))) for run in runs)
@@ -118,76 +107,59 @@ class _Meter:
         self._progress = progress
 
     def report(self, done: int, of: int) -> None:
-        """Take how much of the run that is waited for is done."""
+        """Report the progress of the run that is waited for."""
         run, count = self._runs[0]
         if self._progress is not None:
             self._progress(self._done + count * done // of, self._total, run)
 
     def end_run(self) -> None:
-        """Take that the run is done."""
+        """Report that the run is done."""
         self.report(1, 1)
         self._done += self._runs.popleft()[1]
 
 
-def _begin(run: Path, order: _Order, pool: Executor) -> _Begun:
-    """Hand the parts of a run to the pool: some pictures each, or the run as a whole."""
+def _start(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings, pool: Executor) -> _StartedRun:
+    """Submit the parts of a run to the pool: a few pictures each, or the whole run."""
     try:
         opened = open_run(run)
-        experiment = order.experiment_of(opened)
+        experiment = experiment_of(opened)
         if not isgeneratorfunction(experiment.analyze):
-            whole = pool.submit(_analyzed, run, order).result
-            return _Begun([whole], lambda _: whole()[0])
-        analysis = analysis_of(
-            opened,
-            experiment,
-            overrides=order.overrides,
-            created=order.created,
-            provenance=order.provenance,
-            mask=order.mask,
-            workers=1,
-            progress=None,
-        )
+            wait = pool.submit(_analyze_whole, run, experiment_of, settings).result
+            return _StartedRun([lambda: [wait()]], lambda _: wait())
+        analysis = start_analysis(opened, experiment, settings, workers=1, progress=None)
         work = next(analysis)
     except LabrigError as error:
-        return _Begun((), partial(_refused, error))
-    parts = handed_out(work, pool)
-    return _Begun(parts, partial(_concluded, analysis, work, parts))
+        return _StartedRun((), partial(_return_error, error))
+    parts = submit_work(work, pool)
+    return _StartedRun(parts, partial(_finish_measured, analysis, work, parts))
 
 
-def _ended(one: _Begun, meter: _Meter) -> Outcome:
-    outcome = one.conclude(meter.report)
+def _finish(started: _StartedRun, meter: _ProgressMeter) -> Outcome:
+    outcome = started.conclude(meter.report)
     meter.end_run()
     return outcome
 
 
-def _concluded(
+def _finish_measured(
     analysis: Analysis[AnyResult], work: PictureWork, parts: Sequence[Part], progress: Progress
 ) -> Outcome:
-    """Wait for the answers, and let the analysis go on with them."""
+    """Wait for the answers and continue the analysis with them."""
     try:
-        return concluded(analysis, lambda more: look_at(more, 1, None), seen(work, parts, progress))
+        answers = gather_answers(work, parts, progress)
+        return finish_analysis(analysis, lambda more: measure_pictures(more, 1, None), answers)
     except LabrigError as error:
         return error
 
 
-def _refused(error: LabrigError, _: Progress) -> Outcome:
+def _return_error(error: LabrigError, _: Progress) -> Outcome:
     return error
 
 
-def _analyzed(run: Path, order: _Order) -> list[Outcome]:
-    """Analyse a run as a whole, in a worker process."""
+def _analyze_whole(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings) -> Outcome:
+    """Analyse a run in a worker process."""
     try:
         opened = open_run(run)
-        return [
-            analyze_run(
-                opened,
-                order.experiment_of(opened),
-                overrides=order.overrides,
-                workers=1,
-                created=order.created,
-                provenance=order.provenance,
-                mask=order.mask,
-            )
-        ]
+        analysis = start_analysis(opened, experiment_of(opened), settings, workers=1, progress=None)
+        return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))
     except LabrigError as error:
-        return [error]
+        return error

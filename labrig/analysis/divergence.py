@@ -1,4 +1,4 @@
-"""Where two results of one run part: the first number that the later one has otherwise."""
+"""Find where two results of one run diverge: the first number that differs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from labrig.record.difference import find_differences
 
 Scalar = str | int | float | bool | None
 
-# What a result says of itself, and how it was asked for, differs by itself.
+# Members about the result itself and its request always differ.
 _STAMP = frozenset({
     "created", "damage", "inputs", "overrides", "parent", "provenance", "schema_version", "settings",
 })  # fmt: skip
-# Sentences repeat settings and numbers; whether there is one counts, and not how it reads.
+# Sentences repeat settings and numbers; only their presence counts.
 _SENTENCES = frozenset({"cause", "reason", "unmeasured"})
 
 
@@ -25,9 +25,9 @@ class Divergence:
     key : str
         Dotted path in the result; items of a list by their number.
     frame : int or None
-        The picture that it was measured in.
+        The picture in which it was measured.
     old, new : str, int, float, bool or None
-        Both values; None also where it is absent.
+        Both values; None also if it is absent.
     """
 
     key: str
@@ -36,47 +36,44 @@ class Divergence:
     new: Scalar
 
 
-def first_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergence | None:
-    """Return where a result parts from an older one of the same run; None where all numbers are identical.
+def find_divergence(old: Mapping[str, Any], new: Mapping[str, Any]) -> Divergence | None:
+    """Return where a result differs from an older one of the same run; None if all numbers are identical.
 
-    What was measured in single pictures is looked at first, in their order, then what was computed from it; of a
-    sentence only whether it is there.
+    Values measured in single pictures are compared first, in their order, then the values computed from them. Of a
+    sentence only its presence is compared.
 
     Parameters
     ----------
     old, new : Mapping
-        The documents of both results.
+        Documents of both results.
     """
-    for key, before, after in find_differences(_ordered(old), _ordered(new)):
-        reads_otherwise = isinstance(before, str) and isinstance(after, str)
-        if key.rpartition(".")[2] in _SENTENCES and reads_otherwise:
+    for key, before, after in find_differences(_order(old), _order(new)):
+        both_text = isinstance(before, str) and isinstance(after, str)
+        if key.rpartition(".")[2] in _SENTENCES and both_text:
             continue
-        return Divergence(key, _frame_of(key, new) or _frame_of(key, old), before, after)
+        return Divergence(key, _find_frame(key, new) or _find_frame(key, old), before, after)
     return None
 
 
-def _ordered(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document without its stamp, what is of pictures before all else, at each level."""
-    said = {key: _within(value) for key, value in document.items() if key not in _STAMP}
-    return dict(sorted(said.items(), key=lambda item: not _is_of_pictures(item[1])))
+def _order(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a document without its stamp; at each level the lists of pictures come first."""
+    members = {key: _order_nested(value) for key, value in document.items() if key not in _STAMP}
+    return dict(sorted(members.items(), key=lambda item: not _is_of_pictures(item[1])))
 
 
-def _within(value: object) -> object:
+def _order_nested(value: object) -> object:
     if isinstance(value, Mapping):
-        return _ordered(value)
-    return [_within(one) for one in value] if isinstance(value, list | tuple) else value
+        return _order(value)
+    return [_order_nested(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _is_of_pictures(value: object) -> bool:
-    return (
-        isinstance(value, list)
-        and bool(value)
-        and all(isinstance(one, Mapping) and "frame" in one for one in value)
-    )
+    rows = value if isinstance(value, list) else []
+    return bool(rows) and all(isinstance(row, Mapping) and "frame" in row for row in rows)
 
 
-def _frame_of(key: str, document: Mapping[str, Any]) -> int | None:
-    """Return the picture that a path leads into: the `frame` of the innermost item on the way that has one."""
+def _find_frame(key: str, document: Mapping[str, Any]) -> int | None:
+    """Return the picture that a path is about: the `frame` of the innermost item on the path that has one."""
     found: int | None = None
     here: Any = document
     for part in key.split("."):

@@ -1,4 +1,4 @@
-"""What an analysis is given and what it hands over, whatever the experiment."""
+"""The interface between the analysis engine and an experiment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class AnalysisRequest:
     Attributes
     ----------
     stamp : Stamp
-        What every result carries.
+        The members that every result has.
     mask : Mask or None
         Pixels that are not the needle.
     workers : int
@@ -34,21 +34,21 @@ class AnalysisRequest:
 
 
 Analyze: TypeAlias = Callable[[Any, Any, AnalysisRequest], Findings | Analysis[Findings]]
-"""(run, protocol, request) -> findings; a generator where pictures can be measured one by one, in any process."""
+"""(run, protocol, request) -> findings; a generator if its pictures can be measured one by one, in any process."""
 
 
 @dataclass(frozen=True)
 class MeasuredExperiment:
-    """What the engine needs to know of an experiment; its parts are imported when they are first used.
+    """What the engine needs to know of an experiment; its parts are imported on first use.
 
     Attributes
     ----------
     name : str
-        What a protocol file has behind `experiment:`.
+        The value of `experiment:` in a protocol file.
     reanalysis_keys : tuple of str
         Sections of the protocol that a reanalysis may change.
     part : callable
-        Gives a part that the experiment declares, by its name there.
+        Returns a part that the experiment declares, by its name.
     """
 
     name: str
@@ -67,5 +67,5 @@ class MeasuredExperiment:
 
     @property
     def analyze(self) -> Analyze:
-        """The function that makes a result of a run."""
+        """The function that makes the result of a run."""
         return cast("Analyze", self.part("analyze"))

@@ -1,4 +1,4 @@
-"""Measuring many pictures, in worker processes, in an order that does not depend on them."""
+"""Measure many pictures in worker processes, in an order that does not depend on them."""
 
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
@@ -16,7 +16,7 @@ from labrig.vision.mask import Mask
 from labrig.vision.plane import PlaneMap
 
 Progress = Callable[[int, int], None]
-# Enough to keep a worker busy between two messages, few enough for a steady progress bar.
+# Enough to keep a worker busy between messages, few enough for a steady progress bar.
 _PICTURES_A_MESSAGE = 4
 
 _Result = TypeVar("_Result")
@@ -24,10 +24,7 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A picture of which nothing can be said, and why.
-
-    `damaged` says that it is missing, or is not the one that was recorded.
-    """
+    """A picture that cannot be measured, and the reason; `damaged` if it is missing or was changed."""
 
     reason: str
     damaged: bool = False
@@ -38,18 +35,18 @@ Measured = CurvatureMeasurement | Unreadable
 
 @dataclass(frozen=True)
 class PictureWork:
-    """What an analysis has to look at before it can go on.
+    """What an analysis needs before it can continue.
 
     Attributes
     ----------
     pictures : tuple of RecordedPicture
-        Those of the needle. One that cannot be read, or is not the one that was recorded, gives an `Unreadable`.
+        Pictures of the needle. One that cannot be read, or was changed, gives an `Unreadable`.
     plane, settings
-        How they are measured.
+        How to measure them.
     mask : Mask or None
         Pixels that are not the needle.
     others : tuple of callable
-        What else takes long and can be done meanwhile; each is carried to another process and called there.
+        Other long calls that can run meanwhile; each is pickled and called in another process.
     """
 
     pictures: tuple[RecordedPicture, ...]
@@ -60,29 +57,31 @@ class PictureWork:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What came of a work: a measurement for each picture, and the answer of each of the others, in their order."""
+class PictureAnswers:
+    """The measurement of each picture and the answer of each other call, in order."""
 
     measured: tuple[Measured, ...]
     others: tuple[Any, ...]
 
 
-Analysis: TypeAlias = Generator[PictureWork, Seen, _Result]
-"""An analysis that asks for what it wants to look at, and goes on with what was seen."""
+Analysis: TypeAlias = Generator[PictureWork, PictureAnswers, _Result]
+"""An analysis that asks for pictures to be measured and continues with the answers."""
 
 Part: TypeAlias = Callable[[], list[Any]]
-"""A piece of a work: gives, or waits for, the answers to it."""
+"""A part of a work: returns its answers, or waits for them."""
 
 
-def concluded(
-    analysis: Analysis[_Result], look: Callable[[PictureWork], Seen], answer: Seen | None = None
+def finish_analysis(
+    analysis: Analysis[_Result],
+    look: Callable[[PictureWork], PictureAnswers],
+    answer: PictureAnswers | None = None,
 ) -> _Result:
-    """Return the result of an analysis; `look` sees what it asks for.
+    """Return the result of an analysis; `look` does the work that it asks for.
 
     Parameters
     ----------
-    answer : Seen or None
-        What came of the work that the analysis has asked for already; None for one that has not begun.
+    answer : PictureAnswers or None
+        The answers to the work that it has asked for already; None if it has not begun.
     """
     try:
         while True:
@@ -92,70 +91,65 @@ def concluded(
         return result
 
 
-def look_at(work: PictureWork, workers: int, progress: Progress | None) -> Seen:
+def measure_pictures(work: PictureWork, workers: int, progress: Progress | None) -> PictureAnswers:
     """Measure every picture, in the order given, whatever the number of workers.
 
     Parameters
     ----------
     workers : int
-        Processes; one is this process alone.
+        Processes; with 1 this process does the work.
     progress : callable or None
-        Called with how many pictures are done and how many there are.
+        Called with the number of finished pictures and of all.
 
     Raises
     ------
     MachineError
-        When a worker process dies; the usual cause is that memory ran out.
+        When a worker process dies, usually because memory ran out.
     """
     workers = min(workers, len(work.pictures))
     if workers <= 1:
-        return seen(work, _parts(work), progress)
+        return gather_answers(work, _split_work(work), progress)
     with worker_processes(workers, "measured pictures") as pool:
-        return seen(work, handed_out(work, pool), progress)
+        return gather_answers(work, submit_work(work, pool), progress)
 
 
-def handed_out(work: PictureWork, pool: Executor) -> list[Part]:
-    """Let a pool begin with a work; return its parts, each of which waits for its answers."""
-    return [pool.submit(part).result for part in _parts(work)]
+def submit_work(work: PictureWork, pool: Executor) -> list[Part]:
+    """Submit a work to a pool; return its parts, each of which waits for its answers."""
+    return [pool.submit(part).result for part in _split_work(work)]
 
 
-def seen(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> Seen:
-    """Gather the answers to a work, those to the pictures first, as progress is told by them."""
+def gather_answers(work: PictureWork, parts: Sequence[Part], progress: Progress | None) -> PictureAnswers:
+    """Gather the answers to a work, those of the pictures first, because they drive the progress."""
     others = len(work.others)
     measured: list[Measured] = []
-    for one in chain.from_iterable(part() for part in parts[others:]):
-        measured.append(one)
+    for measurement in chain.from_iterable(part() for part in parts[others:]):
+        measured.append(measurement)
         if progress is not None:
             progress(len(measured), len(work.pictures))
-    return Seen(tuple(measured), tuple(answer for part in parts[:others] for answer in part()))
+    return PictureAnswers(tuple(measured), tuple(answer for part in parts[:others] for answer in part()))
 
 
-def _parts(work: PictureWork) -> list[Part]:
-    """Return the pieces of a work, to be done by any process in any order; what takes longest stands first."""
+def _split_work(work: PictureWork) -> list[Part]:
+    """Return the parts of a work for any process in any order; those that take longest come first."""
+    how = (work.plane, work.settings, work.mask)
     starts = range(0, len(work.pictures), _PICTURES_A_MESSAGE)
     return [
-        *(partial(_alone, other) for other in work.others),
+        *(partial(_call_one, other) for other in work.others),
         *(
-            partial(
-                _measured,
-                work.pictures[start : start + _PICTURES_A_MESSAGE],
-                work.plane,
-                work.settings,
-                work.mask,
-            )
+            partial(_measure_part, work.pictures[start : start + _PICTURES_A_MESSAGE], *how)
             for start in starts
         ),
     ]
 
 
-def _alone(other: Callable[[], Any]) -> list[Any]:
+def _call_one(other: Callable[[], Any]) -> list[Any]:
     return [other()]
 
 
-def _measured(
+def _measure_part(
     pictures: Sequence[RecordedPicture], plane: PlaneMap, settings: CurvatureSettings, mask: Mask | None
 ) -> list[Measured]:
-    return [_measure(one, plane, settings, mask) for one in pictures]
+    return [_measure(picture, plane, settings, mask) for picture in pictures]
 
 
 def _measure(
@@ -166,6 +160,6 @@ def _measure(
         masked = None if mask is None else mask.masked(Path(picture.file).name, image)
         return measure_curvature(image, plane, settings, masked=masked)
     except (PictureError, RecordError) as error:
-        # Where the run lies on this computer is no part of a result.
+        # The folder on this computer is no part of a result.
         reason = error.message.replace(str(picture.run / picture.file), Path(picture.file).name)
         return Unreadable(reason, damaged=isinstance(error, RecordError))

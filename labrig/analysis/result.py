@@ -1,8 +1,7 @@
-"""What an analysis says, how it is stored in `RUN/analysis/NNN/`, and how it is read back.
+"""The result of an analysis: its model, its files in `RUN/analysis/NNN/`, and reading them back.
 
-`result.json` is written last: a folder without one is no result. `centre_lines.npz` holds the arrays (no
-pickle), so that pages are drawn without measuring again. The two CSV files say the same as the JSON, for
-spreadsheets.
+`result.json` is written last: a folder without it is no result. `centre_lines.npz` holds the arrays (no pickle), so
+that pages are drawn without measuring again. The CSV files hold the tables of the JSON for spreadsheets.
 """
 
 import csv
@@ -23,6 +22,7 @@ from labrig.protocol.model import Model
 from labrig.record.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
+from labrig.record.tables import escape_formula
 
 RESULT_FILE = "result.json"
 TABLES_FILE = "tables.json"
@@ -31,6 +31,7 @@ LINES_FILE = "centre_lines.npz"
 Point = tuple[float, float]
 FloatArray = NDArray[np.float64]
 _NONE: Mapping[str, str] = {}
+_AGAIN = "make a new result with `labrig reanalyze`"
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,9 @@ class Rows:
 
 
 class Result(Model):
-    """What every result carries: which it is, what it was made from and by what.
+    """The members of every result: its parent, settings, inputs and provenance.
 
-    `damage` says what of the record was missing or changed when the result was made, `where: what` each.
+    `damage` lists what was missing from the record or changed when the result was made, `where: what` each.
     """
 
     schema_version: Literal[1] = 1
@@ -58,15 +59,15 @@ class Result(Model):
 
     @property
     def tables(self) -> Mapping[str, Rows]:
-        """What the result says row by row, by the name of the table; each is written as CSV beside it."""
+        """The tables of the result by name; each is also written as CSV."""
         return {}
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """What is known of a result before anything is measured: after which one, when, from what, by what.
+    """What is known of a result before anything is measured: parent, time, inputs and provenance.
 
-    `damage` is that of the record as far as it is seen before pictures are read: where, what.
+    `damage` is the damage of the record that shows before pictures are read: where, what.
     """
 
     parent: int | None
@@ -77,28 +78,28 @@ class Stamp:
     damage: Mapping[str, str]
 
     def fields(self, settings: Mapping[str, Any], pictures: Mapping[str, str] = _NONE) -> dict[str, Any]:
-        """Return the members that every result carries.
+        """Return the members that every result has.
 
         Parameters
         ----------
         settings : Mapping
-            How it was measured.
+            Settings of the measurement.
         pictures : Mapping
-            Pictures that turned out to be missing or changed when they were read: file, what is wrong.
+            Pictures that were missing or changed when they were read: file, fault.
         """
-        # A missing picture was seen before it was read; it is named once.
+        # A missing picture was found before it was read; it is named once.
         damage = {**self.damage, **pictures, **self.damage}
-        said = tuple(f"{where}: {what}" for where, what in damage.items())
-        return {**vars(self), "settings": dict(settings), "damage": said}
+        listed = tuple(f"{where}: {what}" for where, what in damage.items())
+        return {**vars(self), "settings": dict(settings), "damage": listed}
 
 
 class TrialOrigin(Model):
-    """Where the sheath's tip stood in a trial, found in the picture taken once it was in; None where that is unknown.
+    """The sheath's pose in a trial, found in a picture once the sheath was in; unknown values are None.
 
-    `tip_mm` and `heading_rad` are the origin and the direction of the trial. `expected_mm` is where command and linear
-    encoder put the tip; `along_mm` and `across_mm` is how far beyond that, and to the side of +y, it was found, and
-    `disagreement_mm` how far at all; where the protocol does not say what to expect, how far from where the encoder
-    and the other trials put it, which is `from_others_mm`.
+    `tip_mm` and `heading_rad` are the origin and the direction of the trial. `expected_mm` is the tip according to
+    command and linear encoder; `along_mm` and `across_mm` are the deviations from it along the insertion and towards
+    +y, and `disagreement_mm` is their distance. `from_others_mm` is the distance from the tip according to the encoder
+    and the other trials; without an expected tip it is also the `disagreement_mm`.
     """
 
     trial: int
@@ -117,15 +118,15 @@ class TrialOrigin(Model):
 
     @property
     def heading_deg(self) -> float | None:
-        """The heading as people read it."""
+        """The heading in degrees, for people."""
         return None if self.heading_rad is None else math.degrees(self.heading_rad)
 
 
 class Sentinel(Model):
-    """What the grid pictures before and after a run say; None where that is unknown.
+    """The comparison of the grid pictures before and after a run; unknown values are None.
 
-    `drift` is the largest relative change of scale, which is in the error bar of every length; `bending_mm` by how much
-    the grid lost its shape. A run whose sentinel is not accepted states none.
+    `drift` is the largest relative change of scale, which is part of the error bar of every length; `bending_mm` is the
+    change of the grid's shape. If the sentinel is not accepted, the run states no lengths.
     """
 
     drift: float | None = None
@@ -137,12 +138,12 @@ class Sentinel(Model):
 
     @property
     def drift_percent(self) -> float | None:
-        """The drift as people read it."""
+        """The drift in percent, for people."""
         return None if self.drift is None else 100.0 * self.drift
 
 
-def origin_rows(origins: Sequence[TrialOrigin]) -> dict[str, Rows]:
-    """Return the table of the origins of trials; none where no sheath was looked for."""
+def make_origin_table(origins: Sequence[TrialOrigin]) -> dict[str, Rows]:
+    """Return the table of the origins of trials; no table if no sheath was searched for."""
     return {"origins": Rows(TrialOrigin, origins)} if origins else {}
 
 
@@ -151,7 +152,7 @@ Content_co = TypeVar("Content_co", bound=Result, covariant=True)
 
 @dataclass(frozen=True)
 class AnalysisResult(Generic[Content_co]):
-    """A result on disk: its folder, and what it says."""
+    """A result on disk: its folder and its content."""
 
     path: Path
     content: Content_co
@@ -163,12 +164,12 @@ class AnalysisResult(Generic[Content_co]):
 
 
 AnyResult: TypeAlias = AnalysisResult[Result]
-"""A result of whatever experiment."""
+"""A result of any experiment."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What an analysis hands over to be written: the result, and what else it saves into the result's folder."""
+    """The output of an analysis: the result, and a call that saves further files into the result's folder."""
 
     content: Result
     save: Callable[[Path], None] | None = None
@@ -176,10 +177,10 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class CentreLines:
-    """The needle's centre line in each picture where one was found, by the number of the frame.
+    """The needle's centre line in each picture that shows one, by the number of the frame.
 
-    `mm` holds points (N, 2), columns (y, z), from the sheath's tip on; `px` the same points in the picture,
-    columns (u, v); `window` the first and one past the last point that the circle was fitted to.
+    `mm` holds points (N, 2), columns (y, z), from the sheath's tip on; `px` the same points in the picture, columns
+    (u, v); `window` the first point of the circle fit and the one behind its last.
     """
 
     mm: Mapping[int, FloatArray]
@@ -193,7 +194,7 @@ NO_LINES = CentreLines({}, {}, {})
 def write_result(path: Path, findings: Findings) -> AnyResult:
     """Write a result into its folder, `result.json` last.
 
-    `tables.json` names each table, its file, its columns with their units, and how many rows it has.
+    `tables.json` names each table, its file, its columns with their units, and its number of rows.
 
     Raises
     ------
@@ -205,12 +206,12 @@ def write_result(path: Path, findings: Findings) -> AnyResult:
     result = AnalysisResult(path, findings.content)
     listed = {}
     for name, table in findings.content.tables.items():
-        columns = _columns(table.model)
-        write_atomically(path / f"{name}.csv", _csv(table, columns))
+        columns = _list_columns(table.model)
+        write_atomically(path / f"{name}.csv", _encode_csv(table, columns))
         listed[name] = {
             "file": f"{name}.csv",
             "columns": [
-                {"name": column, "unit": _unit(column)} for pair in columns.values() for column in pair
+                {"name": column, "unit": _find_unit(column)} for pair in columns.values() for column in pair
             ],
             "rows": len(table.rows),
         }
@@ -219,52 +220,47 @@ def write_result(path: Path, findings: Findings) -> AnyResult:
     return result
 
 
-def result_numbers(run: Run) -> tuple[int, ...]:
-    """Return the numbers of the run's results, rising. Raises `RecordError` where their folder is a link."""
+def list_result_numbers(run: Run) -> tuple[int, ...]:
+    """Return the numbers of the run's results in order. Raises `RecordError` if their folder is a link."""
     folder = run.own("analysis")
     return tuple(sorted(int(file.parent.name) for file in folder.glob(f"[0-9]*/{RESULT_FILE}")))
 
 
-def newest_result_folder(run: Run) -> Path | None:
-    """Return the folder of the newest result; None where there is none. Raises `RecordError` for a link."""
-    numbers = result_numbers(run)
+def find_newest_result_folder(run: Run) -> Path | None:
+    """Return the folder of the newest result; None without one. Raises `RecordError` for a link."""
+    numbers = list_result_numbers(run)
     return run.own(f"analysis/{numbers[-1]:03d}") if numbers else None
 
 
 def load_result(run: Run, model: type[Result], number: int | None = None) -> AnyResult | None:
-    """Return a result of a run: the one of that number, or the newest; None where it has none at all.
+    """Return the result of a run with that number, or the newest; None if the run has no result.
 
     Parameters
     ----------
     model : type
-        Of the experiment's result.
+        Model of the experiment's result.
 
     Raises
     ------
     InputError
-        When there is no result of that number.
+        When no result has that number.
     RecordError
-        When the result is damaged or of a newer schema, or a file of it is a symbolic link.
+        When the result is damaged, has a newer schema, or contains a symbolic link.
     """
-    numbers = result_numbers(run)
+    numbers = list_result_numbers(run)
     if number is None and not numbers:
         return None
     wanted = numbers[-1] if number is None else number
     if wanted not in numbers:
-        raise InputError(
-            f"{run.path} has no result {wanted:03d}",
-            f"it has {list(numbers)}; `labrig reanalyze` makes another",
-        )
+        hint = f"it has {list(numbers)}; `labrig reanalyze` makes another"
+        raise InputError(f"{run.path} has no result {wanted:03d}", hint)
     path = run.own(f"analysis/{wanted:03d}")
     try:
         for file in path.iterdir():
             run.own(f"analysis/{wanted:03d}/{file.name}")
         content = model.model_validate_json((path / RESULT_FILE).read_bytes())
     except (OSError, ValidationError) as error:
-        raise RecordError(
-            f"{path / RESULT_FILE} cannot be read: {_first_fault(error)}",
-            "make a new result with `labrig reanalyze`",
-        ) from error
+        raise RecordError(f"{path / RESULT_FILE} cannot be read: {_describe_error(error)}", _AGAIN) from error
     return AnalysisResult(path, content)
 
 
@@ -274,13 +270,7 @@ def save_centre_lines(lines: CentreLines, folder: Path) -> None:
 
 
 def load_centre_lines(folder: Path) -> CentreLines:
-    """Read the centre lines of a result; none where it has no such file.
-
-    Raises
-    ------
-    RecordError
-        When the file is damaged.
-    """
+    """Read the centre lines of a result; none without the file. Raises `RecordError` when it is damaged."""
     file = folder / LINES_FILE
     if not file.exists():
         return NO_LINES
@@ -288,12 +278,10 @@ def load_centre_lines(folder: Path) -> CentreLines:
         with np.load(file, allow_pickle=False) as arrays:
             return _unpack({name: arrays[name] for name in arrays.files})
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise RecordError(
-            f"{file} cannot be read: {error}", "make a new result with `labrig reanalyze`"
-        ) from error
+        raise RecordError(f"{file} cannot be read: {error}", _AGAIN) from error
 
 
-def _first_fault(error: OSError | ValidationError) -> str:
+def _describe_error(error: OSError | ValidationError) -> str:
     if isinstance(error, OSError):
         return error.strerror or str(error)
     first = error.errors()[0]
@@ -304,7 +292,7 @@ def _first_fault(error: OSError | ValidationError) -> str:
 def _pack(lines: CentreLines) -> bytes:
     """Put all lines end to end: a thousand small arrays would take a second to load.
 
-    Single precision is a hundred times finer than any picture; these lines are drawn, and never fitted again.
+    Single precision is a hundred times finer than any picture; these lines are only drawn, never fitted.
     """
     frames = sorted(lines.mm)
     lengths = [len(lines.mm[frame]) for frame in frames]
@@ -350,40 +338,36 @@ _PAIRS = {
     "tip_from_origin_mm": ("tip_aside_of_origin_mm", "tip_along_from_origin_mm"),
     "expected_mm": ("expected_y_mm", "expected_z_mm"),
 }
-# Spreadsheets take "+y" for a formula, and the centre says the same.
+# Spreadsheets take "+y" for a formula, and the centre has the same information.
 _LEFT_OUT = {"bend"}
-# What a spreadsheet would take for the start of a formula.
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 # The longest first: a speed in mm/s also ends with s.
 _UNITS = ("mm_s", "rad_s", "mm", "px", "rad", "deg", "s", "hz", "percent")
 
 
-def _columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
-    """Return the columns that each field of a row becomes."""
+def _list_columns(model: type[Model]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of each field of a row."""
     return {name: _PAIRS.get(name, (name,)) for name in model.model_fields if name not in _LEFT_OUT}
 
 
-def _unit(column: str) -> str | None:
-    """Return the unit in the name of a column; None of one without."""
+def _find_unit(column: str) -> str | None:
+    """Return the unit in the name of a column; None without one."""
     found = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), None)
     return None if found is None else found.replace("_", "/")
 
 
-def _csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
-    """Return a table as text, units in the names of the columns; what is unknown is empty."""
+def _encode_csv(table: Rows, columns: Mapping[str, Sequence[str]]) -> bytes:
+    """Return a table as CSV with units in the names of the columns; unknown values are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column for pair in columns.values() for column in pair])
     for row in table.rows:
-        writer.writerow([cell for name in columns for cell in _cells(name, getattr(row, name))])
+        writer.writerow([cell for name in columns for cell in _format_cells(name, getattr(row, name))])
     return text.getvalue().encode("utf-8")
 
 
-def _cells(name: str, value: object) -> Sequence[object]:
+def _format_cells(name: str, value: object) -> Sequence[object]:
     if name in _PAIRS:
         return value if isinstance(value, tuple) else (None, None)
     if isinstance(value, tuple):
         value = "; ".join(str(item) for item in value)
-    if isinstance(value, str) and value.startswith(_FORMULA_STARTS):
-        return (f"'{value}",)
-    return (value,)
+    return (escape_formula(value),)

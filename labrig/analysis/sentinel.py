@@ -1,4 +1,4 @@
-"""Grid pictures before and after a run: an error bar for its lengths, or the reason why they are refused."""
+"""Grid pictures before and after a run: an error bar for its lengths, or the reason to refuse them."""
 
 from collections.abc import Iterable
 
@@ -7,7 +7,7 @@ from labrig.analysis.result import Sentinel
 from labrig.errors import CalibrationRefusedError, PictureError, RecordError
 from labrig.protocol.sections import GridSentinel
 from labrig.record.events import FrameLine, PictureRole
-from labrig.vision.grid_check import GridCheck, check_grid, compare_grids
+from labrig.vision.grid_check import check_grid, compare_grids
 from labrig.vision.plane import PlaneMap
 
 
@@ -18,22 +18,24 @@ class GridRole(PictureRole):
     AFTER = "grid-after"
 
 
-def sentinel_of(
+def check_sentinel(
     section: GridSentinel | None, read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap
 ) -> Sentinel | None:
-    """Return what the grid pictures of a run say, as `watch` does; None where its protocol asks for none."""
-    return None if section is None else watch(read, lines, plane, section.pitch_mm)
+    """Compare the grid pictures of a run; None if its protocol asks for none."""
+    return None if section is None else compare_grid_pictures(read, lines, plane, section.pitch_mm)
 
 
-def watch(read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, pitch_mm: float) -> Sentinel:
+def compare_grid_pictures(
+    read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, pitch_mm: float
+) -> Sentinel:
     """Compare the first grid picture before the run with the last one after it.
 
     Parameters
     ----------
     read : callable
-        Gives the picture of a frame number.
+        Returns the picture of a frame number.
     lines : iterable of FrameLine
-        Of a run; those of another role are passed over.
+        Lines of a run; other roles are skipped.
     """
     frames: dict[str, list[int]] = {role: [] for role in GridRole}
     for line in lines:
@@ -47,10 +49,6 @@ def watch(read: ReadFrame, lines: Iterable[FrameLine], plane: PlaneMap, pitch_mm
         )
     except (CalibrationRefusedError, PictureError, RecordError) as refusal:
         return Sentinel(accepted=False, reason=f"The grid pictures cannot be compared: {refusal.message}.")
-    return _sentinel(before, after)
-
-
-def _sentinel(before: GridCheck, after: GridCheck) -> Sentinel:
     drift = compare_grids(before, after)
     return Sentinel(
         drift=drift.relative,

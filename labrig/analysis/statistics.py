@@ -1,4 +1,4 @@
-"""Mean, spread and interval of repeated measurements, and what the roll of the bevel adds to it."""
+"""Mean, spread and interval of repeated measurements, and the part that the bevel's roll adds."""
 
 import math
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ _TWO_SIDED_95 = 1.96
 
 @dataclass(frozen=True)
 class Spread:
-    """What n repeated values say: their mean, sample standard deviation and the 95 % interval of the mean.
+    """Mean, sample standard deviation and 95 % interval of the mean of n repeated values.
 
-    The standard deviation and the interval are None below two values, the mean too for none.
+    Standard deviation and interval are None below two values, and so is the mean without any.
     """
 
     n: int
@@ -23,8 +23,8 @@ class Spread:
     ci95: tuple[float, float] | None
 
 
-def spread(values: Sequence[float]) -> Spread:
-    """Return the spread of `values`: standard deviation over n - 1, interval by Student's t."""
+def compute_spread(values: Sequence[float]) -> Spread:
+    """Return the spread of `values`: standard deviation with n - 1, interval by Student's t."""
     n = len(values)
     if n < 2:
         return Spread(n, float(values[0]) if n else None, None, None)
@@ -33,11 +33,13 @@ def spread(values: Sequence[float]) -> Spread:
     return Spread(n, mean, sd, (mean - half_width, mean + half_width))
 
 
-def with_roll(interval: tuple[float, float] | None, roll_sd_deg: float) -> tuple[float, float] | None:
-    """Return a 95 % interval of a radius with the roll's uncertainty in it; None stays None.
+def add_roll_uncertainty(
+    interval: tuple[float, float] | None, roll_sd_deg: float
+) -> tuple[float, float] | None:
+    """Widen the 95 % interval of a radius by the uncertainty of the roll; None stays None.
 
     A bevel turned out of the plane by rho bends the needle by cos(rho) / r in it (equation 5), so that r / cos(rho) is
-    seen: too large, never too small. Only the lower end moves, and all insertions of a needle share it.
+    measured: too large, never too small. Only the lower end moves, and all insertions of a needle share it.
     """
     if interval is None:
         return None

@@ -1,4 +1,4 @@
-"""What a terminal shows of a result: sentences and tables, and the values that are compared old beside new."""
+"""A result on a terminal: sentences and tables, and the values that a comparison shows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table for a terminal: its heads, and rows of as many cells."""
+    """A table for a terminal: its heads, and rows with a cell for each."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[object, ...], ...]
@@ -15,7 +15,7 @@ class TextTable:
 
 @dataclass(frozen=True)
 class Summary:
-    """A result in a few lines, and the values of it that count when it is compared with another one."""
+    """A result in a few lines, and the values that are compared with those of another result."""
 
     lines: tuple[str | TextTable, ...]
     values: Mapping[str, object]
@@ -23,7 +23,7 @@ class Summary:
 
 @dataclass(frozen=True)
 class ResultComparison:
-    """What a reanalysis changed beside the numbers: sentences for a terminal, members for JSON."""
+    """What a reanalysis changed besides the numbers: sentences for a terminal, members for JSON."""
 
     lines: tuple[str, ...] = ()
     document: Mapping[str, Any] = field(default_factory=dict)

@@ -16,7 +16,7 @@ DEFAULT_WORKERS = min(usable_cores(), 8)
 
 @contextmanager
 def worker_processes(workers: int, task: str) -> Iterator[ProcessPoolExecutor]:
-    """Give a pool of processes; what has not begun is dropped when the command is interrupted.
+    """Give a pool of processes; calls that have not begun are dropped when the command is interrupted.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ def worker_processes(workers: int, task: str) -> Iterator[ProcessPoolExecutor]:
     Raises
     ------
     MachineError
-        When one of them dies; the usual cause is that memory ran out.
+        When one of them dies, usually because memory ran out.
     """
     threads = cv2.getNumThreads()
-    # Workers are forked: they start in milliseconds and share what is loaded. OpenCV's threads do not
-    # survive a fork, and a worker that waited for them would wait for ever; they are ended first.
+    # Workers are forked: they start in milliseconds and share what is loaded. OpenCV's threads do not survive a fork,
+    # and a worker would wait for them for ever, so they are ended first.
     cv2.setNumThreads(1)
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context(WORKERS_ARE), end_with_parent)
     try:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.analysis.mapping import load_mapping
+from labrig.analysis.calibration import load_plane_map
 from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
 from labrig.errors import InputError
 from labrig.experiments.registry import protocol_of
@@ -60,7 +60,7 @@ def recorded_frame(folder: Path, frame: int | None) -> TipSource:
     return TipSource(
         folder / line.file,
         image,
-        load_mapping(run),
+        load_plane_map(run),
         line.rotation_rad or 0.0,
         DEFAULT_NEEDLE_DIAMETER_MM if needle is None else needle.diameter_mm,
         None if needle is None else needle.sheath_diameter_mm,

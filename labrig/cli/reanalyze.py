@@ -51,12 +51,12 @@ def reanalyze(
 
 def _parent(path: Path, number: int | None) -> Any:
     """Return the result that a new one is compared with, None where there is none; name newer ones that are damaged."""
-    from labrig.analysis.result import result_numbers
+    from labrig.analysis.result import list_result_numbers
     from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
 
     run = open_run(path)
-    for newer in result_numbers(run):
+    for newer in list_result_numbers(run):
         if number is None or newer > number:
             try:
                 result_of(run, newer)
@@ -67,13 +67,13 @@ def _parent(path: Path, number: int | None) -> Any:
 
 def _compared(path: Path, old: Any, new: Mapping[str, Any], as_json: bool) -> dict[str, object]:
     """Say where a result parts from its parent, and return that for JSON."""
-    from labrig.analysis.divergence import first_divergence
+    from labrig.analysis.divergence import find_divergence
     from labrig.experiments.registry import experiment_of
     from labrig.record.reader import open_run
 
     if old is None:
         return {"parent": None, "first_divergence": None}
-    found = first_divergence(old.document, new)
+    found = find_divergence(old.document, new)
     comparison = experiment_of(open_run(path)).compare(old.document, new)
     if not as_json:
         print_line("the numbers are identical" if found is None else f"first divergence: {_told(found)}")

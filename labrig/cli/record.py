@@ -51,14 +51,14 @@ def view(
     as_json: AsJson = False,
 ) -> int:
     """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
-    from labrig.analysis.result import NO_LINES, load_centre_lines, newest_result_folder
+    from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
     from labrig.experiments.registry import view_of
     from labrig.record.reader import open_run
     from labrig.report.rerun_view import open_view, write_view
     from labrig.report.view import NO_VIEW
 
     run = open_run(run_path)
-    folder = newest_result_folder(run)
+    folder = find_newest_result_folder(run)
     try:
         added = view_of(run)
     except InputError as error:

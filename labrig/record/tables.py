@@ -1,11 +1,11 @@
-"""Rows as tables for people: a unit in every name, one number a cell."""
+"""Tables for people: a unit in every name, one number a cell."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
-# What the columns of a vector are called: by its last word and how many numbers it has.
+# Names of the columns of a vector, by its unit and its number of components.
 _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
     ("mm", 2): ("y", "z"),
     ("mm", 3): ("x", "y", "z"),
@@ -14,11 +14,12 @@ _PARTS: Mapping[tuple[str, int], tuple[str, ...]] = {
 _INTERVAL = "ci95"
 _AXIS_UNITS: Mapping[str, str] = {"insertion": "mm", "rotation": "rad", "linear": "mm"}
 _OF_THE_AXIS = ("position", "asked_position")
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _SPEED_OF_THE_AXIS = ("speed", "asked_speed")
 
 
 def add_axis_units(event: Mapping[str, object]) -> dict[str, object]:
-    """Return an event with its axis' unit in the names of its positions and speeds."""
+    """Return an event with the unit of its axis in the names of positions and speeds."""
     unit = _AXIS_UNITS.get(str(event.get("axis")))
     if unit is None:
         return dict(event)
@@ -28,7 +29,7 @@ def add_axis_units(event: Mapping[str, object]) -> dict[str, object]:
 
 
 def split_vectors(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in which each vector of two or three numbers has a column a number.
+    """Return a table in which each component of a vector has its own column.
 
     `tip_mm` becomes `tip_y_mm` and `tip_z_mm` (x before them where there are three), `tip_px` `tip_u_px` and
     `tip_v_px`, `radius_ci95_mm` `radius_ci95_low_mm` and `radius_ci95_high_mm`. Other lists stay.
@@ -49,7 +50,7 @@ def _name_parts(name: str, values: Sequence[object]) -> list[str]:
     vectors = [value for value in values if isinstance(value, list | tuple)]
     sizes = {len(vector) for vector in vectors}
     if not vectors and _INTERVAL in name and all(value is None for value in values):
-        sizes = {2}  # an interval of which none is known has its two columns all the same
+        sizes = {2}  # an interval without any value has two columns too
     if len(sizes) != 1 or not all(_is_number(item) for vector in vectors for item in vector):
         return []
     stem, _, unit = name.rpartition("_")
@@ -60,3 +61,8 @@ def _name_parts(name: str, values: Sequence[object]) -> list[str]:
 
 def _is_number(value: object) -> bool:
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
+def escape_formula(value: object) -> object:
+    """Return a cell of a CSV file; a text that a spreadsheet would take for a formula gets an apostrophe."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value

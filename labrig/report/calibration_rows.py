@@ -1,6 +1,6 @@
 """How well the lens and the steering plane of a run are known, as its page tells it."""
 
-from labrig.analysis.mapping import load_lens, load_mapping
+from labrig.analysis.calibration import load_lens, load_plane_map
 from labrig.record.reader import Run
 from labrig.report.words import Rows, number, signed
 from labrig.vision.intrinsics import Intrinsics
@@ -9,7 +9,7 @@ from labrig.vision.plane import PlaneMap
 
 def calibration_rows(run: Run) -> Rows:
     """Return how well lens and plane are known."""
-    return (*_lens_rows(load_lens(run)), *_plane_rows(load_mapping(run)))
+    return (*_lens_rows(load_lens(run)), *_plane_rows(load_plane_map(run)))
 
 
 def _lens_rows(lens: Intrinsics | None) -> Rows:

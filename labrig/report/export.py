@@ -16,6 +16,7 @@ import scipy.io
 from labrig.errors import InputError
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
+from labrig.record.tables import escape_formula
 from labrig.report.tables import is_unknown
 
 Files = dict[str, bytes]
@@ -23,8 +24,6 @@ Files = dict[str, bytes]
 MANIFEST_FILE = "manifest.json"
 MAT_FILE = "run.mat"
 
-# What a spreadsheet would take for the start of a formula.
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _MAT_LONGEST_NAME = 63
 _MAT_MOST_BYTES = 2**31
 
@@ -32,7 +31,7 @@ _MAT_MOST_BYTES = 2**31
 def as_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
     """Return one CSV file a table, in UTF-8; what is unknown is empty."""
     files = {
-        f"{name}.csv": table.map(_no_formula).to_csv(index=False, lineterminator="\n").encode()
+        f"{name}.csv": table.map(escape_formula).to_csv(index=False, lineterminator="\n").encode()
         for name, table in tables.items()
     }
     return {MANIFEST_FILE: encode_document(run.manifest), **files}
@@ -84,10 +83,6 @@ FORMATS: Mapping[str, Callable[[Run, Mapping[str, pd.DataFrame]], Files]] = {
 }
 
 _MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
-
-
-def _no_formula(value: object) -> object:
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value
 
 
 def _parquet(table: pd.DataFrame) -> bytes:

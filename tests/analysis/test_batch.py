@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from labrig.analysis.batch import analyze_runs
-from labrig.analysis.divergence import first_divergence
+from labrig.analysis.divergence import find_divergence
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError
@@ -40,8 +40,8 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     for run, result in zip(runs, results, strict=True):
         read = result_of(open_run(run), 2)
         assert read is not None
-        assert first_divergence(read.document, results[0].document) is None
-        assert first_divergence(result.document, results[0].document) is None
+        assert find_divergence(read.document, results[0].document) is None
+        assert find_divergence(result.document, results[0].document) is None
 
 
 def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
@@ -79,6 +79,6 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
     together = analyze_runs(runs, experiment_of, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
     for run, one, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
-        assert first_divergence(one.document, other.document) is None
+        assert find_divergence(one.document, other.document) is None
         assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
         assert other.document["settings"]["mask_sha256"] == mask.sha256

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from labrig.analysis.divergence import Divergence, first_divergence
+from labrig.analysis.divergence import Divergence, find_divergence
 
 
 def _document(**changes: Any) -> dict[str, Any]:
@@ -15,30 +15,30 @@ def _document(**changes: Any) -> dict[str, Any]:
 
 def test_results_that_say_the_same_do_not_part() -> None:
     """When it was made, after which result, and by which settings is no number of a result."""
-    assert first_divergence(_document(), _document(created="later", parent=1, settings={})) is None
+    assert find_divergence(_document(), _document(created="later", parent=1, settings={})) is None
 
 
 def test_the_first_picture_that_differs_is_named() -> None:
     """Pictures come before what was computed from them, and the frame is told."""
     pictures = [{"frame": 3, "radius_mm": 27.0, "tip_mm": [1.0, 2.0]}, {"frame": 7, "radius_mm": 28.5}]
     new = _document(mean_radius_mm=27.75, measurements=pictures)
-    assert first_divergence(_document(), new) == Divergence("measurements.1.radius_mm", 7, 28.0, 28.5)
+    assert find_divergence(_document(), new) == Divergence("measurements.1.radius_mm", 7, 28.0, 28.5)
 
 
 def test_a_picture_that_is_gone_and_a_sum_that_differs_are_named() -> None:
     """What one of the two lacks is None there; without a picture there is no frame."""
     fewer = _document(measurements=_document()["measurements"][:1])
-    assert first_divergence(_document(), fewer) == Divergence("measurements.1.frame", 7, 7, None)
+    assert find_divergence(_document(), fewer) == Divergence("measurements.1.frame", 7, 7, None)
     other = _document(mean_radius_mm=1.0)
-    assert first_divergence(_document(), other) == Divergence("mean_radius_mm", None, 27.5, 1.0)
+    assert find_divergence(_document(), other) == Divergence("mean_radius_mm", None, 27.5, 1.0)
 
 
 def test_of_a_sentence_only_counts_whether_it_is_there() -> None:
     """A reason that quotes another setting is no other number; a picture that is refused now is."""
     refused = _document(measurements=[{"frame": 3, "reason": "4 mm are left out"}])
     other = _document(measurements=[{"frame": 3, "reason": "6 mm are left out"}])
-    assert first_divergence(refused, other) is None
+    assert find_divergence(refused, other) is None
     accepted = _document(measurements=[{"frame": 3, "reason": None}])
-    assert first_divergence(refused, accepted) == Divergence(
+    assert find_divergence(refused, accepted) == Divergence(
         "measurements.0.reason", 3, "4 mm are left out", None
     )

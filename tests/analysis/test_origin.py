@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from labrig.analysis.origin import find_origins, told_from
+from labrig.analysis.origin import find_origins, to_origin_frame
 from labrig.analysis.result import TrialOrigin
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import from_origins, refused_by_origin
@@ -183,9 +183,9 @@ def test_distances_are_the_same_from_every_origin(
     point: tuple[float, float], origin: tuple[float, float], heading: float
 ) -> None:
     """Another frame changes no length, and the origin of its own frame is zero."""
-    told = told_from(point, origin, heading)
+    told = to_origin_frame(point, origin, heading)
     assert np.hypot(*told) == pytest.approx(np.hypot(point[0] - origin[0], point[1] - origin[1]), abs=1e-9)
-    assert told_from(origin, origin, heading) == (0.0, 0.0)
+    assert to_origin_frame(origin, origin, heading) == (0.0, 0.0)
 
 
 def picture(trial: int) -> PictureResult:

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from labrig.analysis.result import Sentinel
-from labrig.analysis.sentinel import watch
+from labrig.analysis.sentinel import compare_grid_pictures
 from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import watched
 from labrig.record.events import FrameLine
@@ -32,7 +32,7 @@ def grid(pitch_px: float) -> NDArray[np.uint8]:
 
 def run_with(after_px: float) -> Sentinel:
     """Return the sentinel of a run after which the grid has this pitch in the picture."""
-    return watch(lambda frame: grid(after_px if frame else PX_PER_MM), LINES, PLANE, 1.0)
+    return compare_grid_pictures(lambda frame: grid(after_px if frame else PX_PER_MM), LINES, PLANE, 1.0)
 
 
 def radius(**known: object) -> PictureResult:
@@ -63,7 +63,7 @@ def test_bumped_camera_refuses_every_radius() -> None:
 
 def test_run_without_both_pictures_is_told_so() -> None:
     """An aborted run has no picture after it: nothing is refused, and the result says why nothing is known."""
-    sentinel = watch(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
+    sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
     assert sentinel.drift is None
     assert "both before and after" in (sentinel.reason or "")
     assert watched([radius()], sentinel) == (radius(),)
@@ -72,6 +72,6 @@ def test_run_without_both_pictures_is_told_so() -> None:
 
 def test_pictures_that_show_no_grid_refuse() -> None:
     """Where the grid was asked for and cannot be compared, no radius is stated."""
-    sentinel = watch(lambda _: np.full((600, 800), 120, np.uint8), LINES, PLANE, 1.0)
+    sentinel = compare_grid_pictures(lambda _: np.full((600, 800), 120, np.uint8), LINES, PLANE, 1.0)
     assert not sentinel.accepted
     assert "cannot be compared" in (sentinel.reason or "")

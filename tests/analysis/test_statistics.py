@@ -5,33 +5,42 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labrig.analysis.statistics import spread, with_roll
+from labrig.analysis.statistics import add_roll_uncertainty, compute_spread
 
 VALUES = st.lists(st.floats(10.0, 100.0), min_size=2, max_size=40)
 
 
 def test_three_values_have_the_interval_of_the_tables() -> None:
     """1, 2, 3: mean 2, SD 1, and t(0.975, 2) = 4.303 puts the interval at 2 -+ 2.484."""
-    found = spread([1.0, 2.0, 3.0])
+    found = compute_spread([1.0, 2.0, 3.0])
     assert (found.n, found.mean, found.sd) == (3, 2.0, 1.0)
     assert found.ci95 == pytest.approx((2.0 - 2.4841, 2.0 + 2.4841), abs=1e-4)
 
 
 def test_one_value_has_a_mean_and_no_spread() -> None:
     """A single value says nothing of its scatter, so neither SD nor interval is stated."""
-    assert spread([28.3]) == spread([28.3])
-    assert (spread([28.3]).mean, spread([28.3]).sd, spread([28.3]).ci95) == (28.3, None, None)
+    assert compute_spread([28.3]) == compute_spread([28.3])
+    assert (compute_spread([28.3]).mean, compute_spread([28.3]).sd, compute_spread([28.3]).ci95) == (
+        28.3,
+        None,
+        None,
+    )
 
 
 def test_no_values_have_nothing() -> None:
     """Of nothing not even a mean is stated."""
-    assert (spread([]).n, spread([]).mean, spread([]).sd, spread([]).ci95) == (0, None, None, None)
+    assert (
+        compute_spread([]).n,
+        compute_spread([]).mean,
+        compute_spread([]).sd,
+        compute_spread([]).ci95,
+    ) == (0, None, None, None)
 
 
 @given(VALUES)
 def test_the_interval_is_centred_on_the_mean(values: list[float]) -> None:
     """Student's interval is symmetric, and wider for a larger spread."""
-    found = spread(values)
+    found = compute_spread(values)
     assert found.mean is not None
     assert found.ci95 is not None
     low, high = found.ci95
@@ -42,7 +51,7 @@ def test_the_interval_is_centred_on_the_mean(values: list[float]) -> None:
 @given(VALUES, st.floats(-5.0, 5.0))
 def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float], shift: float) -> None:
     """What all values share is not seen in their scatter: this is what the interval does not cover."""
-    found, moved = spread(values), spread([value + shift for value in values])
+    found, moved = compute_spread(values), compute_spread([value + shift for value in values])
     assert found.mean is not None
     assert moved.mean == pytest.approx(found.mean + shift, abs=1e-6)
     assert moved.sd == pytest.approx(found.sd, abs=1e-6)
@@ -52,13 +61,13 @@ def test_the_interval_covers_as_often_as_it_says() -> None:
     """Of 4000 samples of 18 normal radii, 95 % of the intervals hold the true mean, within 1.5 %."""
     random = np.random.default_rng(20260)
     samples = random.normal(27.6, 0.4, (4000, 18))
-    intervals = [spread(list(sample)).ci95 for sample in samples]
+    intervals = [compute_spread(list(sample)).ci95 for sample in samples]
     covered = sum(low <= 27.6 <= high for low, high in (one for one in intervals if one is not None))
     assert covered / 4000 == pytest.approx(0.95, abs=0.015)
 
 
 def test_the_roll_moves_the_lower_end_of_an_interval_only() -> None:
     """At two degrees the radius may be smaller by 1 - cos(1.96 x 2 degrees), 0.23 %; a known roll changes nothing."""
-    assert with_roll((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
-    assert with_roll((28.0, 28.4), 0.0) == (28.0, 28.4)
-    assert with_roll(None, 2.0) is None
+    assert add_roll_uncertainty((28.0, 28.4), 2.0) == pytest.approx((28.0 * 0.99766, 28.4), abs=1e-3)
+    assert add_roll_uncertainty((28.0, 28.4), 0.0) == (28.0, 28.4)
+    assert add_roll_uncertainty(None, 2.0) is None

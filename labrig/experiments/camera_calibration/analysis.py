@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from labrig.analysis.calibration import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.mapping import INTRINSICS_FILE, PLANE_FILE
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings, Point
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError, PictureError, RecordError

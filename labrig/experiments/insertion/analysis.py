@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.mapping import load_mapping
 from labrig.analysis.origin import find_origins
 from labrig.analysis.result import Findings, Point, Sentinel, TrialOrigin
-from labrig.analysis.sentinel import sentinel_of
+from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import MeasurementRefusedError, PictureError, RecordError
 from labrig.experiments.insertion.events import (
     BevelTurn,
@@ -129,8 +129,8 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         When its lines are damaged.
     """
     template = load_template(run.calibration_path(TEMPLATE_FILE))
-    plane = load_mapping(run)
-    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_lines, plane)
+    plane = load_plane_map(run)
+    sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     view = TipView(plane, template.relative_to(plane.insertion), request.mask)
     source = _Source(run, view, protocol, sentinel)
     trials = _read_trials(run)

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from labrig.analysis.mapping import load_mapping
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole
@@ -104,7 +104,7 @@ def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
 
 
 def _content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
-    plane = load_mapping(run)
+    plane = load_plane_map(run)
     shown = sorted(content.insertions, key=lambda one: (one.reached, one.trial))[:_SHOWN]
     return {
         "content": content,

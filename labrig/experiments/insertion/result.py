@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, origin_rows
+from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
 
 
@@ -141,4 +141,4 @@ class InsertionResult(Result):
     def tables(self) -> Mapping[str, Rows]:
         """What the result says row by row."""
         steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
-        return origin_rows(self.origins) | steps
+        return make_origin_table(self.origins) | steps

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import rerun as rr
 
-from labrig.analysis.mapping import load_mapping
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial
 from labrig.record.reader import Run
@@ -21,7 +21,7 @@ _DRAWN = ("obstacles", "target", "plan", "taken", "tip")
 
 def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
     """Return the curves of the estimate, and what is drawn into the pictures."""
-    plane = load_mapping(run)
+    plane = load_plane_map(run)
     return View((("/estimate", "Tip (mm, degrees)"),), partial(_send, result.content, plane))
 
 

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.mapping import load_mapping
-from labrig.analysis.origin import aside_mm, find_origins
+from labrig.analysis.origin import find_origins, lateral_offset_mm
 from labrig.analysis.pictures import Analysis, PictureWork
 from labrig.analysis.result import Findings, TrialOrigin
-from labrig.analysis.sentinel import sentinel_of
+from labrig.analysis.sentinel import check_sentinel
 from labrig.errors import MeasurementRefusedError
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
@@ -34,12 +34,12 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     pictures = [line for line in run.frame_lines if line.role == RollZeroRole.NEEDLE]
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     places = tuple(run.pictures[line.frame] for line in pictures)
-    plane = load_mapping(run)
+    plane = load_plane_map(run)
     origins = _origins(run, plane, protocol.sheath)
-    sentinel = sentinel_of(protocol.sentinel, run.read_frame, run.frame_lines, plane)
+    sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     measured = (yield PictureWork(places, plane, settings, request.mask)).measured
     seen = [
-        (roll_rad, aside_mm(each.tip_mm, _before(line.frame, origins)))
+        (roll_rad, lateral_offset_mm(each.tip_mm, _before(line.frame, origins)))
         for line, each in zip(pictures, measured, strict=True)
         if isinstance(each, CurvatureMeasurement)
         and each.tip_mm is not None

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from labrig.analysis.result import Result, Rows, Sentinel, TrialOrigin, origin_rows
+from labrig.analysis.result import Result, Rows, Sentinel, TrialOrigin, make_origin_table
 
 
 class RollZeroResult(Result):
@@ -26,4 +26,4 @@ class RollZeroResult(Result):
     @property
     def tables(self) -> Mapping[str, Rows]:
         """What the result says row by row."""
-        return origin_rows(self.origins)
+        return make_origin_table(self.origins)

@@ -5,12 +5,12 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.experiment import AnalysisRequest
-from labrig.analysis.mapping import load_mapping
 from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
-from labrig.analysis.sentinel import sentinel_of
+from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import final_pictures, mean_of_means, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
@@ -85,11 +85,11 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     trials = _trials(run)
     pictures = _pictures(run, trials)
     places = tuple(run.pictures[picture.line.frame] for picture in pictures)
-    plane, read, lines = load_mapping(run), partial(_picture, run.frames), run.frame_lines
+    plane, read, lines = load_plane_map(run), partial(_picture, run.frames), run.frame_lines
     sheaths = [line for line in lines if line.role == order.sheath_role]
     others = (
         partial(_origins, order.sheath, read, sheaths, plane),
-        partial(sentinel_of, order.sentinel, read, lines, plane),
+        partial(check_sentinel, order.sentinel, read, lines, plane),
     )
     named = None if mask is None else mask.with_names(_sources(pictures))
     seen = yield PictureWork(places, plane, settings, named, others)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from labrig.analysis.mapping import load_mapping
+from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnyResult, CentreLines, load_centre_lines
 from labrig.experiments.shared.curvature_result import (
     CurvatureResult,
@@ -91,7 +91,7 @@ def curvature_page(
         The arc that the needle was designed for, of a sweep; None for pictures of no sweep, which have no figure 8.
     """
     lines = load_centre_lines(result.path)
-    plane = load_mapping(run)
+    plane = load_plane_map(run)
     rows = gel_rows(content)
     shown = [each for each in content.measurements if each.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
     return Page(

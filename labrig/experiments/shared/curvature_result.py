@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Literal
 
-from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, origin_rows
+from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
 
 
@@ -105,4 +105,4 @@ class CurvatureResult(Result):
             "measurements": Rows(PictureResult, self.measurements),
             "specimens": Rows(SpecimenResult, self.specimens),
         }
-        return tables | origin_rows(self.origins)
+        return tables | make_origin_table(self.origins)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from labrig.analysis.statistics import spread, with_roll
+from labrig.analysis.statistics import add_roll_uncertainty, compute_spread
 from labrig.experiments.shared.curvature_result import PictureResult, SpecimenResult
 from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialStart
 
@@ -36,7 +36,7 @@ def _summarise(
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
     radii = [one.radius_mm for one in pictures if one.accepted and one.radius_mm is not None]
     reasons = Counter(one.reason or "no reason given" for one in pictures if not one.accepted)
-    summary = spread(radii)
+    summary = compute_spread(radii)
     return SpecimenResult(
         name=group[0].specimen,
         needle_id=group[0].needle_id,
@@ -45,7 +45,7 @@ def _summarise(
         n=summary.n,
         mean_radius_mm=summary.mean,
         sd_radius_mm=summary.sd,
-        ci95_mm=with_roll(summary.ci95, roll_sd_deg),
+        ci95_mm=add_roll_uncertainty(summary.ci95, roll_sd_deg),
         refused=len(pictures) - summary.n,
         refused_reasons=tuple(f"{count} x {reason}" for reason, count in reasons.items()),
         without_final_picture=len(group) - len(pictures),

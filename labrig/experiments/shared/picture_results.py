@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from labrig.analysis.origin import told_from
+from labrig.analysis.origin import to_origin_frame
 from labrig.analysis.result import Sentinel, TrialOrigin
 from labrig.experiments.shared.curvature_result import PictureResult
 
@@ -43,7 +43,7 @@ def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResul
         return one
     known: dict[str, object] = {"origin_mm": place, "origin_heading_rad": heading_rad}
     if one.tip_mm is not None:
-        known["tip_from_origin_mm"] = told_from(one.tip_mm, place, heading_rad)
+        known["tip_from_origin_mm"] = to_origin_frame(one.tip_mm, place, heading_rad)
     return one.model_copy(update=known)
 
 

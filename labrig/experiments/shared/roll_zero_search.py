@@ -6,7 +6,7 @@ How far is told from the sheath, as it was found in each hole before the needle 
 import math
 from dataclasses import asdict, dataclass
 
-from labrig.analysis.origin import aside_mm, find_sheath
+from labrig.analysis.origin import find_sheath, lateral_offset_mm
 from labrig.analysis.result import TrialOrigin
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
@@ -120,7 +120,7 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
         raise MeasurementRefusedError(
             f"picture {look.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
         )
-    return aside_mm(measured.tip_mm, origin)
+    return lateral_offset_mm(measured.tip_mm, origin)
 
 
 def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Session) -> TrialOrigin | None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from labrig.analysis.statistics import spread
+from labrig.analysis.statistics import compute_spread
 from labrig.experiments.shared.curvature_result import (
     PictureResult,
     SpecimenResult,
@@ -67,7 +67,7 @@ def _compare(
         needle_id=group[0].needle_id,
         n_drawn=len(radii),
         drawn_mean_radius_mm=drawn_mean_mm,
-        drawn_sd_radius_mm=spread(radii).sd,
+        drawn_sd_radius_mm=compute_spread(radii).sd,
         error_of_mean_mm=None if mean_mm is None else mean_mm - drawn_mean_mm,
         worst_error_mm=_worst([errors[trial.trial] for trial in group if trial.trial in errors]),
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labrig.analysis.divergence import first_divergence
+from labrig.analysis.divergence import find_divergence
 from labrig.analysis.run import analyze_run
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.experiments.registry import experiment_of, result_of
@@ -64,7 +64,7 @@ def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
 def test_unchanged_settings_give_identical_numbers(run: Run) -> None:
     """Lens and plane come out the same to the last digit, however many threads OpenCV has."""
     first, second = (_analyse(run)[0].model_dump(mode="json") for _ in range(2))
-    assert first_divergence(first, second) is None
+    assert find_divergence(first, second) is None
 
 
 def test_progress_counts_the_pictures(run: Run) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis.divergence import first_divergence
+from labrig.analysis.divergence import find_divergence
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.what_if import compare_steering, steered
 from tests.analysis.insertions import analysed, observations, recorded
@@ -56,7 +56,7 @@ def test_a_policy_shows_in_commands_alone() -> None:
 
 def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
     """The first number that differs stands in a step, and its picture is named before what was computed from it."""
-    found = first_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
+    found = find_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
     assert found is not None
     assert found.key.startswith("insertions.0.steps.")
     assert found.frame in {one["frame"] for one in observations(recorded())}

@@ -1,4 +1,4 @@
-"""What a run keeps beside its pictures: the map from pixels to mm, and the mask of what is not the needle."""
+"""Load the calibration of a run: the map from pixels to mm, and the mask of pixels that are not the needle."""
 
 from collections.abc import Mapping
 
@@ -16,8 +16,8 @@ PLANE_FILE = "plane.json"
 MASK_FILE = "mask"
 
 
-def load_mapping(run: Run) -> PlaneMap:
-    """Return the plane map of a run: its calibration files, or the scale that was stated at import.
+def load_plane_map(run: Run) -> PlaneMap:
+    """Return the plane map of a run: from its calibration files, or from the scale stated at import.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def load_mapping(run: Run) -> PlaneMap:
     FileFormatError
         When a calibration file is malformed.
     RecordError
-        When a calibration file is not the one that the run began with.
+        When a calibration file was changed since the run began.
     """
     plane_path = run.calibration_path(PLANE_FILE)
     if plane_path.is_file():
@@ -42,20 +42,20 @@ def load_mapping(run: Run) -> PlaneMap:
 
 
 def load_lens(run: Run) -> Intrinsics | None:
-    """Return the camera's intrinsics, or None for a run without them: its pictures are rectified already."""
+    """Return the camera's intrinsics; None for a run without them, whose pictures are rectified."""
     path = run.calibration_path(INTRINSICS_FILE)
     return load_intrinsics(path) if path.is_file() else None
 
 
-def load_kept_mask(run: Run) -> Mask | None:
-    """Return the mask that a run keeps since it began, None where it has none.
+def load_mask_of_run(run: Run) -> Mask | None:
+    """Return the mask that a run began with; None without one.
 
     Raises
     ------
     RecordError
-        When it is not the one that the run began with.
+        When it was changed since the run began.
     InputError
-        When it is none.
+        When the file is no mask.
     """
     kept = sorted(run.calibration_path(MASK_FILE).parent.glob(f"{MASK_FILE}.*"))
     return load_mask(run.calibration_path(kept[0].name)) if kept else None

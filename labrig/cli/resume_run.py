@@ -27,7 +27,7 @@ from labrig.record.events import RunStop
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
-from labrig.runner.conduct import Outcome, conduct_rest
+from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.plan import estimate
 from labrig.runner.session import Session
@@ -207,7 +207,7 @@ def _record_rest(continuation: Continuation, work: float) -> Recorded:
             devices=rig.describe(),
         )
         session = Session(rig, recorder, reporter)
-        return recorder.path, conduct_rest(continuation.experiment, continuation.remainder, session)
+        return recorder.path, conduct_remainder(continuation.experiment, continuation.remainder, session)
 
     return record_on_rig(
         continuation.experiment, continuation.protocol, continuation.rig, work, command_line, act

@@ -19,9 +19,9 @@ from labrig.record.layout import WITHDRAWS
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.conduct import Outcome, conduct_withdrawal
 from labrig.runner.session import Session
-from labrig.runner.stance import Stance
 from labrig.runner.withdrawal import recorded_path
 
 
@@ -41,7 +41,7 @@ def withdraw_and_tell(
     run : Path or None
         The run that left the needle; None for the one that the rig remembers, in `runs_dir`.
     standing : mapping
-        Field of `Stance` to where that axis stands, where the record's end is not right.
+        Field of `AxisPositions` to where that axis stands, where the record's end is not right.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _folder(given: Path, runs_dir: Path) -> Path:
 
 
 def _withdraw(
-    description: RigDescription, left: Run, path: tuple[Stance, ...], standing: Stance
+    description: RigDescription, left: Run, path: tuple[AxisPositions, ...], standing: AxisPositions
 ) -> tuple[Path, Outcome]:
     opening = Opening(camera=False, reset_faults=True)
     with (

@@ -6,13 +6,13 @@ moves, asks, takes pictures and appends to the record; it prints nothing. What i
 starts, as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
 
 `conduct` runs a procedure to an end that the record can state: success, aborted (a person or a signal stopped it) or
-failed (a device or the computer did), with the axes stopped in every case. `conduct_rest` goes on with a run that was
-interrupted; draws of a simulated world come from seed and purpose, so that the rest is what it would have been. An
-experiment that moves nothing is recorded by `conduct_without_rig`.
+failed (a device or the computer failed). The axes stop in every case. `conduct_remainder` continues an interrupted run.
+Draws of a simulated world come from seed and purpose, so the remainder is what it would have been. An experiment that
+moves nothing is recorded by `conduct_without_rig`.
 
 `replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
 nothing but what protocol, rig file, calibration and devices tell it.
 
-A needle is taken out by `withdraw`, back along the path by which it came: its bevel is turned back where it was turned.
-Graph paper before and after a run (`sentinel`) is asked for by one function, whatever the experiment (`bench`).
+`withdraw` takes a needle out along its path and turns the bevel back wherever it was turned.
+Graph paper before and after a run (`sentinel`) is handled by `graph_paper`, for every experiment.
 """

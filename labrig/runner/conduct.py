@@ -16,9 +16,9 @@ from labrig.errors import (
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import RunResume, RunStart, RunStop
 from labrig.record.sink import RecordSink
+from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Experiment, Remainder
 from labrig.runner.session import Session
-from labrig.runner.stance import Stance
 from labrig.runner.withdrawal import recover
 
 
@@ -39,12 +39,14 @@ def conduct(experiment: Experiment, protocol: ExperimentProtocol, session: Sessi
     return _conduct(session, RunStart(experiment=experiment.name), lambda: experiment.run(protocol, session))
 
 
-def conduct_rest(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
-    """Go on with a run that was interrupted, as `conduct` does it; the session's recorder has reopened its record."""
+def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Session) -> Outcome:
+    """Continue an interrupted run, as `conduct` does; the session's recorder has reopened its record."""
     return _conduct(session, RunResume(experiment=experiment.name), lambda: remainder.run(session))
 
 
-def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> Outcome:
+def conduct_withdrawal(
+    session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions
+) -> Outcome:
     """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
     return _conduct(
         session, RunStart(experiment="withdrawal"), lambda: recover(session, run_name, path, standing)
@@ -54,7 +56,7 @@ def conduct_withdrawal(session: Session, run_name: str, path: Sequence[Stance], 
 def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
     outcome = Outcome("failed", "labrig itself failed; the traceback says where", None)
     try:
-        outcome = _run_to_an_end(session, beginning, procedure)
+        outcome = _run_procedure(session, beginning, procedure)
     finally:
         outcome = _stop_and_close(session, outcome)
     return outcome
@@ -106,7 +108,7 @@ def conduct_without_rig(experiment: Experiment, recorder: RecordSink, clock: Clo
     return _close(recorder, clock, 0.0, Outcome("success", "", None))
 
 
-def _run_to_an_end(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
+def _run_procedure(session: Session, beginning: RunStart, procedure: Callable[[], object]) -> Outcome:
     try:
         session.record(beginning)
         procedure()

@@ -20,7 +20,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.events import Event, RunStop, TrialStart
 from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
-from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
+from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.experiment import Experiment
 from labrig.runner.plan import estimate
 from labrig.runner.session import Progress, Session
@@ -146,7 +146,7 @@ def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> Non
         conduct(experiment, protocol, session)
         return
     remainder = experiment.resume(protocol, replayed.run.until(recording.span.t0_s))
-    conduct_rest(experiment, remainder, session)
+    conduct_remainder(experiment, remainder, session)
 
 
 def _require_nothing_left(

@@ -12,7 +12,7 @@ from labrig.errors import SafetyStopError
 from labrig.record.events import Event, Move, MoveDone, OperatorQuestion, PictureRole
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
-from labrig.runner.stance import Stance, stance_of
+from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.vision.picture import Picture
 
 
@@ -28,17 +28,17 @@ WhileMoving = Callable[[Mapping[str, AxisReadback]], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """A picture that was recorded: its number, the picture, and where the axes stood at its exposure."""
+class TakenPicture:
+    """A recorded picture: its number, the picture, and the axis positions at its exposure."""
 
     frame: int
     image: Picture
-    stance: Stance
+    positions: AxisPositions
 
 
 @dataclass(frozen=True)
 class Session:
-    """The opened rig, the record of this run, and where progress is told."""
+    """The opened rig, the record of this run, and the receiver of progress."""
 
     rig: Rig
     recorder: RecordSink
@@ -50,14 +50,14 @@ class Session:
         self.recorder.record_event(event, self.rig.clock.now_s())
 
     def ask(self, request: OperatorRequest) -> Answer:
-        """Let the operator do something and confirm it, and return the answer; the axes hold still meanwhile.
+        """Ask the operator to do and confirm something, and return the answer; the axes hold still meanwhile.
 
         Raises
         ------
         SafetyStopError
             When the operator says no.
         """
-        answer = self._asked(request)
+        answer = self._ask_operator(request)
         if not answer.confirmed:
             raise SafetyStopError(
                 f"the operator said no to: {request.text}", "start the run again when it can be confirmed"
@@ -65,10 +65,10 @@ class Session:
         return answer
 
     def offer(self, request: OperatorRequest) -> bool:
-        """Ask the operator something that may be declined, and return whether it was confirmed."""
-        return self._asked(request).confirmed
+        """Ask the operator for something optional, and return whether it was confirmed."""
+        return self._ask_operator(request).confirmed
 
-    def _asked(self, request: OperatorRequest) -> Answer:
+    def _ask_operator(self, request: OperatorRequest) -> Answer:
         answer = self.rig.ask(request)
         self.record(
             OperatorQuestion(
@@ -82,26 +82,24 @@ class Session:
         )
         return answer
 
-    def look(self, role: PictureRole, trial: int | None = None) -> int:
-        """Take a picture, record it with where the axes stood, and return its number."""
-        return self.see(role, trial).frame
+    def take_picture(self, role: PictureRole, trial: int | None = None) -> TakenPicture:
+        """Take a picture, record it with the axis positions at its exposure, and return it.
 
-    def see(self, role: PictureRole, trial: int | None = None) -> Look:
-        """Take a picture, record it with where the axes stood at its exposure, and return it.
-
-        The exposure lies between two readings of the encoders. Its positions lie where the camera's own time says, or
-        else half-way: a needle that advances at 1 mm/s is told to some hundredths of a millimetre.
+        The exposure lies between two readings of the encoders. The positions are interpolated to the time of the camera
+        or, without one, half-way. At 1 mm/s their error is a few hundredths of a millimetre.
         """
-        before = stance_of(self.rig.read_states())
+        before = axis_positions_of(self.rig.read_states())
         frame, states = self.rig.take_picture()
-        stance = before.on_the_way_to(stance_of(states), 0.5 if frame.fraction is None else frame.fraction)
+        positions = before.interpolate_to(
+            axis_positions_of(states), 0.5 if frame.fraction is None else frame.fraction
+        )
         self.recorder.can_frames(self.rig.take_can_frames())
-        known = {**frame.time_fields(), **asdict(stance)}
+        known = {**frame.time_fields(), **asdict(positions)}
         number = self.recorder.frame(frame.image, frame.t_s, trial=trial, role=role, **known)
-        return Look(number, frame.image, stance)
+        return TakenPicture(number, frame.image, positions)
 
     def draw(self, image: Picture, role: PictureRole, trial: int | None = None) -> Path:
-        """Record a picture that was drawn on, and return its file."""
+        """Record a picture with a drawing on it, and return its file."""
         number = self.recorder.frame(image, self.rig.clock.now_s(), trial=trial, role=role, drawn=True)
         return self.picture_path(number)
 
@@ -114,8 +112,8 @@ class Session:
     ) -> None:
         """Move one axis to `position` [mm or rad] at `speed` [per s] and wait until it has arrived.
 
-        The states of all axes are recorded at the rig file's rate until the axis stands in its position window;
-        `while_moving` sees each of them.
+        The states of all axes are recorded at the rig file's rate until the axis is in its position window.
+        `while_moving` receives each of them.
 
         Raises
         ------
@@ -127,14 +125,14 @@ class Session:
         self.start(axis_name, position, speed)
         arrived = False
         while not arrived:
-            states = self.watch()
+            states = self.record_next_states()
             if while_moving is not None:
                 while_moving(states)
             arrived = states[axis_name].target_reached
         self.record(MoveDone(axis=axis_name, position=states[axis_name].position))
 
     def start(self, axis_name: str, position: float, speed: float) -> None:
-        """Start a move and return at once; an axis that moves already goes on to the new position without a stop.
+        """Start a move and return at once; an axis in motion continues to the new position without a stop.
 
         Raises
         ------
@@ -143,8 +141,8 @@ class Session:
         setpoint = self.rig.axis(axis_name).start_move(position, speed)
         self.record(Move(axis=axis_name, **setpoint.document()))
 
-    def watch(self) -> Mapping[str, AxisReadback]:
-        """Let one period of the recorded states pass, record the states of all axes, and return them.
+    def record_next_states(self) -> Mapping[str, AxisReadback]:
+        """Wait for one period of the recorded states, record the states of all axes, and return them.
 
         Raises
         ------

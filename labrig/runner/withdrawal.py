@@ -15,8 +15,8 @@ import pandas as pd
 from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
+from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.runner.session import Session
-from labrig.runner.stance import Stance, stance_of
 
 _SAME_DEPTH_MM = 0.02
 """Readings that differ by less are of one depth: servos at rest dither."""
@@ -51,7 +51,7 @@ SLOWLY = WithdrawalSpeeds()
 """The speeds at which a needle is withdrawn unless somebody says otherwise."""
 
 
-def recorded_path(run: Run) -> tuple[Stance, ...]:
+def recorded_path(run: Run) -> tuple[AxisPositions, ...]:
     """Return the states of the trial in which a run ended, first to last; none when its needle was out by then.
 
     A withdrawal that did not come to its end has a record of its own; its states follow those of the run whose
@@ -63,24 +63,24 @@ def recorded_path(run: Run) -> tuple[Stance, ...]:
         When a record is damaged or missing.
     """
     if run.withdraws is not None:
-        return (*recorded_path(open_run(run.path.parent / run.withdraws)), *_stances(run.states))
+        return (*recorded_path(open_run(run.path.parent / run.withdraws)), *_positions_of(run.states))
     trials = run.read_trials(TrialStart, TrialStop)
     if not trials:
         # The roll zero is found before any trial. What the needle went back is not gone in again.
-        return _stances(run.states)
+        return _positions_of(run.states)
     if trials[-1].exit_status == "success":
         return ()
-    return _stances(run.states[run.states["t_s"] >= trials[-1].start.t_s])
+    return _positions_of(run.states[run.states["t_s"] >= trials[-1].start.t_s])
 
 
-def _stances(states: pd.DataFrame) -> tuple[Stance, ...]:
+def _positions_of(states: pd.DataFrame) -> tuple[AxisPositions, ...]:
     if states.empty:
         return ()
     columns = (states["insertion_mm"], states["rotation_rad"], states["linear_mm"])
-    return tuple(Stance(*map(float, row)) for row in zip(*columns, strict=True))
+    return tuple(AxisPositions(*map(float, row)) for row in zip(*columns, strict=True))
 
 
-def reverse_moves(path: Sequence[Stance]) -> tuple[ReverseMove, ...]:
+def reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]:
     """Return the moves that take needle and sheath out along the path by which they came.
 
     Parameters
@@ -97,16 +97,16 @@ def reverse_moves(path: Sequence[Stance]) -> tuple[ReverseMove, ...]:
     return tuple(_joined(_moves(path))) if path else ()
 
 
-def _moves(path: Sequence[Stance]) -> Iterator[ReverseMove]:
+def _moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
     here = path[-1]
     depth_mm, roll_rad = here.insertion_mm, here.rotation_rad
-    for stance in reversed(_in_tissue(path)):
-        if abs(stance.rotation_rad - roll_rad) <= _SAME_ROLL_RAD:
+    for positions in reversed(_in_tissue(path)):
+        if abs(positions.rotation_rad - roll_rad) <= _SAME_ROLL_RAD:
             continue
-        if depth_mm - stance.insertion_mm > _SAME_DEPTH_MM:
-            depth_mm = max(stance.insertion_mm, 0.0)
+        if depth_mm - positions.insertion_mm > _SAME_DEPTH_MM:
+            depth_mm = max(positions.insertion_mm, 0.0)
             yield ReverseMove("insertion", depth_mm)
-        roll_rad = stance.rotation_rad
+        roll_rad = positions.rotation_rad
         yield ReverseMove("rotation", roll_rad)
     if depth_mm > 0:
         yield ReverseMove("insertion", 0.0)
@@ -114,15 +114,15 @@ def _moves(path: Sequence[Stance]) -> Iterator[ReverseMove]:
         yield ReverseMove("linear", 0.0)
 
 
-def _in_tissue(path: Sequence[Stance]) -> list[Stance]:
+def _in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
     """Return the part of the path that the needle still lies in, its depths rising, from where it left the sheath."""
-    lying: list[Stance] = []
-    for stance in path:
-        while lying and lying[-1].insertion_mm > stance.insertion_mm + _SAME_DEPTH_MM:
+    lying: list[AxisPositions] = []
+    for positions in path:
+        while lying and lying[-1].insertion_mm > positions.insertion_mm + _SAME_DEPTH_MM:
             lying.pop()
-        lying.append(stance)
+        lying.append(positions)
     # Turns that were made before the needle left the sheath cut nothing, and are not undone.
-    outside = [number for number, stance in enumerate(lying) if stance.insertion_mm <= _SAME_DEPTH_MM]
+    outside = [number for number, positions in enumerate(lying) if positions.insertion_mm <= _SAME_DEPTH_MM]
     return lying[outside[-1] if outside else 0 :]
 
 
@@ -136,7 +136,7 @@ def _joined(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
     return joined
 
 
-def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds = SLOWLY) -> None:
+def withdraw(session: Session, path: Sequence[AxisPositions], speeds: WithdrawalSpeeds = SLOWLY) -> None:
     """Withdraw the needle from where it stands along the path by which it came, and the sheath after it.
 
     The needle counts as out when every axis has a reference and has arrived; where positions are only believed, when
@@ -159,7 +159,7 @@ def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds 
         The needle still counts as in tissue.
     """
     rig = session.rig
-    moves = reverse_moves((*path, stance_of(rig.read_states())))
+    moves = reverse_moves((*path, axis_positions_of(rig.read_states())))
     session.record(WithdrawalStart(moves=len(moves)))
     for move in moves:
         axis = rig.axis(move.axis)
@@ -170,7 +170,7 @@ def withdraw(session: Session, path: Sequence[Stance], speeds: WithdrawalSpeeds 
     session.record(WithdrawalStop())
 
 
-def recover(session: Session, run_name: str, path: Sequence[Stance], standing: Stance) -> None:
+def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:
     """Withdraw a needle that a run has left in tissue, each step on confirmation; nothing is homed.
 
     Parameters
@@ -203,7 +203,7 @@ def recover(session: Session, run_name: str, path: Sequence[Stance], standing: S
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
         rig.assume_positions({name: believed[name] for name in lost})
-    moves = reverse_moves((*path, stance_of(rig.read_states())))
+    moves = reverse_moves((*path, axis_positions_of(rig.read_states())))
     session.ask(ConfirmWithdrawal(tuple(_sentence(move) for move in moves)))
     rig.needle.mark_in_tissue(session.recorder.run_name)
     withdraw(session, path)

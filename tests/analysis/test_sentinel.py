@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from labrig.analysis.result import Sentinel
 from labrig.analysis.sentinel import compare_grid_pictures
 from labrig.experiments.shared.curvature_result import PictureResult
-from labrig.experiments.shared.picture_results import watched
+from labrig.experiments.shared.picture_results import add_drift
 from labrig.record.events import FrameLine
 from labrig.vision.plane import PlaneMap
 from tests.analysis.test_origin import picture
@@ -45,7 +45,7 @@ def test_drift_becomes_an_error_bar() -> None:
     """Two in a thousand of 28 mm stand in sigma and interval, the radius stays."""
     sentinel = run_with(PX_PER_MM * 1.002)
     assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
-    (wider,) = watched([radius()], sentinel)
+    (wider,) = add_drift([radius()], sentinel)
     assert wider.accepted
     assert wider.radius_mm == 28.0
     assert wider.sigma_radius_mm == pytest.approx(np.hypot(0.05, 0.056), rel=0.1)
@@ -56,7 +56,7 @@ def test_bumped_camera_refuses_every_radius() -> None:
     """A scale that changed by two hundredths is no error bar: the reason stands with every picture."""
     sentinel = run_with(PX_PER_MM * 1.02)
     assert not sentinel.accepted
-    (refused,) = watched([radius()], sentinel)
+    (refused,) = add_drift([radius()], sentinel)
     assert not refused.accepted
     assert "the camera was bumped" in (refused.reason or "")
 
@@ -66,8 +66,8 @@ def test_run_without_both_pictures_is_told_so() -> None:
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
     assert sentinel.drift is None
     assert "both before and after" in (sentinel.reason or "")
-    assert watched([radius()], sentinel) == (radius(),)
-    assert watched([radius()], None) == (radius(),)
+    assert add_drift([radius()], sentinel) == (radius(),)
+    assert add_drift([radius()], None) == (radius(),)
 
 
 def test_pictures_that_show_no_grid_refuse() -> None:

@@ -23,7 +23,7 @@ from labrig.experiments.registry import experiment_of
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
-from labrig.runner.conduct import conduct_rest
+from labrig.runner.conduct import conduct_remainder
 from labrig.runner.session import Session
 from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, UNKILLED, never, rig, short_sweep
 from tests.benchmarks.table import print_rows
@@ -152,7 +152,7 @@ def _resume(path: Path) -> None:
     with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
         recorder = Recorder.reopen(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        conduct_rest(sweep_experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
+        conduct_remainder(sweep_experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
 
 
 def measure_radii(run: Run) -> dict[int, float]:

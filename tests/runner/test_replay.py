@@ -25,7 +25,7 @@ from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.json_lines import as_recorded, decode_line, encode_line
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
-from labrig.runner.conduct import conduct, conduct_rest, conduct_without_rig
+from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.replay import Replay, _replay_session, _Replayed, replay_run
 from labrig.runner.session import Session
 from tests.record.faults import killed_run
@@ -247,7 +247,7 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
         experiment = experiment_of(run)
         remainder = experiment.resume(protocol, run)
-        outcome = conduct_rest(experiment, remainder, Session(again.opened.rig, recorder, Told()))
+        outcome = conduct_remainder(experiment, remainder, Session(again.opened.rig, recorder, Told()))
     assert outcome.exit_status == "success"
     found = replay(run)
     assert (found.identical, found.bit_exact) == (True, True), found.first_difference

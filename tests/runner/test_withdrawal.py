@@ -18,17 +18,17 @@ from labrig.devices.operator import (
 from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
-from labrig.runner.stance import Stance, stance_of
+from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.runner.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
 from tests.runner.sessions import Bench, Watched, bench, sweep
 
 TURNED = (
-    Stance(0, 0, 0),
-    Stance(0, 0, 10),
-    Stance(10, 0, 10),
-    Stance(10.004, 1.5, 10),
-    Stance(10.001, 3.1, 10),
-    Stance(25, 3.1, 10),
+    AxisPositions(0, 0, 0),
+    AxisPositions(0, 0, 10),
+    AxisPositions(10, 0, 10),
+    AxisPositions(10.004, 1.5, 10),
+    AxisPositions(10.001, 3.1, 10),
+    AxisPositions(25, 3.1, 10),
 )
 
 
@@ -44,23 +44,23 @@ def test_a_turn_is_undone_where_it_was_made() -> None:
 
 def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
     """A needle that stopped on its way out, beyond its turn, is only drawn out."""
-    on_the_way_out = (*TURNED, Stance(10, 3.1, 10), Stance(10, 0, 10), Stance(4, 0, 10))
+    on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))
     assert reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
 
 
 def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:
     """No path, or one that never left zero, gives no moves."""
-    assert reverse_moves(()) == reverse_moves((Stance(0, 0, 0), Stance(0, 2, 0))) == ()
+    assert reverse_moves(()) == reverse_moves((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0))) == ()
 
 
 def test_a_turn_in_the_sheath_is_left() -> None:
     """The bevel's roll from before the needle left its sheath stays."""
-    path = (Stance(0, 0, 0), Stance(0, 3, 0), Stance(0, 3, 10), Stance(20, 3, 10))
+    path = (AxisPositions(0, 0, 0), AxisPositions(0, 3, 0), AxisPositions(0, 3, 10), AxisPositions(20, 3, 10))
     assert [move.axis for move in reverse_moves(path)] == ["insertion", "linear"]
 
 
 stances = st.builds(
-    Stance,
+    AxisPositions,
     st.floats(-1, 60).map(lambda v: round(v, 3)),
     st.floats(-6, 6).map(lambda v: round(v, 3)),
     st.floats(0, 20).map(lambda v: round(v, 3)),
@@ -68,7 +68,7 @@ stances = st.builds(
 
 
 @given(st.lists(stances, max_size=30))
-def test_a_withdrawal_never_goes_deeper(path: list[Stance]) -> None:
+def test_a_withdrawal_never_goes_deeper(path: list[AxisPositions]) -> None:
     """Whatever the path: each insertion move goes up, the sheath moves last, and both end at zero or before it."""
     moves = reverse_moves(path)
     depths = [path[-1].insertion_mm, *(m.position for m in moves if m.axis == "insertion")] if path else [0]
@@ -80,12 +80,12 @@ def test_a_withdrawal_never_goes_deeper(path: list[Stance]) -> None:
 @given(st.lists(st.tuples(st.floats(0.1, 5), st.floats(-2, 2)), min_size=1, max_size=8))
 def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[float, float]]) -> None:
     """Played forward, the moves pass every depth with the roll with which the needle had come by."""
-    path = [Stance(0, 0, 0)]
+    path = [AxisPositions(0, 0, 0)]
     for length_mm, turn_rad in steps:
         deeper = path[-1].insertion_mm + length_mm
         path += [
-            Stance(deeper, path[-1].rotation_rad, 0),
-            Stance(deeper, path[-1].rotation_rad + turn_rad, 0),
+            AxisPositions(deeper, path[-1].rotation_rad, 0),
+            AxisPositions(deeper, path[-1].rotation_rad + turn_rad, 0),
         ]
     depth_mm, roll_rad = path[-1].insertion_mm, path[-1].rotation_rad
     for move in reverse_moves(path):
@@ -118,8 +118,8 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
         path = recorded_path(open_run(rig.recorder.path))
         assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
         withdraw(rig.session, path)
-        stance = stance_of(rig.opened.rig.read_states())
-        assert max(abs(stance.insertion_mm), abs(stance.rotation_rad), abs(stance.linear_mm)) < 0.01
+        positions = axis_positions_of(rig.opened.rig.read_states())
+        assert max(abs(positions.insertion_mm), abs(positions.rotation_rad), abs(positions.linear_mm)) < 0.01
         assert rig.opened.rig.state.needle_in_tissue is False
 
 
@@ -131,7 +131,12 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
         axis.referenced = False
         axis.assume_position(14.5)
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=ConfirmNeedleOut)
-        path = (Stance(0, 0, 0), Stance(6, 0, 5), Stance(6, 3, 5), Stance(14, 3, 5))
+        path = (
+            AxisPositions(0, 0, 0),
+            AxisPositions(6, 0, 5),
+            AxisPositions(6, 3, 5),
+            AxisPositions(14, 3, 5),
+        )
         with pytest.raises(SafetyStopError, match="no needle is in tissue"):
             withdraw(rig.session, path)
         assert rig.opened.rig.state.needle_in_tissue is True
@@ -147,5 +152,5 @@ def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> N
         _turned_in_gel(rig)
         rig.opened.hardware.drives["insertion"].block()
         with pytest.raises(DriveError):
-            withdraw(rig.session, (Stance(0, 0, 0),))
+            withdraw(rig.session, (AxisPositions(0, 0, 0),))
         assert rig.opened.rig.state.needle_in_tissue is True

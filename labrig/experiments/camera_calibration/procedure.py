@@ -12,8 +12,8 @@ def run(protocol: CameraCalibrationProtocol, session: Session) -> None:
     for view in range(protocol.views):
         session.progress(float(view), f"board, view {view + 1} of {protocol.views}")
         session.ask(HoldBoard(view, protocol.views, board.columns, board.rows, board.square_mm))
-        session.look(CalibrationRole.BOARD)
+        session.take_picture(CalibrationRole.BOARD)
     session.ask(LayGraphPaper(protocol.plane.pitch_mm))
-    session.look(CalibrationRole.GRAPH_PAPER)
+    session.take_picture(CalibrationRole.GRAPH_PAPER)
     session.ask(ClearBench("the graph paper"))
     session.progress(float(protocol.views + 1), "graph paper done")

@@ -43,7 +43,7 @@ from labrig.experiments.insertion.result import (
     InsertionStep,
     InsertionTrial,
 )
-from labrig.experiments.insertion.settings import insertion_settings, started_at
+from labrig.experiments.insertion.settings import insertion_settings, settings_from_events
 from labrig.record.reader import Run
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
@@ -183,7 +183,7 @@ def _read_trials(run: Run) -> list[_Events]:
 def _trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
     asked = insertion_settings(source.protocol, start.target_mm, start.obstacles)
-    settings = started_at(asked, events.sheath)
+    settings = settings_from_events(asked, events.sheath)
     target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
     true = _true_path(truth)
     steps, commands = _retrace(events, settings, source, true)

@@ -131,7 +131,7 @@ def _verdict(content: InsertionResult) -> list[str]:
         where = "is never further than" if several else "is"
         sentences.append(
             f"Measured by the shaft in the final picture, the needle's end {where} "
-            f"{number(content.target_error_mm)} mm from it{_surely(content)}."
+            f"{number(content.target_error_mm)} mm from it{_uncertainty(content)}."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")
@@ -142,7 +142,7 @@ def _verdict(content: InsertionResult) -> list[str]:
     return [" ".join(sentences)]
 
 
-def _surely(content: InsertionResult) -> str:
+def _uncertainty(content: InsertionResult) -> str:
     """Return how sure a single error is, as words; nothing for several, whose table says it."""
     sigma_mm = content.insertions[0].sigma_target_error_mm if content.made == 1 else None
     return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"

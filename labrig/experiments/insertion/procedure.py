@@ -34,13 +34,13 @@ from labrig.experiments.insertion.events import (
 )
 from labrig.experiments.insertion.plan import roll_zero_order, roll_zero_s
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import insertion_settings, starting_at
+from labrig.experiments.insertion.settings import insertion_settings, with_start
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
-from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
-from labrig.runner.session import Look, Session
-from labrig.runner.stance import Stance, stance_of
+from labrig.runner.axis_positions import AxisPositions, axis_positions_of
+from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
+from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
@@ -66,13 +66,13 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
         When grid pictures before and after them say that the camera was bumped.
     """
     view = load_tip_view(session.rig.description)
-    before = watch_grid(protocol.sentinel, GridRole.BEFORE, session)
+    before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     roll_zero = _certified_roll_zero(protocol, session)
     missed: list[SteeringCommand] = []
     for trial in range(protocol.repetitions):
         command = _insert_once(protocol, session, view, roll_zero, trial)
         missed += [command] if command.stop != "target_reached" else []
-    after = watch_grid(protocol.sentinel, GridRole.AFTER, session)
+    after = photograph_grid(protocol.sentinel, GridRole.AFTER, session)
     require_same_grid(before, after, protocol.sentinel, view.plane)
     if missed:
         made = protocol.repetitions
@@ -119,7 +119,7 @@ def _insert_once(
     settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = start_steering(settings)
     insertion = _Insertion(protocol, session, view, roll_zero, trial, settings)
-    insertion.tell_start(aim, state)
+    insertion.record_start(aim, state)
     if command.stop is not None:
         raise TargetMissedError(
             f"there is no path: {command.detail}", "move target or obstacles", reason="no_path"
@@ -127,13 +127,13 @@ def _insert_once(
     rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    insertion.path.append(stance_of(rig.read_states()))
-    look = session.see(InsertionRole.SCENE, trial)
-    origin = insertion.find_sheath(look)
+    insertion.path.append(axis_positions_of(rig.read_states()))
+    picture = session.take_picture(InsertionRole.SCENE, trial)
+    origin = insertion.find_sheath(picture)
     if origin is not None:
-        state, command = insertion.begin_at(origin, state)
+        state, command = insertion.start_from(origin, state)
     if command.stop is None:
-        insertion.confirm(look.image, aim, state, origin)
+        insertion.confirm(picture.image, aim, state, origin)
         state, command = _steer(insertion, state, command)
     rig.stop()
     insertion.finish(state, command)
@@ -146,12 +146,12 @@ def _steer(
     """Turn, advance, look, find the tip, estimate and plan, until the step says stop: the whole closed loop."""
     while command.stop is None:
         insertion.turn_bevel(command.roll_rad)
-        look = insertion.advance(command)
-        seen = insertion.find_tip(look, state)
-        inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
+        picture = insertion.advance(command)
+        seen = insertion.find_tip(picture, state)
+        inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         before = state
         state, command = step_steering(state, TipSighting(inserted_mm, seen.position_mm), insertion.settings)
-        insertion.tell(look, seen, before, state)
+        insertion.tell(picture, seen, before, state)
     return state, command
 
 
@@ -165,8 +165,8 @@ def _aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: in
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
     picked_px = None
     if protocol.target.ask:
-        look = session.see(InsertionRole.TARGET, trial)
-        picked_px = session.ask(PickTarget(str(session.picture_path(look.frame)))).pixel
+        picture = session.take_picture(InsertionRole.TARGET, trial)
+        picked_px = session.ask(PickTarget(str(session.picture_path(picture.frame)))).pixel
     aim = aim_of(protocol, view.plane, picked_px)
     if problems := tuple(aim_problems(protocol, aim, view.plane)):
         raise FileFormatError(problems)
@@ -189,7 +189,7 @@ class _Insertion:
     roll_zero: RollZero
     trial: int
     settings: SteeringSettings
-    path: list[Stance] = field(default_factory=list)
+    path: list[AxisPositions] = field(default_factory=list)
     bevel_rad: float = 0.0
     run_to_mm: float = 0.0
 
@@ -205,50 +205,50 @@ class _Insertion:
         self.session.record(BevelTurn(trial=self.trial, depth_mm=depth_mm, from_rad=from_rad, to_rad=to_rad))
         self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
         self.session.rig.wait(rotation.lag_s)
-        self.path.append(stance_of(self.session.rig.read_states()))
+        self.path.append(axis_positions_of(self.session.rig.read_states()))
 
-    def advance(self, command: SteeringCommand) -> Look:
+    def advance(self, command: SteeringCommand) -> TakenPicture:
         """Run on at the set speed, without a stop where the needle runs already, and look at the place commanded."""
         if abs(command.run_to_mm - self.run_to_mm) > _SAME_MM:
             self.session.start("insertion", command.run_to_mm, self.protocol.insertion.speed_mm_s)
             self.run_to_mm = command.run_to_mm
         there = False
         while not there:
-            states = self.session.watch()
-            self.path.append(stance_of(states))
+            states = self.session.record_next_states()
+            self.path.append(axis_positions_of(states))
             passing = command.run_to_mm - command.observe_at_mm > _SAME_MM
             there = states["insertion"].target_reached or (
                 passing and self.path[-1].insertion_mm >= command.observe_at_mm
             )
-        return self.session.see(NeedleRole.OBSERVE, self.trial)
+        return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
-    def find_tip(self, look: Look, state: SteeringState) -> TipSearched:
+    def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
         """Look for the tip in a picture, where the last state expects it."""
-        require_light(look.image)
-        inserted_mm = max(look.stance.insertion_mm, state.insertion_mm)
+        require_light(picture.image)
+        inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
-        return find_tip(self.view, look.image, expected, state.tip, self.bevel_rad)
+        return find_tip(self.view, picture.image, expected, state.tip, self.bevel_rad)
 
-    def find_sheath(self, look: Look) -> TrialOrigin | None:
+    def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
         """Find where the sheath stands before the needle leaves it, and write it down; None where that is not asked."""
         sheath = self.protocol.sheath
         if sheath.origin is None:
             return None
-        require_light(look.image)
-        linear_mm = look.stance.linear_mm
+        require_light(picture.image)
+        linear_mm = picture.positions.linear_mm
         origin = find_sheath(
-            look.image, self.view.plane, sheath, linear_mm, trial=self.trial, frame=look.frame
+            picture.image, self.view.plane, sheath, linear_mm, trial=self.trial, frame=picture.frame
         )
         self.session.record(InsertionSheath(origin=origin))
         return origin
 
-    def begin_at(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
+    def start_from(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
         """Plan anew from where the sheath was found; stop before the needle leaves a sheath that stands elsewhere."""
         if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
-        self.settings = starting_at(self.settings, origin.tip_mm, origin.heading_rad)
+        self.settings = with_start(self.settings, origin.tip_mm, origin.heading_rad)
         state, command = start_steering(self.settings)
-        self._tell_plan(state, origin.frame, because="origin")
+        self._record_plan(state, origin.frame, because="origin")
         return state, command
 
     def confirm(
@@ -275,7 +275,7 @@ class _Insertion:
         session, protocol = self.session, self.protocol
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
-        final_frame = session.look(NeedleRole.FINAL, self.trial)
+        final_frame = session.take_picture(NeedleRole.FINAL, self.trial).frame
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
@@ -302,7 +302,7 @@ class _Insertion:
             )
         )
 
-    def tell_start(self, aim: Aim, state: SteeringState) -> None:
+    def record_start(self, aim: Aim, state: SteeringState) -> None:
         """Append what is aimed at, and the first plan."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
         self.session.record(
@@ -322,9 +322,11 @@ class _Insertion:
                 roll_zero_sd_rad=self.roll_zero.sd_rad,
             )
         )
-        self._tell_plan(state, None)
+        self._record_plan(state, None)
 
-    def tell(self, look: Look, seen: TipSearched, before: SteeringState, state: SteeringState) -> None:
+    def tell(
+        self, picture: TakenPicture, seen: TipSearched, before: SteeringState, state: SteeringState
+    ) -> None:
         """Append what was seen and estimated, and the plan where one was sought."""
         tip, fix, inserted_mm = state.tip, seen.fix, state.insertion_mm
         innovation_mm = None
@@ -334,7 +336,7 @@ class _Insertion:
         self.session.record(
             TipObserved(
                 trial=self.trial,
-                frame=look.frame,
+                frame=picture.frame,
                 depth_mm=inserted_mm,
                 step_mm=inserted_mm - before.insertion_mm,
                 bevel_rad=self.bevel_rad,
@@ -362,12 +364,12 @@ class _Insertion:
             )
         )
         if state.why is not None:
-            self._tell_plan(state, look.frame)
+            self._record_plan(state, picture.frame)
         self.session.progress(
             _done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
         )
 
-    def _tell_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
+    def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:
         pose = state.plan_start
         self.session.record(
             PathSought(

@@ -59,7 +59,7 @@ def insertion_settings(
     )
 
 
-def starting_at(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
+def with_start(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
     """Return the settings of an insertion that starts where the sheath was found, (y, z), in its direction."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     start = np.eye(4)
@@ -68,11 +68,11 @@ def starting_at(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad
     return replace(settings, problem=replace(settings.problem, start=start))
 
 
-def started_at(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
+def settings_from_events(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
     """Return the settings that an insertion was steered by, given where its sheath was found.
 
     It started at the sheath's tip where one was found and accepted, else at the plane's origin.
     """
     if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
         return settings
-    return starting_at(settings, origin.tip_mm, origin.heading_rad)
+    return with_start(settings, origin.tip_mm, origin.heading_rad)

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from labrig.analysis.summary import ResultComparison, Summary, TextTable
-from labrig.experiments.insertion.what_if import WhatIf, compare_steering, steered
+from labrig.experiments.insertion.what_if import WhatIf, compare_steering, summarise_steering
 from labrig.text import number
 
 _HEADS = ("insertion", "outcome", "error mm", "true error mm", "true clearance mm", "length mm", "replans")
@@ -41,7 +41,7 @@ def _values(trial: Mapping[str, Any]) -> dict[str, object]:
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],
     }
-    told = steered(trial)
+    told = summarise_steering(trial)
     if told is not None:
         values[f"{name}: turns asked for"] = told.turns
         values[f"{name}: paths found anew"] = told.replans

@@ -24,7 +24,7 @@ class CommandDivergence:
 
 
 @dataclass(frozen=True)
-class Steered:
+class SteeringSummary:
     """An insertion as one set of settings tells it: turns asked for, paths found after the first, the first stop.
 
     `tip_mm` is where the tip is estimated at the last picture, (y, z); None where there is no picture.
@@ -42,8 +42,8 @@ class WhatIf:
     """One insertion as two results tell it; `divergence` is None where both give the same commands throughout."""
 
     trial: int
-    old: Steered
-    new: Steered
+    old: SteeringSummary
+    new: SteeringSummary
     divergence: CommandDivergence | None
 
 
@@ -63,19 +63,19 @@ def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[Wh
 
 def _compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
     divergence = _first_divergence(old["commands"], new["commands"])
-    return WhatIf(new["trial"], _steered(old), _steered(new), divergence)
+    return WhatIf(new["trial"], _summarise_steering(old), _summarise_steering(new), divergence)
 
 
-def steered(insertion: Mapping[str, Any]) -> Steered | None:
+def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary | None:
     """Return what was told in one insertion of a result; None where an older labrig wrote no commands down."""
-    return _steered(insertion) if insertion.get("commands") else None
+    return _summarise_steering(insertion) if insertion.get("commands") else None
 
 
-def _steered(insertion: Mapping[str, Any]) -> Steered:
+def _summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
     commands, steps = insertion["commands"], insertion["steps"]
     turns = tuple(one["depth_mm"] for one in commands if one["roll_rad"] != 0.0)
     last, tip = commands[-1], steps[-1]["estimate_mm"] if steps else None
-    return Steered(len(turns), last["replans"], last["stop"], tip and (tip[0], tip[1]), turns)
+    return SteeringSummary(len(turns), last["replans"], last["stop"], tip and (tip[0], tip[1]), turns)
 
 
 def _first_divergence(

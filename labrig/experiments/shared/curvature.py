@@ -14,7 +14,7 @@ from labrig.analysis.sentinel import check_sentinel
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import final_pictures, mean_of_means, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
-from labrig.experiments.shared.picture_results import from_origins, refused_by_origin, watched
+from labrig.experiments.shared.picture_results import add_drift, add_origins, refuse_by_origin
 from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
 from labrig.record.durable import write_atomically
@@ -95,7 +95,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
     bare = [_result(picture, each) for picture, each in zip(pictures, measured, strict=True)]
-    results = watched(refused_by_origin(from_origins(bare, origins), origins), sentinel)
+    results = add_drift(refuse_by_origin(add_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(

@@ -11,7 +11,7 @@ from labrig.experiments.shared.curvature_result import PictureResult
 _TWO_SIDED_95 = 1.96
 
 
-def refused_by_origin(
+def refuse_by_origin(
     results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
 ) -> tuple[PictureResult, ...]:
     """Return the pictures, those of a trial whose sheath stands elsewhere than it should refused."""
@@ -24,7 +24,7 @@ def refused_by_origin(
     )
 
 
-def from_origins(
+def add_origins(
     results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
 ) -> tuple[PictureResult, ...]:
     """Return the pictures with the origin that holds for each, and the needle's tip told from it.
@@ -32,10 +32,10 @@ def from_origins(
     It is the one of the trial; of an imported picture the sheath's end in that picture.
     """
     by_trial = {one.trial: one for one in origins}
-    return tuple(_from_origin(one, None if one.trial is None else by_trial.get(one.trial)) for one in results)
+    return tuple(_add_origin(one, None if one.trial is None else by_trial.get(one.trial)) for one in results)
 
 
-def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResult:
+def _add_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResult:
     place, heading_rad = (
         (one.sheath_tip_mm, one.sheath_heading_rad) if origin is None else (origin.tip_mm, origin.heading_rad)
     )
@@ -47,17 +47,17 @@ def _from_origin(one: PictureResult, origin: TrialOrigin | None) -> PictureResul
     return one.model_copy(update=known)
 
 
-def watched(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tuple[PictureResult, ...]:
+def add_drift(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tuple[PictureResult, ...]:
     """Return the pictures with the drift in their error bars, or refused."""
     if sentinel is None:
         return tuple(results)
     if not sentinel.accepted:
         refused = {"accepted": False, "reason": sentinel.reason}
         return tuple(one.model_copy(update=refused) if one.accepted else one for one in results)
-    return tuple(_widened(one, sentinel.drift or 0.0) for one in results)
+    return tuple(_widen(one, sentinel.drift or 0.0) for one in results)
 
 
-def _widened(one: PictureResult, drift: float) -> PictureResult:
+def _widen(one: PictureResult, drift: float) -> PictureResult:
     """Return a picture whose radius may be off by the drift as well, taken as one standard deviation."""
     if one.radius_mm is None or one.sigma_radius_mm is None or not drift:
         return one

@@ -15,9 +15,9 @@ from labrig.errors import MeasurementRefusedError
 from labrig.experiments.shared.rig_view import load_plane_map, require_light
 from labrig.experiments.shared.roll_zero_events import RollZeroFound, RollZeroRole, RollZeroSheath
 from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroSteps, Sheath
-from labrig.runner.bench import confirm_needle_out, require_same_grid, watch_grid
+from labrig.runner.axis_positions import AxisPositions
+from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session
-from labrig.runner.stance import Stance
 from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
 from labrig.steering.roll_zero import fit_roll_zero
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
@@ -69,7 +69,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     session.ask(MountNeedle(order.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     rig.reference_axes()
-    before = watch_grid(order.sentinel, GridRole.BEFORE, session)
+    before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
     strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
@@ -88,7 +88,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
             "most that is certified",
             "insert at more rolls or further, and look at the pictures",
         )
-    require_same_grid(before, watch_grid(order.sentinel, GridRole.AFTER, session), order.sentinel, plane)
+    require_same_grid(before, photograph_grid(order.sentinel, GridRole.AFTER, session), order.sentinel, plane)
     certified = RollZero(order.needle.needle_id, fit.zero_rad, fit.sd_rad, session.recorder.run_name)
     rig.needle.certify_roll_zero(certified)
     return certified
@@ -103,22 +103,22 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", order.sheath.depth_mm, order.sheath.speed_mm_s)
     origin = _find_sheath(order, step, plane, session)
-    look = None
+    picture = None
     if origin is None or origin.accepted:
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
-        look = session.see(RollZeroRole.NEEDLE)
+        picture = session.take_picture(RollZeroRole.NEEDLE)
     speeds = WithdrawalSpeeds(
         advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
     )
-    withdraw(session, (Stance(0.0, roll_rad, order.sheath.depth_mm),), speeds)
-    if look is None:
+    withdraw(session, (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),), speeds)
+    if picture is None:
         reason = "" if origin is None else (origin.reason or "")
         raise MeasurementRefusedError(reason.rstrip("."), "look at sheath, clamp and camera")
     settings = CurvatureSettings(order.needle.diameter_mm, order.sheath.diameter_mm)
-    measured = measure_curvature(look.image, plane, settings)
+    measured = measure_curvature(picture.image, plane, settings)
     if measured.tip_mm is None:
         raise MeasurementRefusedError(
-            f"picture {look.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
+            f"picture {picture.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
         )
     return lateral_offset_mm(measured.tip_mm, origin)
 
@@ -127,8 +127,10 @@ def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Sess
     """Find where the sheath stands before the needle leaves it; None where that is not asked for."""
     if order.sheath.origin is None:
         return None
-    look = session.see(RollZeroRole.SHEATH)
-    require_light(look.image)
-    origin = find_sheath(look.image, plane, order.sheath, look.stance.linear_mm, trial=step, frame=look.frame)
+    picture = session.take_picture(RollZeroRole.SHEATH)
+    require_light(picture.image)
+    origin = find_sheath(
+        picture.image, plane, order.sheath, picture.positions.linear_mm, trial=step, frame=picture.frame
+    )
     session.record(RollZeroSheath(origin=origin))
     return origin

@@ -9,10 +9,10 @@ from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.plan import trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import PlannedTrial, whole_sweep
+from labrig.experiments.steerability.schedule import PlannedTrial, planned_trials
 from labrig.protocol.sections import Specimen
-from labrig.runner.bench import confirm_needle_out, watch_grid
 from labrig.runner.experiment import total_duration_s
+from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
 from labrig.runner.session import Session
 
 
@@ -23,7 +23,7 @@ def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """
     confirm_needle_out(session)
     mount_and_reference(protocol, session)
-    make_insertions(protocol, whole_sweep(protocol), session)
+    make_insertions(protocol, planned_trials(protocol), session)
 
 
 def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> None:
@@ -36,15 +36,15 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> None:
     """Make insertions in their order, each specimen placed when its first one is due."""
-    watch_grid(protocol.sentinel, GridRole.BEFORE, session)
+    photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     placed: Specimen | None = None
-    behind = len(whole_sweep(protocol)) - len(trials)
+    behind = len(planned_trials(protocol)) - len(trials)
     for done, trial in enumerate(trials, start=max(behind, 0)):
         if trial.specimen != placed:
             session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
             placed = trial.specimen
         _insert_once(protocol, trial, done, session)
-    watch_grid(protocol.sentinel, GridRole.AFTER, session)
+    photograph_grid(protocol.sentinel, GridRole.AFTER, session)
 
 
 def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
@@ -67,13 +67,13 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
             repeats=planned.repeats,
         )
     )
-    session.look(SweepRole.HOLE, trial)
+    session.take_picture(SweepRole.HOLE, trial)
     session.rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    session.look(SweepRole.SHEATH, trial)
+    session.take_picture(SweepRole.SHEATH, trial)
     pictures = _PicturesOnTheWay(session, trial, insertion.frame_every_mm, insertion.length_mm)
     session.move("insertion", insertion.length_mm, insertion.speed_mm_s, pictures)
-    final_frame = session.look(NeedleRole.FINAL, trial)
+    final_frame = session.take_picture(NeedleRole.FINAL, trial).frame
     for line in session.rig.truth():
         session.recorder.truth(trial=trial, **line)
     session.progress(
@@ -98,5 +98,5 @@ class _PicturesOnTheWay:
 
     def __call__(self, states: Mapping[str, AxisReadback]) -> None:
         if self._next_mm < self._length_mm and states["insertion"].position >= self._next_mm:
-            self._session.look(NeedleRole.ADVANCE, self._trial)
+            self._session.take_picture(NeedleRole.ADVANCE, self._trial)
             self._next_mm += self._every_mm

@@ -12,12 +12,12 @@ from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import BegunTrial, rest_of_sweep
+from labrig.experiments.steerability.schedule import BegunTrial, remaining_trials
 from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
+from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
-from labrig.runner.stance import Stance
 from labrig.runner.withdrawal import recorded_path, withdraw
 
 
@@ -40,7 +40,7 @@ class Past:
     begun: tuple[BegunTrial, ...]
     insertions: tuple[PastInsertion, ...]
     unmarked: tuple[int, ...]
-    needle_path: tuple[Stance, ...]
+    needle_path: tuple[AxisPositions, ...]
 
 
 def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
@@ -53,13 +53,13 @@ def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
     RecordError
         When the record is damaged.
     """
-    past = past_of(run)
+    past = read_past(run)
     kept = sum(trial.finished for trial in past.begun)
-    left = rest_of_sweep(protocol, past.begun)
+    left = remaining_trials(protocol, past.begun)
     return Remainder(kept, len(left), partial(_go_on, protocol, past))
 
 
-def past_of(run: Run) -> Past:
+def read_past(run: Run) -> Past:
     """Read what a run holds of its sweep. Raises `RecordError` when the record is damaged."""
     trials = run.read_trials(SweepTrialStart, SweepTrialStop)
     return Past(
@@ -99,7 +99,7 @@ def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None
 
     Nothing is homed or referenced before the needle is known to be out.
     """
-    left = rest_of_sweep(protocol, past.begun)
+    left = remaining_trials(protocol, past.begun)
     for trial in past.unmarked:
         session.record(TrialStop(trial=trial, exit_status=INTERRUPTED))
     _take_needle_out(session, past.needle_path)
@@ -108,7 +108,7 @@ def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None
     make_insertions(protocol, left, session)
 
 
-def _take_needle_out(session: Session, path: Sequence[Stance]) -> None:
+def _take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
     """Withdraw a needle that this run left in tissue along its path if the operator agrees; else ask whether it is out.
 
     It can be withdrawn only where every drive has kept its reference; elsewhere nobody knows where it stands.
@@ -118,7 +118,7 @@ def _take_needle_out(session: Session, path: Sequence[Stance]) -> None:
         return
     of_this_run = rig.state.since_run == session.recorder.run_name
     if path and of_this_run and all(axis.referenced for axis in rig.axes):
-        deepest_mm = max(stance.insertion_mm for stance in path)
+        deepest_mm = max(positions.insertion_mm for positions in path)
         if session.offer(WithdrawNeedle(session.recorder.run_name, deepest_mm)):
             withdraw(session, path)
             return

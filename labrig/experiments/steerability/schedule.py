@@ -45,7 +45,7 @@ class BegunTrial:
     repeats: int | None = None
 
 
-def whole_sweep(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
+def planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
     """Return every insertion of a sweep, in order: a specimen after another, and in it a hole after another."""
     holes = protocol.insertions_per_specimen
     return tuple(
@@ -55,7 +55,7 @@ def whole_sweep(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
     )
 
 
-def rest_of_sweep(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> tuple[PlannedTrial, ...]:
+def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> tuple[PlannedTrial, ...]:
     """Return what is left of a sweep: trials not yet begun, and each interrupted one at another entry point.
 
     An interrupted trial is repeated behind the last hole of its block where the block has room for the arc, else
@@ -67,7 +67,7 @@ def rest_of_sweep(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -
         When a block has no room for another entry point.
     """
     numbers = {one.trial for one in begun}
-    left = [one for one in whole_sweep(protocol) if one.trial not in numbers]
+    left = [one for one in planned_trials(protocol) if one.trial not in numbers]
     left += _repeats(protocol, begun)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
     return tuple(sorted(left, key=lambda one: (order[one.specimen.name], one.hole_position_mm)))
@@ -76,7 +76,7 @@ def rest_of_sweep(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -
 def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
     repeated = {one.repeats for one in begun}
     specimens = {specimen.name: specimen for specimen in protocol.specimens}
-    planned = whole_sweep(protocol)
+    planned = planned_trials(protocol)
     used = [(one.specimen.name, one.hole, one.hole_position_mm) for one in planned]
     used += [(one.specimen, one.hole, one.hole_position_mm) for one in begun if one.repeats is not None]
     number = max([len(planned) - 1, *(one.trial for one in begun)]) + 1

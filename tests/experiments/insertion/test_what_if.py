@@ -7,7 +7,7 @@ import pytest
 
 from labrig.analysis.divergence import find_divergence
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.insertion.what_if import compare_steering, steered
+from labrig.experiments.insertion.what_if import compare_steering, summarise_steering
 from tests.analysis.insertions import analysed, observations, recorded
 
 
@@ -65,7 +65,7 @@ def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
 def test_after_a_stop_no_more_commands_are_given() -> None:
     """Settings that would have stopped the needle earlier end its commands there; it is estimated on to the end."""
     other = _document("planner.radius_mm=200")
-    told = steered(other["insertions"][0])
+    told = summarise_steering(other["insertions"][0])
     assert told is not None
     assert told.stop is not None
     assert len(other["insertions"][0]["commands"]) <= len(other["insertions"][0]["steps"])

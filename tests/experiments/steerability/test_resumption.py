@@ -9,7 +9,7 @@ from labrig.experiments.registry import find_experiment
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
-from labrig.runner.conduct import Outcome, conduct, conduct_rest
+from labrig.runner.conduct import Outcome, conduct, conduct_remainder
 from labrig.runner.session import Session
 from tests.runner.sessions import Bench, Told, Watched, bench, sweep
 
@@ -33,7 +33,7 @@ def _go_on(at: Bench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome
     recorder = Recorder.reopen(run.path, "test")
     sweep_experiment = find_experiment(protocol.experiment)
     remainder = sweep_experiment.resume(protocol, run)
-    outcome = conduct_rest(sweep_experiment, remainder, Session(at.opened.rig, recorder, Told()))
+    outcome = conduct_remainder(sweep_experiment, remainder, Session(at.opened.rig, recorder, Told()))
     return outcome, open_run(run.path)
 
 

@@ -6,7 +6,12 @@ from hypothesis import strategies as st
 
 from labrig.errors import InputError
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import BegunTrial, PlannedTrial, rest_of_sweep, whole_sweep
+from labrig.experiments.steerability.schedule import (
+    BegunTrial,
+    PlannedTrial,
+    planned_trials,
+    remaining_trials,
+)
 from tests.runner.sessions import sweep
 
 TWO_GELS = "specimens=[{name: a, gelatin_percent: 10}, {name: b, gelatin_percent: 19}]"
@@ -33,19 +38,19 @@ def begun(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
 
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
     """Trials are numbered through, holes start anew in each block."""
-    trials = whole_sweep(protocol())
+    trials = planned_trials(protocol())
     assert [(one.trial, one.specimen.name, one.hole, one.hole_position_mm) for one in trials] == [
         (0, "a", 0, 0.0), (1, "a", 1, 10.0), (2, "a", 2, 20.0),
         (3, "b", 0, 0.0), (4, "b", 1, 10.0), (5, "b", 2, 20.0),
     ]  # fmt: skip
-    assert rest_of_sweep(protocol(), ()) == trials
+    assert remaining_trials(protocol(), ()) == trials
 
 
 def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
     """It gets a number, a hole and a place of its own; trials not yet begun keep theirs."""
-    trials = whole_sweep(protocol())
+    trials = planned_trials(protocol())
     past = [begun(trials[0], finished=True), begun(trials[1], finished=False)]
-    left = rest_of_sweep(protocol(), past)
+    left = remaining_trials(protocol(), past)
     assert [(one.trial, one.hole, one.hole_position_mm, one.repeats) for one in left] == [
         (2, 2, 20.0, None), (6, 3, 30.0, 1), (3, 0, 0.0, None), (4, 1, 10.0, None), (5, 2, 20.0, None),
     ]  # fmt: skip
@@ -54,18 +59,18 @@ def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
 def test_a_narrow_block_is_entered_between_two_holes() -> None:
     """Where the arc has no room behind the last hole, the nearest free place halfway between two is taken."""
     narrow = protocol("specimen_width_mm=44")
-    trials = whole_sweep(narrow)
+    trials = planned_trials(narrow)
     past = [begun(one, finished=one.trial != 2) for one in trials[:3]]
-    left = rest_of_sweep(narrow, past)
+    left = remaining_trials(narrow, past)
     assert (left[0].hole_position_mm, left[0].hole, left[0].repeats) == (15.0, 3, 2)
 
 
 def test_a_block_without_room_is_refused() -> None:
     """When even the places between the holes are used, the block and the trial are named."""
     narrow = protocol("specimen_width_mm=44")
-    past = [begun(one, finished=False) for one in whole_sweep(narrow)[:3]]
+    past = [begun(one, finished=False) for one in planned_trials(narrow)[:3]]
     with pytest.raises(InputError, match=r"specimen a has no room for another entry point, in which trial 2"):
-        rest_of_sweep(narrow, past)
+        remaining_trials(narrow, past)
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=6))
@@ -74,12 +79,12 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cu
     wide = protocol("specimen_width_mm=1000")
     past: list[BegunTrial] = []
     for cut in cuts:
-        left = rest_of_sweep(wide, past)
+        left = remaining_trials(wide, past)
         past += [begun(one, finished=number < cut) for number, one in enumerate(left[: cut + 1])]
-    past += [begun(one, finished=True) for one in rest_of_sweep(wide, past)]
+    past += [begun(one, finished=True) for one in remaining_trials(wide, past)]
     finished = [one for one in past if one.finished]
-    assert len(finished) == len(whole_sweep(wide))
+    assert len(finished) == len(planned_trials(wide))
     assert len({one.trial for one in past}) == len(past)
     assert len({(one.specimen, one.hole_position_mm) for one in past}) == len(past)
     assert len({(one.specimen, one.hole) for one in past}) == len(past)
-    assert rest_of_sweep(wide, past) == ()
+    assert remaining_trials(wide, past) == ()

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from labrig.devices.operator import OperatorRequest
 from labrig.devices.rig_file import RigDescription
-from labrig.runner.bench import confirm_needle_out
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
+from labrig.runner.graph_paper import confirm_needle_out
 from labrig.runner.plan import find_move_problems
 from labrig.runner.session import Session
 from labrig_example.repeatability.events import Role, VisitStart, VisitStop
@@ -51,6 +51,6 @@ def run(protocol: RepeatabilityProtocol, session: Session) -> None:
         session.record(VisitStart(trial=visit, far_mm=protocol.far_mm))
         session.move("linear", protocol.far_mm, protocol.speed_mm_s)
         session.move("linear", 0.0, protocol.speed_mm_s)
-        frame = session.look(Role.MARKER, visit)
+        frame = session.take_picture(Role.MARKER, visit).frame
         session.record(VisitStop(trial=visit, exit_status="success", final_frame=frame))
     session.progress(protocol.visits * there_and_back_s, "all visits done")

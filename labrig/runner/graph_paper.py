@@ -24,7 +24,7 @@ def confirm_needle_out(session: Session) -> None:
         rig.needle.mark_out()
 
 
-def watch_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:
+def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:
     """Photograph graph paper in the steering plane, where the protocol asks for it; no needle is in tissue then.
 
     Raises
@@ -36,7 +36,7 @@ def watch_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) 
         return None
     confirm_needle_out(session)
     session.ask(LayGraphPaper(sentinel.pitch_mm))
-    image = session.see(role).image
+    image = session.take_picture(role).image
     session.ask(ClearBench("the graph paper"))
     return image
 

@@ -1,0 +1,28 @@
+"""Positions of the three axes at one instant."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from labrig.devices.axis import AxisReadback
+
+
+@dataclass(frozen=True)
+class AxisPositions:
+    """Positions of the three axes."""
+
+    insertion_mm: float
+    rotation_rad: float
+    linear_mm: float
+
+    def interpolate_to(self, other: "AxisPositions", fraction: float) -> "AxisPositions":
+        """Return the positions at a fraction, 0 to 1, of the way to another set of positions."""
+        return AxisPositions(
+            (1.0 - fraction) * self.insertion_mm + fraction * other.insertion_mm,
+            (1.0 - fraction) * self.rotation_rad + fraction * other.rotation_rad,
+            (1.0 - fraction) * self.linear_mm + fraction * other.linear_mm,
+        )
+
+
+def axis_positions_of(states: Mapping[str, AxisReadback]) -> AxisPositions:
+    """Return the positions in the states that `Rig.read_states` returns."""
+    return AxisPositions(states["insertion"].position, states["rotation"].position, states["linear"].position)

@@ -23,10 +23,10 @@ check-code: $(READY)
 	$(BIN)/deptry .
 
 check-tests: $(READY) $(OUTSIDE)
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist worksteal $(COVERAGE)
 
-coverage: $(READY) $(OUTSIDE)
-	$(BIN)/pytest -n 2 --dist worksteal --cov --cov-report=term
+coverage: COVERAGE := --cov --cov-report=term
+coverage: check-tests
 
 benchmarks: $(READY)
 	$(BIN)/python -m tests.benchmarks

@@ -103,10 +103,6 @@ def fit_circle(points: ArrayLike, *, method: CircleMethod = "robust") -> Circle:
         deterministic; the order of the points changes only rounding and the choice of its start.
         "geometric" is the least-squares answer, tested against certified values. "taubin" is algebraic and fast.
 
-    Returns
-    -------
-    Circle
-
     Raises
     ------
     InputError

@@ -35,13 +35,6 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class _ViewPart(_Part):
-    image: str
-    rms_px: float | None
-    used: bool
-    reason: str | None
-
-
 class _IntrinsicsDocument(_Part):
     accepted: bool
     reasons: tuple[str, ...]
@@ -54,7 +47,7 @@ class _IntrinsicsDocument(_Part):
     distortion: tuple[float, float, float, float, float]
     rms_px: float
     holdout_rms_px: float | None
-    views: tuple[_ViewPart, ...]
+    views: tuple[ViewResidual, ...]
     skew: float = 0.0
     covariance: tuple[_TenNumbers, ...] | None = Field(None, min_length=10, max_length=10)
     projection_sigma_px: tuple[tuple[float, ...], ...] | None = None
@@ -72,17 +65,6 @@ class _GelPart(_Part):
 class _VariationPart(_Part):
     homography: tuple[_Row, _Row, _Row]
     lens: _TenNumbers | None
-
-
-class _BendPart(_Part):
-    order: PositiveInt
-    holdout_rms_mm: float
-    largest_shift_mm: float
-    largest_shift_px: tuple[float, float]
-    height_mm: float | None
-    sigma_mm: float | None
-    highest_px: tuple[float, float] | None
-    lowest_px: tuple[float, float] | None
 
 
 class _PlaneDocument(_Part):
@@ -103,7 +85,7 @@ class _PlaneDocument(_Part):
     gel: _GelPart | None = None
     flatness_mm: float | None = None
     crossing_noise_mm: float | None = None
-    bend: _BendPart | None = None
+    bend: Bend | None = None
     variations: tuple[_VariationPart, ...] = ()
 
 
@@ -130,8 +112,7 @@ def load_intrinsics(path: Path) -> Intrinsics:
         If the file is missing, not JSON, of another kind, newer than this program, or lacks a value.
     """
     found = _load(path, _INTRINSICS, _IntrinsicsDocument)
-    views = tuple(ViewResidual(**view.model_dump()) for view in found.views)
-    return Intrinsics(**{**found.model_dump(), "views": views})
+    return Intrinsics(**{**found.model_dump(), "views": found.views})
 
 
 def save_plane(path: Path, plane: PlaneMap, provenance: Mapping[str, Any]) -> None:
@@ -172,7 +153,7 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
         intrinsics=intrinsics,
         radial=None if found.radial is None else Radial(found.radial[:2], found.radial[2]),
         gel=None if found.gel is None else Gel(**found.gel.model_dump()),
-        bend=None if found.bend is None else Bend(**found.bend.model_dump()),
+        bend=found.bend,
         variations=tuple(Variation(np.array(part.homography), part.lens) for part in found.variations),
     )
 
@@ -195,10 +176,19 @@ def _remake_hint(kind: str) -> str:
 
 def _save(path: Path, kind: str, values: dict[str, Any], provenance: Mapping[str, Any]) -> None:
     document = {"kind": kind, "schema_version": _SCHEMA_VERSION, **values, "provenance": dict(provenance)}
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_whole(path, to_json_text(document).encode())
+
+
+def to_json_text(document: Mapping[str, Any]) -> str:
+    """Return a document as the JSON text of a file."""
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, or leave what was there before and raise DiskError."""
     part = path.with_name(path.name + ".part")
     try:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
         part.replace(path)
     except OSError as error:
         raise DiskError(
@@ -229,31 +219,21 @@ def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
 def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise FileFormatError((Problem(str(path), "does not exist", "check the path"),)) from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError((Problem(str(path), "is not text", "check the path"),)) from error
-    except OSError as error:
-        raise FileFormatError(
-            (Problem(str(path), f"cannot be read: {error.strerror}", "check the path"),)
-        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        if isinstance(error, FileNotFoundError):
+            fault = "does not exist"
+        else:
+            fault = f"cannot be read: {error.strerror}" if isinstance(error, OSError) else "is not text"
+        raise FileFormatError((Problem(str(path), fault, "check the path"),)) from error
 
 
 def _check_kind(path: Path, kind: str, document: object) -> None:
-    found = document.get("kind") if isinstance(document, dict) else None
-    if not isinstance(document, dict) or found != kind:
-        problem = Problem(
-            f"{path} kind", f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
-        )
-        raise FileFormatError((problem,))
-    version = document.get("schema_version")
+    keys = document if isinstance(document, dict) else {}
+    found, version = keys.get("kind"), keys.get("schema_version")
+    if found != kind:
+        fault, hint = f"is {found!r}, not {kind!r}", f"give a file that {_MADE_BY[kind]} wrote"
+        raise FileFormatError((Problem(f"{path} kind", fault, hint),))
     if version != _SCHEMA_VERSION:
-        raise FileFormatError(
-            (
-                Problem(
-                    f"{path} schema_version",
-                    f"is {version!r}, this labrig reads {_SCHEMA_VERSION}",
-                    "read it with the labrig that wrote it, or calibrate again",
-                ),
-            )
-        )
+        fault = f"is {version!r}, this labrig reads {_SCHEMA_VERSION}"
+        hint = "read it with the labrig that wrote it, or calibrate again"
+        raise FileFormatError((Problem(f"{path} schema_version", fault, hint),))

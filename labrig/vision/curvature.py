@@ -150,23 +150,13 @@ class CurvatureMeasurement:
 
     def to_json(self) -> dict[str, Any]:
         """Return the document that `labrig measure curvature --json` prints for a picture, without the centre line."""
+        left_out = {"centre_line_mm", "centre_line_px", "window", "arcs"}
         return {
-            "found": self.found,
-            "accepted": self.accepted,
-            "reason": self.reason,
-            "radius_mm": self.radius_mm,
-            "radius_ci95_mm": _listed(self.radius_ci95_mm),
-            "sigma_radius_mm": self.sigma_radius_mm,
-            "sigma_calibration_mm": self.sigma_calibration_mm,
-            "centre_mm": _listed(self.centre_mm),
-            "tip_mm": _listed(self.tip_mm),
-            "tip_px": _listed(self.tip_px),
-            "sheath_tip_mm": _listed(self.sheath_tip_mm),
-            "sheath_heading_rad": self.sheath_heading_rad,
-            "entry_mm": _listed(self.entry_mm),
-            "arc_length_mm": self.arc_length_mm,
-            "residual_rms_mm": self.residual_rms_mm,
-            "bend": self.bend,
+            **{
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in vars(self).items()
+                if name not in left_out
+            },
             "arcs": [
                 {
                     "radius_mm": _finite(arc.radius),
@@ -413,7 +403,3 @@ def _pair(point: FloatArray) -> tuple[float, float]:
 
 def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
-
-
-def _listed(pair: tuple[float, float] | None) -> list[float] | None:
-    return None if pair is None else list(pair)

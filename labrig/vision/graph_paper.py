@@ -125,10 +125,6 @@ def find_crossings(image: Picture) -> Crossings:
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
 
-    Returns
-    -------
-    Crossings
-
     Raises
     ------
     MeasurementRefusedError

@@ -4,7 +4,6 @@ The JSON file needs only `tip_px` and either `heading_rad` or `heading_deg`, so 
 picture that was cropped by hand; `labrig calibrate template` writes more.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +12,8 @@ from typing import Any
 import cv2
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from labrig.errors import DiskError, FileFormatError, InputError, PictureError, Problem
+from labrig.errors import FileFormatError, InputError, PictureError, Problem
+from labrig.vision.calibration_file import to_json_text, write_whole
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import Insertion
 from labrig.vision.tip_template import TipTemplate
@@ -79,17 +79,9 @@ def save_template(path: Path, template: TipTemplate, provenance: Mapping[str, An
         "roll_rad": template.roll_rad,
         "provenance": dict(provenance),
     }
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     picture = cv2.imencode(".png", template.picture)[1].tobytes()
-    for file, content in zip(template_files(path), (picture, text.encode()), strict=True):
-        part = file.with_name(file.name + ".part")
-        try:
-            part.write_bytes(content)
-            part.replace(file)
-        except OSError as error:
-            raise DiskError(
-                f"{file} cannot be written: {error.strerror}", "check the folder and its space"
-            ) from error
+    for file, content in zip(template_files(path), (picture, to_json_text(document).encode()), strict=True):
+        write_whole(file, content)
 
 
 def load_template(path: Path) -> TipTemplate:

@@ -1,12 +1,12 @@
 """The needle's tip in a picture, by a template turned to its heading; to a tenth of a pixel.
 
 Normalised cross-correlation finds the place; a fit of place, heading and scale refines it (`tip_fit`). An upright
-template is 2.4 px off where the needle heads 10 degrees elsewhere, so the template is turned first. A bevel that has
-been turned over by half a turn is seen mirrored, and so is its template.
+template is 2.4 px off if the heading differs by 10 degrees, so the template is turned first. A bevel that was turned
+over by half a turn appears mirrored, and its template is mirrored too.
 
-The search goes through a smaller picture first, then looks at its best places at full size. Glints, which do not turn
-with the needle, are taken away first: a grey opening removes what is bright and narrower than the needle. A window
-without contrast correlates with anything and is never a tip.
+The search runs in a smaller picture first and then at its best places in full size. Glints do not turn with the needle
+and are removed first: a grey opening removes what is bright and narrower than the needle. A window without contrast
+correlates with anything and is never a tip.
 """
 
 import math
@@ -27,40 +27,40 @@ from labrig.vision.tip_template import LEAST_SIDE_PX, TipTemplate, remove_glints
 FloatArray = NDArray[np.float64]
 _Point = tuple[float, float]
 
-# Windows with less than this part of the template's spread are flat.
+# A window with less than this share of the template's standard deviation is flat.
 _FLAT = 0.4
-# A smaller picture keeps at least so many pixels of the template's side, and is at most so many times smaller.
+# Fewest pixels of the template's side in the smaller picture, and the largest reduction.
 _LEAST_SMALL_SIDE_PX = 10
 _MOST_TIMES_SMALLER = 4
-# A region of fewer pixels is searched at half its size: there is time for it.
+# A region of fewer pixels is searched at half its size: the time suffices.
 _SMALL_AREA_PX = 40_000
-# So many places of the smaller picture are looked at in full size.
+# Number of places of the smaller picture that are searched in full size.
 _PLACES = 3
-# A fit that moves the tip by more than this part of the template's side has found something else.
+# A fit that moves the tip by more than this share of the template's side has found something else.
 _MOST_MOVED = 0.25
-# Two places within this part of the template's side are one.
+# Two places within this share of the template's side are the same.
 _SAME_PLACE = 0.6
-# Headings tried where none is predicted, from -96 to 96 degrees.
+# Headings tried if none is predicted, from -96 to 96 degrees.
 _HEADINGS_RAD = tuple(math.radians(12.0 * step) for step in range(-8, 9))
 
 
 @dataclass(frozen=True)
 class TipSettings:
-    """When a place is believed to be the tip.
+    """The conditions for accepting a place as the tip.
 
     Parameters
     ----------
     min_score : float
         Correlation of the refined template with the picture, 1 at best.
     min_distinctness : float
-        By so much the score exceeds that of the next best place.
+        Least difference between the score and that of the next best place.
     max_turn_rad : float
-        The refined heading may differ from the predicted one by so much.
+        Largest difference between refined and predicted heading.
 
     Raises
     ------
     InputError
-        For a setting out of its range, with its name.
+        For a setting out of its range.
     """
 
     min_score: float = 0.9
@@ -75,19 +75,19 @@ class TipSettings:
 
 @dataclass(frozen=True)
 class TipFix:
-    """What a picture says about the tip; what it does not say is None.
+    """The tip found in a picture; unknown values are None.
 
     Attributes
     ----------
     accepted : bool
     reason : str or None
-        Why not, as a sentence with value and limit.
+        Why it is refused, as a sentence with value and limit.
     tip_px : (float, float) or None
-        Where accepted.
+        Set if accepted.
     heading_rad : float or None
-        Where accepted: as refined, within a degree or two.
+        Set if accepted: the refined heading, right within a degree or two.
     score, distinctness : float or None
-        Correlation, and by how much it exceeds the next best place; also where refused for them.
+        Correlation, and its difference to the next best place; also set if they are the reason for the refusal.
     """
 
     accepted: bool
@@ -98,19 +98,12 @@ class TipFix:
     distinctness: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return what is recorded and printed of it."""
-        return {
-            "accepted": self.accepted,
-            "reason": self.reason,
-            "tip_px": None if self.tip_px is None else list(self.tip_px),
-            "heading_rad": self.heading_rad,
-            "score": self.score,
-            "distinctness": self.distinctness,
-        }
+        """Return the document that is recorded and printed."""
+        return {**vars(self), "tip_px": None if self.tip_px is None else list(self.tip_px)}
 
 
 def next_region_px(region_px: float, misses: int, growth: float = 1.6) -> float:
-    """Return the side of the square to search after so many misses in a row; `locate_tip` cuts it to the picture."""
+    """Return the side of the square to search after `misses` in a row; `locate_tip` cuts it to the picture."""
     return region_px * float(growth ** min(max(misses, 0), 16))
 
 
@@ -132,7 +125,7 @@ def locate_tip(
     image : ndarray of uint8, (H, W) or (H, W, 3)
     template : TipTemplate
     settings : TipSettings or None
-        None: the usual ones.
+        None: the defaults.
     near_px : (float, float) or None
         Predicted pixel of the tip. None: the whole picture is searched.
     heading_rad : float or None
@@ -142,17 +135,17 @@ def locate_tip(
     region_px : float
         Side of the square around `near_px` that is searched.
     mask : ndarray of bool (H, W) or None
-        Pixels to be left out; no window that holds one of them is a tip.
+        Pixels to leave out: a window that contains such a pixel is not a tip.
 
     Returns
     -------
     TipFix
-        Refused where the picture does not show one tip.
+        Refused if the picture does not show exactly one tip.
 
     Raises
     ------
     PictureError
-        For a picture that is not of 8 bits, that is smaller than the template, or that the mask does not fit.
+        For a picture that is not of 8 bits, is smaller than the template, or does not have the size of the mask.
     InputError
         For a prediction that is not finite, or a region that is not positive.
     """
@@ -163,8 +156,8 @@ def locate_tip(
         return TipFix(accepted=False, reason="The tip is predicted outside of the picture.")
     headings = _HEADINGS_RAD if heading_rad is None else (heading_rad,)
     views = [
-        _TurnedTemplate(one, wrap_angle(heading - one.heading_rad))
-        for one in _sides(template, roll_rad)
+        _TurnedTemplate(side, wrap_angle(heading - side.heading_rad))
+        for side in _sides(template, roll_rad)
         for heading in headings
     ]
     places = _find_places(region, views)
@@ -173,7 +166,7 @@ def locate_tip(
             accepted=False,
             reason="Nothing in what is searched is like the template: it is dark, flat or masked.",
         )
-    # Of several views the one that fits best is not known before they have been fitted.
+    # Which of several views fits best is known only after fitting all of them.
     several = len(views) > 1
     tried = [(place, _refine(region, place)) for place in (places if several else places[:1])]
     best, fit = max(tried, key=_fitted_score)
@@ -181,7 +174,7 @@ def locate_tip(
     apart = (_is_apart(place, best) for place in places)
     rival = max((score for score, far in zip(others, apart, strict=True) if far), default=0.0)
     reached = _fitted_score((best, fit)) if several else best.score
-    reason = _judge(fit, best, reached - rival, rules, told=heading_rad is not None)
+    reason = _judge(fit, best, reached - rival, rules, predicted=heading_rad is not None)
     score, distinctness = best.score if fit is None else fit.score, reached - rival
     if fit is None or reason is not None:
         return TipFix(accepted=False, reason=reason, score=score, distinctness=distinctness)
@@ -201,11 +194,11 @@ class _TurnedTemplate:
     turn_rad: float
 
     def patch(self, times_smaller: int) -> tuple[Picture, FloatArray]:
-        """Return the turned picture, and the tip's pixel in it; what the turn brings in continues the rim."""
+        """Return the turned picture and the tip's pixel in it; pixels from outside repeat the rim."""
         source = self.template.plain
         height, width = source.shape
         c, s = abs(math.cos(self.turn_rad)), abs(math.sin(self.turn_rad))
-        # A square stays as large as it is, and an oblong one by a quarter turn becomes an upright one.
+        # A square keeps its size; a quarter turn exchanges the sides of an oblong.
         size = np.array([width * c + height * s, width * s + height * c]) / ((c + s) * times_smaller)
         columns, rows = (int(n) for n in np.maximum(1, np.rint(size)))
         forth = Similarity(_middle(columns, rows), self.turn_rad, 1.0 / times_smaller).warp(
@@ -220,7 +213,7 @@ class _TurnedTemplate:
 
 @dataclass(frozen=True)
 class _RefinedPlace:
-    """Where the template lies, and the correlation of the two there."""
+    """The refined place of the template, and its correlation there."""
 
     place: Similarity
     score: float
@@ -228,7 +221,7 @@ class _RefinedPlace:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A candidate: the tip's pixel in the region, with the view that fits there."""
+    """A candidate: the tip's pixel in the region, and the view that fits there."""
 
     view: _TurnedTemplate
     tip_px: _Point
@@ -237,7 +230,7 @@ class _Place:
 
 @dataclass(frozen=True, eq=False)
 class _Region:
-    """The part of a picture that is searched, where it begins, and what of it is masked."""
+    """The part of a picture to search, its first pixel, and its masked pixels."""
 
     picture: Picture
     corner_px: tuple[int, int]
@@ -252,7 +245,7 @@ class _Region:
         side_px: float,
         mask: NDArray[np.bool_] | None,
     ) -> Self | None:
-        """Return the square around a prediction, cut to the picture; None where nothing is left."""
+        """Return the square around a prediction, cut to the picture; None if nothing is left."""
         if near_px is None:
             return cls(image, (0, 0), mask)
         # The template may be larger on one side of its tip than on the other.
@@ -272,7 +265,7 @@ class _Region:
     def remove_glints(self, side_px: float) -> "_Region":
         return replace(self, picture=remove_glints(self.picture, side_px))
 
-    def smaller(self, times: int) -> "_Region":
+    def reduce(self, times: int) -> "_Region":
         if times == 1:
             return self
         rows, columns = (n // times * times for n in self.picture.shape)
@@ -291,7 +284,7 @@ class _Region:
         return _Region(np.asarray(picture, np.uint8), (0, 0), masked)
 
     def within(self, centre_px: _Point, reach_px: float) -> "_Region":
-        """Return the part of this region within a reach of a pixel of it; its corner is told in this region."""
+        """Return the part of this region within reach of a pixel; its corner is a pixel of this region."""
         left, top = (max(0, math.floor(at - reach_px)) for at in centre_px)
         right, bottom = (math.ceil(at + reach_px) + 1 for at in centre_px)
         part = (slice(top, bottom), slice(left, right))
@@ -299,10 +292,10 @@ class _Region:
 
 
 def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Place]:
-    """Return the most likely places, best first; of one side of the bevel none within the reach of a better one."""
+    """Return the most likely places, best first; places of the same side of the bevel are apart from one another."""
     template = views[0].template
     side_px, times = float(min(template.picture.shape)), region.times_smaller(template)
-    small = region.smaller(times).remove_glints(side_px / times)
+    small = region.reduce(times).remove_glints(side_px / times)
     rough = [
         replace(place, tip_px=_to_full_px(place.tip_px, times))
         for view in views
@@ -314,7 +307,7 @@ def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Pla
 
 
 def _search_full_size(region: _Region, place: _Place, times_smaller: int) -> _Place | None:
-    """Return the best place at full size around one found in a smaller picture."""
+    """Return the best place at full size around a place of the smaller picture."""
     reach_px = 0.75 * max(place.view.template.picture.shape) + 2.0 * times_smaller
     part = region.within(place.tip_px, reach_px).remove_glints(min(place.view.template.picture.shape))
     found = _find_peaks(part, place.view, 1, reach_px, 1)
@@ -327,7 +320,7 @@ def _search_full_size(region: _Region, place: _Place, times_smaller: int) -> _Pl
 def _find_peaks(
     region: _Region, view: _TurnedTemplate, times_smaller: int, apart_px: float, most: int
 ) -> list[_Place]:
-    """Return the highest places of the correlation with one view, at least so far apart [px of the full picture]."""
+    """Return the highest peaks of the correlation with a view, at least `apart_px` apart in the full picture."""
     patch, tip = view.patch(times_smaller)
     scores = _correlate(region, patch)
     if scores is None:
@@ -344,7 +337,7 @@ def _find_peaks(
 
 
 def _correlate(region: _Region, patch: Picture) -> NDArray[np.float32] | None:
-    """Return the correlation at each place of the patch's first pixel; -1 where the window is flat or masked."""
+    """Return the correlation for each place of the patch's first pixel; -1 if the window is flat or masked."""
     rows, columns = patch.shape
     if region.picture.shape[0] < rows or region.picture.shape[1] < columns:
         return None
@@ -354,7 +347,7 @@ def _correlate(region: _Region, patch: Picture) -> NDArray[np.float32] | None:
         for values in (region.picture.astype(np.float32), np.square(region.picture, dtype=np.float32))
     )
     least = (_FLAT * float(cv2.meanStdDev(patch)[1][0, 0])) ** 2
-    # What is not a number fails the comparison, and is no tip either.
+    # A NaN fails the comparison, so it is not a tip either.
     usable = (square - mean * mean >= least) & (scores <= 1.01)
     if region.masked is not None:
         usable &= _average_windows(region.masked.astype(np.float32), columns, rows) <= 0.0
@@ -369,7 +362,7 @@ def _average_windows(values: NDArray[np.float32], columns: int, rows: int) -> ND
 
 
 def _refine(region: _Region, place: _Place) -> _RefinedPlace | None:
-    """Return the place with pixel, heading and scale refined together; None where that runs away."""
+    """Refine pixel, heading and scale of a place together; None if the fit diverges."""
     template = place.view.template
     part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
     left, top = part.corner_px
@@ -390,9 +383,9 @@ def _fitted_score(tried: tuple[_Place, _RefinedPlace | None]) -> float:
 
 
 def _judge(
-    fit: _RefinedPlace | None, start: _Place, distinctness: float, rules: TipSettings, *, told: bool
+    fit: _RefinedPlace | None, start: _Place, distinctness: float, rules: TipSettings, *, predicted: bool
 ) -> str | None:
-    """Return why the refined place is not believed to be the tip, or None where it is."""
+    """Return why the refined place is not accepted as the tip, or None."""
     if fit is None:
         return "The template cannot be fitted to the best place."
     if fit.score < rules.min_score:
@@ -402,9 +395,9 @@ def _judge(
             f"The best place scores {round_down(distinctness, 3)} more than the next, "
             f"and {rules.min_distinctness:g} is the least: they cannot be told apart."
         )
-    # A heading that was only tried may be far from the needle's; one that was predicted may not.
-    turned_rad = abs(wrap_angle(fit.place.turn_rad - start.view.turn_rad)) if told else 0.0
-    most_moved = _MOST_MOVED if told else 2.0 * _MOST_MOVED
+    # A heading that was only tried may be far from the needle's; a predicted heading may not.
+    turned_rad = abs(wrap_angle(fit.place.turn_rad - start.view.turn_rad)) if predicted else 0.0
+    most_moved = _MOST_MOVED if predicted else 2.0 * _MOST_MOVED
     moved_px = math.dist(fit.place.lands_px, start.tip_px)
     if turned_rad > rules.max_turn_rad or moved_px > most_moved * min(start.view.template.picture.shape):
         return (
@@ -415,9 +408,9 @@ def _judge(
 
 
 def _keep_best(places: Sequence[_Place]) -> list[_Place]:
-    """Return the best places of each side of the bevel, each apart from every better one of that side."""
+    """Return the best places, each apart from every better place of the same side of the bevel."""
     kept: list[_Place] = []
-    for place in sorted(places, key=lambda one: -one.score):
+    for place in sorted(places, key=lambda place: -place.score):
         if all(
             place.view.template is not better.view.template or _is_apart(place, better) for better in kept
         ):
@@ -425,16 +418,16 @@ def _keep_best(places: Sequence[_Place]) -> list[_Place]:
     return kept[:_PLACES]
 
 
-def _is_apart(one: _Place, other: _Place) -> bool:
-    """Return whether two places are too far from each other to be the same tip."""
-    reach_px = _SAME_PLACE * float(min(one.view.template.picture.shape))
-    return math.dist(one.tip_px, other.tip_px) > reach_px
+def _is_apart(place: _Place, other: _Place) -> bool:
+    """Return whether two places are too far apart to be the same tip."""
+    reach_px = _SAME_PLACE * float(min(place.view.template.picture.shape))
+    return math.dist(place.tip_px, other.tip_px) > reach_px
 
 
 def _sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
     if roll_rad is None:
         return (template, template.mirrored)
-    return (template if template.shows(roll_rad) else template.mirrored,)
+    return (template if template.has_same_side(roll_rad) else template.mirrored,)
 
 
 def _to_full_px(px: _Point, times: int) -> _Point:

@@ -1,10 +1,10 @@
-"""A template fitted to a picture: shift, turn and scale by least squares, blind to brightness and contrast.
+"""A template fitted to a picture: shift, turn and scale by least squares, for any brightness and contrast.
 
 The inverse compositional form (Baker and Matthews 2004, International Journal of Computer Vision 56:221) of what
 enhanced correlation maximises (Evangelidis and Psarakis 2008, IEEE TPAMI 30:1858): each step regresses the picture on
-the template, its steepest descents and a constant. The scale is free, because a tilted camera sees a needle larger
-where it is nearer. Where asked, pixels that do not fit the rest lose their weight (Tukey's biweight): a glint stays
-where the lamp puts it while the needle turns.
+the template, its steepest descents and a constant. The scale is free, because a tilted camera shows a nearer needle
+larger. A robust fit takes the weight from pixels that do not fit the rest (Tukey's biweight): a glint stays where the
+lamp puts it while the needle turns.
 """
 
 import math
@@ -20,22 +20,22 @@ from labrig.vision.picture import Picture
 FloatArray = NDArray[np.float64]
 _Pixels = NDArray[np.float32]
 
-# A step that moves no pixel of the template by more than this ends the search [px]; and so many steps do.
+# A step that moves no pixel of the template by more than this ends the search [px]; largest number of steps.
 _SETTLED_PX, _STEPS = 0.03, 10
 _BLUR_PX = 1.0
-# So much weighs a scale other than 1, in squared slopes of the template: where a small template shows the needle's
-# edges badly, scale and shift along the needle look alike.
+# Weight of a scale other than 1, in squared slopes of the template: if a small template shows the needle's edges badly,
+# scale and shift along the needle look alike.
 _SCALE_WEIGHT = 0.1
-# A scale beyond these is another thing than the template's.
+# Outside this range of scales the fit has found something else.
 _SCALES = (0.7, 1.4)
-# Tukey's constant, for 95 % efficiency with normal noise. The noise that is granted falls from step to step, from what
-# a fit half a pixel off leaves to little more than a camera's [grey levels].
+# Tukey's constant, for 95 % efficiency with normal noise. The assumed noise falls from step to step, from the residual
+# of a fit half a pixel off to little more than a camera's noise [grey levels].
 _TUKEY, _FIRST_NOISE, _CALMER, _LEAST_NOISE = 4.685, 10.0, 0.6, 4.0
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """From pixels of a template, told from a pivot in it, to pixels of a picture."""
+    """A map from pixels of a template, relative to a pivot, to pixels of a picture."""
 
     lands_px: tuple[float, float]
     turn_rad: float
@@ -48,7 +48,7 @@ class Similarity:
         return np.array(((turn[0, 0], turn[0, 1], u), (turn[1, 0], turn[1, 1], v)))
 
     def step_back(self, step: FloatArray) -> "Similarity":
-        """Return this map after the inverse of a small one: shift (2), turn and growth, in the template's pixels."""
+        """Return this map after the inverse of a small step: shift (2), turn and growth, in the template's pixels."""
         growth = 1.0 + float(step[3])
         size, angle = math.hypot(float(step[2]), growth), math.atan2(float(step[2]), growth)
         turn_rad, scale = self.turn_rad - angle, self.scale / size
@@ -64,9 +64,9 @@ class FitTemplate:
     ----------
     picture : ndarray of uint8, (H, W)
     pivot_px : (float, float)
-        The pixel whose place is asked for.
+        The pixel to locate.
     used : ndarray of bool, (H, W)
-        Pixels that are compared.
+        Pixels to compare.
     robust : bool
         Whether pixels that do not fit the rest lose their weight.
     """
@@ -78,7 +78,7 @@ class FitTemplate:
 
     @cached_property
     def _columns(self) -> _Pixels:
-        """What a picture is regressed on, (N, 6): steepest descents of shift, turn and growth, template, constant."""
+        """The regressors (N, 6): steepest descents of shift, turn and growth, the template, a constant."""
         smooth = _blur(self.picture)
         across = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=0.125)
         down = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=0.125)
@@ -96,7 +96,7 @@ class FitTemplate:
 
     @cached_property
     def _normal(self) -> FloatArray:
-        """The normal matrix (6, 6) where every pixel has its weight."""
+        """The normal matrix (6, 6) with full weight for every pixel."""
         return (self._columns.T @ self._columns).astype(np.float64)
 
     @cached_property
@@ -110,11 +110,11 @@ class FitTemplate:
 
     @cached_property
     def _pull(self) -> FloatArray:
-        """What holds the scale near 1, as a normal matrix (6, 6)."""
+        """The prior of the scale, as a normal matrix (6, 6)."""
         return np.diag((0.0, 0.0, 0.0, self._scale_weight, 0.0, 0.0))
 
     def fit(self, picture: Picture, start: Similarity) -> Similarity | None:
-        """Return the best place near a start, or None where it runs away or out of the picture.
+        """Return the best place near a start; None if the fit diverges or leaves the picture.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class FitTemplate:
         return self._correlation(seen, gain)
 
     def _step(self, seen: _Pixels, scale: float, number: int) -> FloatArray | None:
-        """Return the step (4,) that brings the template nearer to what is seen, or None where nothing of it is seen."""
+        """Return the step (4,) that moves the template closer to the picture; None if the picture does not show it."""
         right = (seen @ self._columns).astype(np.float64)
         gain, offset = self._brightness(right[4:])
         if gain <= 0.0:
@@ -164,26 +164,26 @@ class FitTemplate:
         return found[:4] / found[4] if found[4] > 0.0 else None
 
     def _brightness(self, right: FloatArray) -> tuple[float, float]:
-        """Return gain and offset of the template's grey levels, of their products with it and with a constant."""
+        """Return gain and offset of the grey levels, from their products with the template and with a constant."""
         (squares, total), (_, pixels) = self._normal[4:, 4:].tolist()
         gain = float(pixels * right[0] - total * right[1]) / (pixels * squares - total**2)
         return gain, (float(right[1]) - gain * total) / pixels
 
     def _correlation(self, seen: _Pixels, gain: float) -> float:
-        """Return the correlation with the template, of which `gain` is the slope."""
+        """Return the correlation with the template from the regression's slope `gain`."""
         pixels, total = self._normal[5, 5], self._normal[4, 5]
         spread = self._normal[4, 4] - total**2 / pixels
         seen_spread = float(seen.var()) * pixels
         return gain * math.sqrt(spread / seen_spread) if seen_spread > 0.0 else 0.0
 
     def _weights(self, seen: _Pixels, gain: float, offset: float, number: int) -> _Pixels:
-        """Return the weight (N, 1) of each pixel by how far it is from the template's grey level."""
+        """Return the weight (N,) of each pixel from its distance to the template's grey level."""
         off = seen - (gain * self._columns[:, 4] + offset)
         noise = max(_FIRST_NOISE * _CALMER**number, _LEAST_NOISE)
         return np.asarray(np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)), np.float32)
 
     def _sample(self, smooth: _Pixels, place: Similarity) -> _Pixels | None:
-        """Return the picture (N,) where the template lies, None where its pivot lies outside."""
+        """Return the grey levels (N,) under the template; None if its pivot is outside the picture."""
         rows, columns = self.picture.shape
         u, v = place.lands_px
         if not (0 <= u < smooth.shape[1] and 0 <= v < smooth.shape[0]):

@@ -1,4 +1,4 @@
-"""A picture of a needle's tip: where in it the tip is, how the needle heads, and what of it can be compared."""
+"""A picture of a needle's tip, with the tip's pixel, its heading, and the pixels worth comparing."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,13 +16,13 @@ from labrig.vision.rounding import round_down
 from labrig.vision.tip_fit import FitTemplate
 
 LEAST_SIDE_PX = 9
-# A template whose grey levels spread less has nothing that correlates.
+# Least standard deviation of a template's grey levels: below it nothing correlates.
 _LEAST_CONTRAST = 4.0
-# What is bright and narrower than this part of the template's side is taken for a glint.
+# A bright spot narrower than this share of the template's side is a glint.
 _GLINT = 1 / 6
-# Steps of grey levels above this part of the highest one are edges.
+# A step of grey levels above this share of the highest step is an edge.
 _EDGE = 0.3
-# Pixels of which that is not known to so many grey levels, because the rim is near, are not compared.
+# A pixel near the rim is not compared if its value without glints is uncertain by more than this [grey levels].
 _UNSURE = 12
 
 
@@ -34,13 +34,13 @@ class TipTemplate:
     ----------
     picture : ndarray of uint8, (H, W)
     tip_px : (float, float)
-        The tip's pixel (u, v) in it.
+        Pixel of the tip (u, v) in the template.
     heading_rad : float
-        Of the needle in it, zero along the insertion and positive towards +y.
+        Heading of the needle in the template.
     insertion : "right", "left", "up" or "down"
-        Where the insertion points in it.
+        Direction of the insertion in the template.
     roll_rad : float
-        Roll of the bevel in it.
+        Roll of the bevel in the template.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class TipTemplate:
 
     @cached_property
     def coarse_fit(self) -> FitTemplate:
-        """The picture without glints, prepared for fitting; at the rim it is not known what was a glint."""
+        """The picture without glints, prepared for the first fit, without pixels that may be glints at the rim."""
         side = min(self.picture.shape)
         brightest = remove_glints(self.picture, side, beyond=255)
         sure = cv2.absdiff(brightest, self.plain) <= _UNSURE
@@ -114,12 +114,12 @@ class TipTemplate:
         )
 
     def relative_to(self, insertion: Insertion) -> Self:
-        """Return the same template with its heading told from another direction of insertion."""
+        """Return the same template with its heading relative to another direction of insertion."""
         turned = _direction_rad(self.insertion) - _direction_rad(insertion)
         return replace(self, heading_rad=wrap_angle(self.heading_rad + turned), insertion=insertion)
 
-    def shows(self, roll_rad: float) -> bool:
-        """Return whether the bevel at this roll looks as here, rather than turned over."""
+    def has_same_side(self, roll_rad: float) -> bool:
+        """Return whether the bevel at this roll looks as in this template, rather than turned over."""
         return math.cos(roll_rad - self.roll_rad) >= 0.0
 
 
@@ -138,16 +138,16 @@ def cut_template(
     ----------
     image : ndarray of uint8, (H, W) or (H, W, 3)
     tip_px : (float, float)
-        The tip's pixel in the picture.
+        Pixel of the tip in the picture.
     heading_rad, insertion, roll_rad
-        As `TipTemplate` has them.
+        As in `TipTemplate`.
     side_px : int
-        Side of the square; an even one becomes the next odd one.
+        Side of the square; an even side becomes the next odd number.
 
     Raises
     ------
     PictureError
-        If the square does not lie in the picture, or is too small or flat to be a template.
+        If the square does not lie in the picture, or is too small or flat for a template.
     InputError
         If a number is not finite.
     """
@@ -169,10 +169,10 @@ def cut_template(
 
 
 def remove_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
-    """Return a picture without what is bright and narrower than a needle in a template of that side.
+    """Return a picture without bright spots narrower than a needle in a template of that side.
 
-    What lies beyond the rim is not known. Taken as black (0) the result is the darkest that is possible, and taken
-    as white (255) the brightest.
+    The pixels beyond the rim are unknown. With `beyond` black (0) the result is the darkest possible, with white (255)
+    the brightest.
     """
     width = 2 * round(0.5 * _GLINT * side_px) + 1
     wider = cv2.copyMakeBorder(picture, *(width,) * 4, cv2.BORDER_CONSTANT, value=beyond)
@@ -181,7 +181,7 @@ def remove_glints(picture: Picture, side_px: float, beyond: int = 0) -> Picture:
 
 
 def _find_edges(picture: Picture) -> NDArray[np.bool_]:
-    """Return the pixels beside which the picture changes; the others say nothing of where it lies."""
+    """Return the pixels close to an edge; only these determine the place."""
     smooth = cv2.GaussianBlur(picture, (0, 0), 1.0)
     steps = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     near = cv2.dilate((steps > _EDGE * float(steps.max())).astype(np.uint8), np.ones((9, 9), np.uint8))
@@ -189,13 +189,13 @@ def _find_edges(picture: Picture) -> NDArray[np.bool_]:
 
 
 def _direction_rad(insertion: Insertion) -> float:
-    """Return the picture's angle of the insertion, zero to the right and positive counter-clockwise."""
+    """Return the angle of the insertion in the picture, zero to the right and positive counter-clockwise."""
     u, v = PICTURE_AXES[insertion][1]
     return math.atan2(-v, u)
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Return an angle between minus and plus half a turn."""
+    """Return the angle between -pi and pi."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 

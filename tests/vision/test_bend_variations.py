@@ -1,4 +1,4 @@
-"""What a bend of the ruled paper leaves uncertain in the map that was fitted to it."""
+"""The uncertainty of a plane map that comes from a bend of the ruled paper."""
 
 import cv2
 import numpy as np
@@ -33,22 +33,22 @@ def mapped(homography, px):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_flat_paper_leaves_nothing_uncertain(seed):
-    """Noise alone is no bend."""
+    """Noise alone is not a bend."""
     assert find_bent_homographies(seen(GRID_MM, np.zeros(len(GRID_MM)), seed=seed), GRID_MM, FOOT_MM) == []
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 35.0, 90.0, 140.0])
 @pytest.mark.parametrize("height_mm", [0.4, -0.8])
 def test_map_without_the_bend_and_with_it_are_as_far_apart_as_the_map_is_wrong(height_mm, angle_deg):
-    """The plane's own points are mapped wrongly by what the other homographies say, to a fifth of it."""
+    """The other homographies predict the error of the plane's own points to a fifth."""
     px = seen(GRID_MM, sheet(height_mm, np.deg2rad(angle_deg)))
     fitted = cv2.findHomography(px, GRID_MM)[0]
     plane_px = seen(GRID_MM, np.zeros(len(GRID_MM)), noise=0.0)
     wrong = mapped(fitted, plane_px) - GRID_MM
     bent, raised = find_bent_homographies(px, GRID_MM, FOOT_MM)
-    told = mapped(fitted, plane_px) - mapped(bent, plane_px)
+    predicted = mapped(fitted, plane_px) - mapped(bent, plane_px)
     assert np.sqrt(np.mean(wrong**2)) > 0.005
-    assert np.sqrt(np.mean((told - wrong) ** 2)) < 0.2 * np.sqrt(np.mean(wrong**2))
+    assert np.sqrt(np.mean((predicted - wrong) ** 2)) < 0.2 * np.sqrt(np.mean(wrong**2))
     height = np.sqrt(np.mean(np.sum((mapped(raised, plane_px) - mapped(fitted, plane_px)) ** 2, axis=1)))
     assert height == pytest.approx(
         np.std(sheet(height_mm, np.deg2rad(angle_deg)))

@@ -1,4 +1,4 @@
-"""Calibration files: what is written comes back, and what is not such a file is refused."""
+"""Calibration files: written values come back, and other files are refused."""
 
 import json
 from dataclasses import replace
@@ -74,7 +74,7 @@ def changed(path, **values):
 
 
 def test_a_lens_comes_back_to_the_last_digit(lens_file):
-    """Every number, view and reason survives the file, unknown ones as None."""
+    """Every number, view and reason survives the file; unknown values are None."""
     assert load_intrinsics(lens_file) == LENS
     assert load_intrinsics(lens_file).fingerprint() == LENS.fingerprint()
 
@@ -106,7 +106,7 @@ def test_a_radial_term_comes_back(tmp_path):
 
 
 def test_files_say_what_they_are(lens_file, plane_file):
-    """Kind, schema version, provenance and the keys of the interface stand in the files."""
+    """The files hold kind, schema version, provenance and the keys of the interface."""
     lens, plane = json.loads(lens_file.read_text()), json.loads(plane_file.read_text())
     assert (lens["kind"], plane["kind"]) == ("labrig-intrinsics", "labrig-plane")
     assert lens["schema_version"] == plane["schema_version"] == 1
@@ -132,7 +132,7 @@ def test_a_better_known_lens_is_the_same_lens(plane_file):
 
 
 def test_kinds_are_not_mixed_up(lens_file, plane_file):
-    """Each file is refused where the other is wanted, with who writes the right one."""
+    """Each kind of file is refused in place of the other, and the message names the command that writes it."""
     with pytest.raises(
         FileFormatError, match=r"intrinsics\.json kind: is 'labrig-intrinsics', not 'labrig-plane'"
     ):
@@ -143,7 +143,7 @@ def test_kinds_are_not_mixed_up(lens_file, plane_file):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("{", r"intrinsics\.json:1:2: is not JSON"),
         ("[1, 2]", "kind: is None"),
@@ -153,10 +153,10 @@ def test_kinds_are_not_mixed_up(lens_file, plane_file):
         ('{"kind": "labrig-intrinsics", "schema_version": 1}', "fx: Field required"),
     ],
 )
-def test_refuses_what_is_no_such_file(text, said, lens_file):
+def test_refuses_what_is_no_such_file(text, message, lens_file):
     """Torn, foreign, newer and empty documents are refused with the place and the fault."""
     lens_file.write_text(text)
-    with pytest.raises(FileFormatError, match=said):
+    with pytest.raises(FileFormatError, match=message):
         load_intrinsics(lens_file)
 
 
@@ -179,21 +179,25 @@ def test_names_the_value_that_is_wrong(values, where, lens_file):
 
 
 def test_refuses_a_plane_that_maps_to_a_line(plane_file):
-    """A homography without inverse is no map."""
+    """A homography without an inverse is refused."""
     with pytest.raises(FileFormatError, match="no inverse"):
         load_plane(changed(plane_file, homography=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), LENS)
 
 
 def test_refuses_missing_and_binary_files(tmp_path):
-    """A path without a file, a folder, and bytes that are no text are refused by name."""
+    """A missing file, a folder, and bytes that are not text are refused by name."""
     (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
-    for name, said in [("gone.json", "does not exist"), ("bytes.json", "not text"), (".", "cannot be read")]:
-        with pytest.raises(FileFormatError, match=said):
+    for name, message in [
+        ("gone.json", "does not exist"),
+        ("bytes.json", "not text"),
+        (".", "cannot be read"),
+    ]:
+        with pytest.raises(FileFormatError, match=message):
             load_intrinsics(tmp_path / name)
 
 
 def test_a_failed_write_leaves_the_old_file(lens_file):
-    """What cannot be written does not destroy what was there."""
+    """A failed write leaves the previous file unchanged."""
     before = lens_file.read_bytes()
     lens_file.with_name("intrinsics.json.part").mkdir()
     with pytest.raises(DiskError, match=r"intrinsics\.json cannot be written"):

@@ -1,4 +1,4 @@
-"""The radius: how near the truth, how honest its interval, and what is not stated."""
+"""The radius: its error, the coverage of its interval, and its refusals."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ def bench():
 
 
 def measured(needle, gel=None, seed=1, wanted=SETTINGS):
-    """Return what is measured in a picture of `needle`."""
+    """Return the measurement of a picture of `needle`."""
     return measure_curvature(bench().picture(needle, gel or Gel(), seed), LENS.plane_map(), wanted)
 
 
@@ -57,7 +57,7 @@ def test_radius_is_within_a_twentieth_of_a_millimetre_in_every_picture():
 
 
 def test_interval_holds_the_truth_about_as_often_as_it_says():
-    """Of the 95 % intervals at least 83 % hold the true radius (two sigma of the count), and they are not idle."""
+    """At least 83 % of the 95 % intervals contain the true radius (two sigma of the count); they are not too wide."""
     held = [m.radius_ci95_mm[0] <= truth <= m.radius_ci95_mm[1] for m, truth in sweep()]
     assert np.mean(held) > 0.83
     assert np.median([np.diff(m.radius_ci95_mm)[0] for m, _ in sweep()]) < 0.05
@@ -93,7 +93,7 @@ def test_window_leaves_out_what_it_declares():
 
 
 def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
-    """Twelve millimetres of closing are told by the interval when the window holds them, and harmless when not."""
+    """The interval shows twelve millimetres of closing hinges in the window; outside the window they are harmless."""
     image = bench().picture(Needle(ramp_mm=12.0), Gel(), 1)
     inside, outside = (
         measure_curvature(image, LENS.plane_map(), replace(SETTINGS, window_start_mm=start))
@@ -117,7 +117,7 @@ def test_short_needles_are_found_and_their_radius_is_not_stated(length_mm):
 
 
 def test_gentle_arc_is_refused_for_its_standard_deviation():
-    """A needle that hardly bends has a radius that is not worth stating, and the reason names the limit."""
+    """The radius of an almost straight needle is refused, and the reason names the limit."""
     m = measured(Needle(radius_mm=900.0))
     assert m.found
     assert not m.accepted
@@ -126,7 +126,7 @@ def test_gentle_arc_is_refused_for_its_standard_deviation():
 
 
 def test_needle_on_two_arcs_is_refused():
-    """A path that follows no one circle is refused, though part of it fits one well."""
+    """A path that follows no single circle is refused, even if a part of it fits a circle well."""
     image = bench().picture(Needle(ramp_mm=80.0, radius_mm=12.0), Gel(), 5)
     wanted = replace(SETTINGS, max_radius_sigma_mm=50.0)
     m = measure_curvature(image, LENS.plane_map(), wanted)
@@ -138,7 +138,7 @@ def test_needle_on_two_arcs_is_refused():
 
 
 def test_needle_without_a_sheath_enters_at_the_border():
-    """Where no sheath is stated the arc length counts from the border and the sheath's tip is unknown."""
+    """Without a stated sheath the arc length counts from the border, and the sheath's tip is unknown."""
     m = measured(
         Needle(sheath_diameter_mm=1.2),
         wanted=replace(SETTINGS, sheath_diameter_mm=None, window_start_mm=24.0),
@@ -189,7 +189,7 @@ def test_json_has_the_documented_keys_and_only_numbers_that_json_knows():
 
 
 def test_picture_of_another_size_than_calibrated_is_wrong_input():
-    """A calibration for another size is an error of the caller's, not a refusal."""
+    """A calibration for another size is an error of the caller, not a refusal."""
     with pytest.raises(InputError, match="1280"):
         measure_curvature(np.zeros((480, 640), np.uint8), LENS.plane_map(), SETTINGS)
 
@@ -223,7 +223,7 @@ def test_same_picture_gives_the_same_numbers():
     sheath_mm=st.sampled_from([None, 2.0]),
 )
 def test_no_picture_raises(blocks, enlarge, insertion, sheath_mm):
-    """Whatever a picture shows is answered by a measurement with a reason, or a radius."""
+    """Any picture yields a measurement with a reason or a radius."""
     image = cv2.resize(blocks, None, fx=enlarge, fy=enlarge, interpolation=cv2.INTER_CUBIC)
     plane = PlaneMap.from_scale(8.0, (0.0, 0.0), insertion)
     m = measure_curvature(image, plane, replace(SETTINGS, sheath_diameter_mm=sheath_mm))

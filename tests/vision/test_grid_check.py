@@ -1,4 +1,4 @@
-"""Grid pictures before and after a run: what a camera that was bumped does to them."""
+"""Grid pictures before and after a run: the effect of a bumped camera."""
 
 import cv2
 import numpy as np
@@ -21,13 +21,13 @@ def before():
 
 
 def warped(picture, matrix):
-    """Return the picture as a camera sees it that was moved so."""
+    """Return the picture from a camera that was moved."""
     size = picture.shape[::-1]
     return cv2.warpPerspective(picture, np.array(matrix, float), size, borderMode=cv2.BORDER_REFLECT_101)
 
 
 def test_paper_seen_through_its_own_map_has_its_pitch(before):
-    """Scale one in every direction, crossings on an even grid."""
+    """The scale is 1 in every direction, and the crossings lie on an even grid."""
     _, _, check = before
     assert (check.scale, check.other_scale) == pytest.approx((1.0, 1.0), abs=2e-4)
     assert check.residual_mm < 0.02
@@ -35,7 +35,7 @@ def test_paper_seen_through_its_own_map_has_its_pitch(before):
 
 
 def test_paper_laid_anew_is_no_drift(before):
-    """Turned and shifted paper has the same scale and shape: where it lies says nothing."""
+    """Turned and shifted paper has the same scale and shape: its place does not count."""
     plane, _, check = before
     anew = check_grid(draw_paper(make_bench(turn_deg=4.0), seed=5), plane, 1.0)
     drift = compare_grids(check, anew)
@@ -45,7 +45,7 @@ def test_paper_laid_anew_is_no_drift(before):
 
 @pytest.mark.parametrize(("scale", "accepted"), [(1.003, True), (1.01, False)])
 def test_camera_that_came_closer_is_an_error_bar_or_refuses(before, scale, accepted):
-    """A drift of three in a thousand is stated as such; one of a hundredth is refused with value and limit."""
+    """A drift of 0.3 % is accepted and stated; a drift of 1 % is refused with value and limit."""
     plane, picture, check = before
     centre = np.array([400.0, 300.0]) * (1.0 - scale)
     moved = warped(picture, [[scale, 0, centre[0]], [0, scale, centre[1]], [0, 0, 1]])
@@ -56,7 +56,7 @@ def test_camera_that_came_closer_is_an_error_bar_or_refuses(before, scale, accep
 
 
 def test_camera_that_was_tilted_refuses(before):
-    """A tilt bends the grid out of its shape even where its mean scale stays."""
+    """A tilt distorts the grid even if its mean scale stays the same."""
     plane, picture, check = before
     tilted = warped(picture, [[1, 0, 0], [0, 1, 0], [4e-5, 0, 1.0 - 400 * 4e-5]])
     drift = compare_grids(check, check_grid(tilted, plane, 1.0))
@@ -65,7 +65,7 @@ def test_camera_that_was_tilted_refuses(before):
 
 
 def test_pictures_without_a_grid_are_refused(before):
-    """No paper, and a picture of another size, are told as what they are."""
+    """Missing paper and a picture of another size are refused, each with its reason."""
     plane, picture, _ = before
     with pytest.raises(CalibrationRefusedError, match="no grid"):
         check_grid(np.full_like(picture, 128), plane, 1.0)

@@ -44,7 +44,7 @@ def lens(distortion=tuple(DISTORTION)):
 
 
 def seen(tilt_deg, turn_deg, shift=(0.0, 0.0), distance=120.0, noise=0.1, seed=0, zoom=1.0):
-    """Return the board's corners in the picture when it is held so."""
+    """Return the pixels of the board's corners in this pose."""
     first = cv2.Rodrigues(np.deg2rad(np.array([tilt_deg, turn_deg, 5.0])))[0]
     centre = np.append(BOARD.mean(axis=0), 0.0)
     corners = (np.column_stack((BOARD, np.zeros(len(BOARD)))) - centre) @ first.T + (*shift, distance)
@@ -85,7 +85,7 @@ def test_distortion_is_opencv_s():
 
 
 def test_refuses_pixels_beyond_the_fold():
-    """Where strong distortion folds the picture over, no ideal pixel is made up."""
+    """Where strong distortion folds the picture over, no ideal pixel is invented."""
     with pytest.raises(MeasurementRefusedError, match="no inverse at pixel"):
         lens((-1.5, 0.0, 0.0, 0.0, 0.0)).undistort_px([(640.0, 360.0), (3.0, 3.0)])
 
@@ -115,14 +115,14 @@ def test_finds_the_camera_that_took_the_views():
 
 
 def test_claimed_spread_is_the_observed_one():
-    """The stated standard deviation of the focal length is what repeated calibrations show."""
+    """The stated standard deviation of the focal length matches repeated calibrations."""
     found = [calibrated(good_views(noise=0.3, seed=seed)) for seed in range(40)]
-    observed = np.std([one.fx for one in found])
-    assert observed == pytest.approx(np.mean([one.sigma["fx"] for one in found]), rel=0.35)
+    observed = np.std([lens.fx for lens in found])
+    assert observed == pytest.approx(np.mean([lens.sigma["fx"] for lens in found]), rel=0.35)
 
 
 def test_to_json_holds_the_keys_that_others_rely_on():
-    """The document has every key of the interface, and views with their four."""
+    """The document has every key of the interface, and each view its four keys."""
     document = calibrated(good_views(), [f"view{n}.png" for n in range(8)]).to_json()
     assert {
         "accepted",
@@ -143,7 +143,7 @@ def test_to_json_holds_the_keys_that_others_rely_on():
 
 
 def test_refuses_nearly_identical_views():
-    """Five photographs of nearly one pose are refused though their corners fit to 0.2 px."""
+    """Five photographs of nearly the same pose are refused although their corners fit to 0.2 px."""
     views = [seen(3.0 + 0.3 * n, 2.0, (0.2 * n, 0.0), noise=0.1, seed=n) for n in range(5)]
     found = calibrated(views)
     assert found.rms_px < 0.2
@@ -153,7 +153,7 @@ def test_refuses_nearly_identical_views():
 
 
 def test_refuses_views_that_are_all_parallel():
-    """A board that is moved but never tilted tells nothing of the focal length."""
+    """A board that is moved but never tilted does not determine the focal length."""
     views = [
         seen(0, 0, shift, distance, seed=n)
         for n, (shift, distance) in enumerate(
@@ -172,7 +172,7 @@ def test_refuses_views_that_are_all_parallel():
 
 
 def test_refuses_a_board_in_the_middle_only():
-    """Distortion near the edges is not known from a board in the middle of the picture."""
+    """A board in the middle of the picture does not determine the distortion near the edges."""
     views = [
         seen(tilt, turn, distance=300.0, seed=n)
         for n, (tilt, turn) in enumerate([(0, 0), (40, 0), (-40, 0), (0, 40), (0, -40), (30, 30)])
@@ -184,7 +184,7 @@ def test_refuses_a_board_in_the_middle_only():
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_refuses_fewer_than_three_views(count):
-    """One or two views give numbers, which are not accepted, and a hold-out that is unknown."""
+    """One or two views give numbers that are not accepted, and no hold-out error."""
     found = calibrated(good_views()[1 : 1 + count])
     assert not found.accepted
     assert found.holdout_rms_px is None
@@ -200,7 +200,7 @@ def test_refuses_noisy_corners():
 
 
 def test_leaves_out_a_gross_view():
-    """A view whose corners were mistaken is left out, named with its error, and the rest stands."""
+    """A view with wrong corners is left out and listed with its error; the rest is used."""
     views = good_views()
     views[4] = views[4] + np.random.default_rng(9).normal(0.0, 15.0, views[4].shape)
     found = calibrated(views, [f"{n}.png" for n in range(8)])
@@ -220,7 +220,7 @@ def test_views_may_show_different_corners():
 
 
 @pytest.mark.parametrize(
-    ("boards", "pixels", "said"),
+    ("boards", "pixels", "message"),
     [
         ([], [], "no views"),
         ([BOARD], [], "do not match"),
@@ -232,9 +232,9 @@ def test_views_may_show_different_corners():
         ([BOARD], [BOARD + np.array([1250.0, 0.0])], "outside the picture of 1280 x 720"),
     ],
 )
-def test_refuses_lists_that_do_not_make_views(boards, pixels, said):
+def test_refuses_lists_that_do_not_make_views(boards, pixels, message):
     """Empty, unequal, misshapen, non-finite, collinear and outlying corners are wrong input."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         calibrate_intrinsics(boards, pixels, SIZE)
 
 
@@ -242,7 +242,7 @@ def test_refuses_lists_that_do_not_make_views(boards, pixels, said):
     ("columns", "rows", "square"), [(2, 6, 25.0), (9, 0, 25.0), (9, 6, 0.0), (9, 6, float("nan"))]
 )
 def test_refuses_boards_that_cannot_be(columns, rows, square):
-    """A board has three by three inner corners at least, and squares of some size."""
+    """A board has at least three by three inner corners, and squares of a positive size."""
     with pytest.raises(InputError, match="board"):
         board_points_mm(columns, rows, square)
 
@@ -271,7 +271,7 @@ def test_finds_corners_where_they_were_drawn(turn_deg):
 
 
 def test_says_that_there_is_no_board():
-    """A picture without the board is refused with what to do."""
+    """A picture without the board is refused with a hint."""
     with pytest.raises(MeasurementRefusedError, match="9 x 6 inner corners") as caught:
         find_board(drawn_board()[0], 9, 6)
     assert "margin" in caught.value.hint
@@ -287,7 +287,7 @@ def test_pictures_of_another_size_are_left_out():
 
 
 def test_views_of_another_camera_are_left_out():
-    """Among eight views of one camera one of another, of the same size, is contradicted by the others and named."""
+    """Among eight views, a view of another camera with the same picture size is found and named."""
     views = good_views()
     other = MATRIX * [[0.8, 1, 1], [1, 0.8, 1], [1, 1, 1]]
     tilt = cv2.Rodrigues(np.deg2rad(np.array([25.0, 20.0, 5.0])))[0]
@@ -313,7 +313,7 @@ def test_refuses_views_of_two_cameras(zoom, others):
 
 
 def test_refuses_pictures_without_any_board():
-    """When the board is in none of the pictures there is no calibration to speak of."""
+    """If no picture shows the board, the calibration is refused."""
     blank = np.full((480, 640), 128, dtype=np.uint8)
     with pytest.raises(CalibrationRefusedError, match="any of 2 pictures"):
         calibrate_from_pictures([("a.png", blank), ("b.png", blank)], 9, 6, 25.0)
@@ -329,7 +329,7 @@ def photographs():
 
 
 def test_calibrates_from_real_photographs():
-    """OpenCV's thirteen photographs give the focal length that careful work gives, and are accepted."""
+    """OpenCV's thirteen photographs give the published focal length and are accepted."""
     found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
     assert found.fx == pytest.approx(532.83, abs=2 * 0.44)
     assert found.fy == pytest.approx(532.95, abs=2 * 0.46)
@@ -348,7 +348,7 @@ def test_forced_window_is_found_out_by_the_views_it_spoils():
 
 
 def test_uncertainty_over_the_picture_is_about_what_mrcal_says():
-    """0.026 px in the middle, 0.14 at (100, 100), some pixels in the very corner; the map has its shape."""
+    """The uncertainty is about 0.026 px in the middle, 0.14 at (100, 100), and some pixels in the corner."""
     found = calibrate_from_pictures(photographs(), 9, 6, 25.0)
     corners = np.vstack([view.corners_px for view in found.views])
     sigma = projection_sigma_px(found, [(320.0, 240.0), (100.0, 100.0), (5.0, 5.0)], corners)
@@ -359,7 +359,7 @@ def test_uncertainty_over_the_picture_is_about_what_mrcal_says():
 
 
 def test_lists_photographs_without_the_board():
-    """A photograph in which no board is found stands in the list, unused, with the reason, in its place."""
+    """A photograph without a board keeps its place in the list, unused, with the reason."""
     pictures = photographs()
     pictures.insert(2, ("blank.png", np.full_like(pictures[0][1], 90)))
     found = calibrate_from_pictures(pictures, 9, 6, 25.0)
@@ -419,7 +419,7 @@ def test_charuco_corners_are_found_where_they_were_drawn(cut):
 
 
 def test_cut_chessboard_is_found_where_asked_for():
-    """Of a board that the frame cuts the seen part serves, as a grid of its own; unasked it is refused."""
+    """With `partial`, the visible part of a cut board is a grid of its own; otherwise the picture is refused."""
     whole = drawn_board()[0]
     cut = whole[:, 175:]
     with pytest.raises(MeasurementRefusedError, match="no board"):
@@ -431,7 +431,7 @@ def test_cut_chessboard_is_found_where_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("search", "said"),
+    ("search", "message"),
     [
         (lambda: BoardSearch(window_px=0), "corner window is 0"),
         (
@@ -444,21 +444,21 @@ def test_cut_chessboard_is_found_where_asked_for():
         ),
     ],
 )
-def test_refuses_impossible_searches(search, said):
-    """Windows, dictionaries and markers that cannot be are wrong input, named."""
-    with pytest.raises(InputError, match=said):
+def test_refuses_impossible_searches(search, message):
+    """Impossible windows, dictionaries and markers are wrong input and are named."""
+    with pytest.raises(InputError, match=message):
         search()
 
 
 def test_refusals_say_what_to_photograph_next():
-    """Which corner of the picture, which way to tilt, and how close."""
+    """The reasons name the corner of the picture, the direction of the tilt, and the distance."""
     middle = calibrated(
         [seen(tilt, 0.0, (8.0, 6.0), distance=300.0, seed=tilt) for tilt in (0, 4, 8, 12, 15)]
     )
-    said = " ".join(middle.reasons)
-    assert "left edge towards the camera" in said
-    assert "first the upper left one" in said
-    assert "closer" in said
+    message = " ".join(middle.reasons)
+    assert "left edge towards the camera" in message
+    assert "first the upper left one" in message
+    assert "closer" in message
 
 
 CUT_BOARDS = PHOTOGRAPHS.parent / "real_insertions" / "checkerboard"
@@ -466,7 +466,7 @@ CUT_BOARDS = PHOTOGRAPHS.parent / "real_insertions" / "checkerboard"
 
 @pytest.mark.parametrize("number", [1, 3, 6])
 def test_what_borders_on_a_cut_board_is_no_corner(number):
-    """Corners of real boards cut by the frame lie in one grid, also where OpenCV takes the board's edge for a row."""
+    """Corners of real boards cut by the frame lie on one grid, even if OpenCV takes the board's edge for a row."""
     if not CUT_BOARDS.is_dir():
         pytest.skip(f"the photographs are not at {CUT_BOARDS}")
     found = find_board(read_picture(CUT_BOARDS / f"imagem{number}.0.jpg"), 9, 6, BoardSearch(partial=True))
@@ -488,7 +488,7 @@ def test_corners_of_a_cut_board_are_numbered_as_they_lie(quarter_turns):
 
 
 def test_standard_deviations_are_numbers_or_unknown():
-    """With hardly more corners than unknowns they are never NaN, as OpenCV's own may be."""
+    """With hardly more corners than unknowns no standard deviation is NaN, as OpenCV's may be."""
     corners = [0, 8, 22, 31, 45, 53]
     with pytest.raises(CalibrationRefusedError, match="6 corners are too few for a camera, 8 are the least"):
         calibrate_intrinsics([BOARD[corners]], [good_views()[1][corners]], SIZE)

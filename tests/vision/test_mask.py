@@ -1,4 +1,4 @@
-"""Masks: pixels that a person says are not the needle, as a picture or as polygons."""
+"""Masks: pixels that a person marks as not the needle, by a picture or by polygons."""
 
 import json
 
@@ -32,7 +32,7 @@ def written(path, document):
 
 @pytest.mark.parametrize("names", [["*"], ["a.png"], ["other.png"]])
 def test_polygons_take_a_second_needle_away(two_needles, tmp_path, names):
-    """Two needles are refused; with one masked the other is measured, in the pictures that the polygon is for."""
+    """Two needles are refused. With the second masked, the first is measured, in the pictures of the polygon."""
     picture, polygon = two_needles
     mask = load_mask(written(tmp_path / "mask.json", {name: [polygon] for name in names}))
     assert "Two shafts" in measure_curvature(picture, LENS.plane_map(), SETTINGS).reason
@@ -43,7 +43,7 @@ def test_polygons_take_a_second_needle_away(two_needles, tmp_path, names):
 
 
 def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
-    """A mask picture says the same as the polygon, in every picture of its size and in no other."""
+    """A mask picture has the same effect as the polygon, in every picture of its size and in no other."""
     picture, polygon = two_needles
     drawn = cv2.fillPoly(np.zeros(picture.shape, np.uint8), [np.array(polygon, np.int32)], 255)
     cv2.imwrite(str(tmp_path / "mask.png"), drawn)
@@ -57,7 +57,7 @@ def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
 
 
 def test_masked_stretch_of_the_needle_does_not_count():
-    """Where a mask touches the needle its edges are not used, and the radius stands all the same."""
+    """Edges under a mask are not used, and the radius stays the same."""
     picture = Bench(LENS).picture(Needle(), Gel(tracks_mm=()), 4)
     masked = np.zeros(picture.shape, bool)
     masked[:, 560:580] = True
@@ -69,16 +69,16 @@ def test_masked_stretch_of_the_needle_does_not_count():
 
 
 @pytest.mark.parametrize(
-    ("document", "said"),
+    ("document", "message"),
     [
         ({"*": [[[0, 0], [1, 1]]]}, "2 corners"),
         ([1, 2], "no polygons"),
         ({"*": [[[0, 0], [1, 1], ["x", 2]]]}, "no poly"),
     ],
 )
-def test_refuses_what_are_no_polygons(tmp_path, document, said):
-    """Files of another form are named with an example of the right one."""
-    with pytest.raises(FileFormatError, match=said) as caught:
+def test_refuses_what_are_no_polygons(tmp_path, document, message):
+    """Malformed files are refused with an example of the right form."""
+    with pytest.raises(FileFormatError, match=message) as caught:
         load_mask(written(tmp_path / "mask.json", document))
     assert '"*"' in caught.value.hint
 

@@ -1,4 +1,4 @@
-"""Pictures from files: what is read as it is, and what is refused."""
+"""Pictures from files: what is read unchanged, and what is refused."""
 
 import struct
 import zlib
@@ -24,7 +24,7 @@ def colour():
 
 
 def saved(path, image):
-    """Return the path of a picture that has been written there."""
+    """Write a picture and return its path."""
     assert cv2.imwrite(str(path), image)
     return path
 
@@ -39,7 +39,7 @@ def test_reads_pixels_as_they_were_saved(name, tmp_path, request):
 
 
 def test_drops_the_alpha_channel(colour, tmp_path):
-    """Transparency is no light, so only the colours are kept."""
+    """Transparency is not light, so only the colours are kept."""
     with_alpha = np.dstack((colour, np.full(colour.shape[:2], 7, dtype=np.uint8)))
     assert (read_picture(saved(tmp_path / "alpha.png", with_alpha)) == colour).all()
 
@@ -52,7 +52,7 @@ def exif(orientation, order=">"):
 
 
 def marked(path, image, orientation, order=">"):
-    """Return the path of a JPEG or PNG that says how it is to be shown."""
+    """Return the path of a JPEG or PNG with an EXIF orientation."""
     plain = saved(path, image).read_bytes()
     tags = exif(orientation, order)
     if path.suffix == ".jpg":
@@ -80,7 +80,7 @@ def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, grey, tmp_p
 
 
 def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
-    """A directory of tags that leads out of the file says nothing, and the picture is read."""
+    """A directory of tags that points outside the file is ignored, and the picture is read."""
     path = saved(tmp_path / "picture.jpg", grey)
     plain = path.read_bytes()
     body = b"Exif\x00\x00MM\x00*" + struct.pack(">I", 2**31)
@@ -91,7 +91,7 @@ def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
-    """A picture without its end is refused, where decoders would fill up with grey."""
+    """A truncated picture is refused, although decoders would fill it with grey."""
     whole = saved(tmp_path / f"whole.{suffix}", colour).read_bytes()
     torn = tmp_path / f"torn.{suffix}"
     torn.write_bytes(whole[: int(share * len(whole))])
@@ -100,7 +100,7 @@ def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
 
 
 def test_refuses_a_torn_picture_behind_a_whole_thumbnail(colour, tmp_path):
-    """A thumbnail's end marker does not pass for the picture's own."""
+    """A thumbnail's end marker is not taken for the picture's own."""
     whole = saved(tmp_path / "whole.jpg", colour).read_bytes()
     thumbnail = b"Exif\x00\x00" + whole
     header = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
@@ -129,28 +129,28 @@ def test_refuses_sixteen_bits(grey, tmp_path):
 
 
 def test_refuses_what_is_no_picture(tmp_path):
-    """Missing files, folders, empty files and text each say what they are."""
+    """Missing files, folders, empty files and text are refused, each with its reason."""
     (tmp_path / "notes.jpg").write_text("not a picture")
     (tmp_path / "empty.png").touch()
-    for name, said in [
+    for name, message in [
         ("gone.png", "does not exist"),
         (".", "folder"),
         ("empty.png", "empty"),
         ("notes.jpg", "not a p"),
     ]:
-        with pytest.raises(PictureError, match=said) as caught:
+        with pytest.raises(PictureError, match=message) as caught:
             read_picture(tmp_path / name)
         assert caught.value.hint
 
 
 def test_makes_colour_grey_and_leaves_grey(grey, colour):
-    """Colour is weighed into grey; what is grey stays the same array."""
+    """Colour is weighted to grey; a grey picture stays the same array."""
     assert as_grey(grey) is grey
     assert as_grey(colour).shape == colour.shape[:2]
 
 
 def test_names_both_sizes(grey):
-    """A picture of another size is wrong input, named with what it has and what it should have."""
+    """A picture of another size is wrong input; the message names both sizes."""
     require_size(grey, (40, 30), "the plane map")
     with pytest.raises(InputError, match=r"40 x 30 pixels, the plane map is for 1280 x 720"):
         require_size(grey, (1280, 720), "the plane map")

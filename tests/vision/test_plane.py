@@ -83,7 +83,7 @@ def test_scale_goes_there_and_back(scale, u, v, insertion):
 
 
 @pytest.mark.parametrize(
-    ("scale", "origin", "insertion", "said"),
+    ("scale", "origin", "insertion", "message"),
     [
         (0.0, (0, 0), "right", "scale"),
         (-1.0, (0, 0), "right", "scale"),
@@ -92,9 +92,9 @@ def test_scale_goes_there_and_back(scale, u, v, insertion):
         (5.0, (0, 0), "sideways", "sideways"),
     ],
 )
-def test_refuses_impossible_scales(scale, origin, insertion, said):
-    """A scale, origin or direction that cannot be is wrong input."""
-    with pytest.raises(InputError, match=said):
+def test_refuses_impossible_scales(scale, origin, insertion, message):
+    """An impossible scale, origin or direction is wrong input."""
+    with pytest.raises(InputError, match=message):
         PlaneMap.from_scale(scale, origin, insertion)
 
 
@@ -183,7 +183,7 @@ def test_lines_of_every_pitch_give_the_plane(pitch_mm, slanted, slanted_paper):
 
 
 def test_lines_are_numbered_across_a_fold(slanted):
-    """All but a hundredth have the number of their lines on either side; the fold is refused, with a bend to show."""
+    """All but 1 % of the crossings on either side have the right numbers; the fold is refused, with a bend."""
     picture = traced_over(draw_paper(slanted, lines=LINES[:1], uneven=1.0, fold_deg=5.0))
     found = find_crossings(picture)
     true = slanted.folded_mm(found.pixels, 5.0)
@@ -236,7 +236,7 @@ def test_colour_and_pitch_are_taken_as_they_are(bench, paper):
 
 
 def test_without_intrinsics_one_radial_term_is_fitted(bench, paper):
-    """What a lens does beyond it shows in the residuals; the map is right to a few hundredths, there and back."""
+    """Distortion beyond the radial term shows in the residuals; the map is right to 0.1 mm and has an exact inverse."""
     plane = calibrate_plane(paper, None, 1.0, ORIGIN, "right")
     px = field(bench)
     assert plane.radial is not None
@@ -254,7 +254,7 @@ def test_without_intrinsics_a_plain_lens_is_enough():
 
 
 def test_refuses_paper_that_is_not_flat(bench):
-    """Wavy paper is refused with how far it is off, and where."""
+    """Wavy paper is refused; the reason names how far it is off, and where."""
     plane = calibrate_plane(draw_paper(bench, bulge_mm=0.12), bench.intrinsics, 1.0, ORIGIN, "right")
     assert not plane.accepted
     assert any("off a plane" in reason and "flat" in reason for reason in plane.reasons)
@@ -269,7 +269,7 @@ def test_refuses_paper_laid_askew():
 
 
 def test_refuses_a_scrap_of_paper(bench, paper):
-    """A small piece of paper says little about the rest of the picture."""
+    """A small piece of paper is refused: it does not determine the rest of the picture."""
     scrap = np.full_like(paper, 200)
     scrap[250:400, 350:530] = paper[250:400, 350:530]
     plane = calibrate_plane(scrap, bench.intrinsics, 1.0, ORIGIN, "right")
@@ -279,7 +279,7 @@ def test_refuses_a_scrap_of_paper(bench, paper):
 
 
 def test_goes_around_what_lies_on_the_paper(bench, paper):
-    """A tool on the paper hides its crossings and moves the map by nothing."""
+    """A tool on the paper hides its crossings and does not move the map."""
     covered = paper.copy()
     covered[150:320, 300:420] = 40
     plane = calibrate_plane(covered, bench.intrinsics, 1.0, ORIGIN, "right")
@@ -289,7 +289,7 @@ def test_goes_around_what_lies_on_the_paper(bench, paper):
 
 
 def test_refuses_lines_between_which_there_are_fainter_ones():
-    """Where the finer lines can be neither told apart nor counted, five millimetres are not taken for one."""
+    """If the fine lines can be neither resolved nor counted, the picture is refused: 5 mm are not taken for 1 mm."""
     bench = make_bench(px_per_mm=4.0)
     with pytest.raises(CalibrationRefusedError, match="fainter") as caught:
         calibrate_plane(draw_paper(bench), bench.intrinsics, 1.0, ORIGIN, "right")
@@ -298,7 +298,7 @@ def test_refuses_lines_between_which_there_are_fainter_ones():
 
 @pytest.mark.parametrize("kind", ["blank", "noise", "stripes", "board", "one pixel"])
 def test_refuses_pictures_without_ruled_paper(kind):
-    """Blank, noisy, striped and checkered pictures hold no grid of lines."""
+    """Blank, noisy, striped and checkered pictures show no grid of lines."""
     generator = np.random.default_rng(0)
     rows, columns = np.mgrid[0:480, 0:640]
     picture = {
@@ -313,7 +313,7 @@ def test_refuses_pictures_without_ruled_paper(kind):
 
 
 @pytest.mark.parametrize(
-    ("pitch", "origin", "insertion", "said"),
+    ("pitch", "origin", "insertion", "message"),
     [
         (0.0, ORIGIN, "right", "pitch"),
         (float("nan"), ORIGIN, "right", "pitch"),
@@ -322,9 +322,9 @@ def test_refuses_pictures_without_ruled_paper(kind):
         (1.0, ORIGIN, "forwards", "forwards"),
     ],
 )
-def test_refuses_impossible_frames(pitch, origin, insertion, said, bench, paper):
-    """A pitch, origin or direction that cannot be is wrong input, before any search."""
-    with pytest.raises(InputError, match=said):
+def test_refuses_impossible_frames(pitch, origin, insertion, message, bench, paper):
+    """An impossible pitch, origin or direction is wrong input, before any search."""
+    with pytest.raises(InputError, match=message):
         calibrate_plane(paper, bench.intrinsics, pitch, origin, insertion)
 
 
@@ -417,21 +417,21 @@ def test_refraction_moves_the_radius_by_what_was_measured(bench, paper, paper_at
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("made", "message"),
     [
         (lambda: Gel(0.9, 5.0), "index is 0.9"),
         (lambda: Gel(1.35, -1.0), "depth is -1.0"),
         (lambda: Gel(1.35, 5.0, "nowhere"), "cannot lie at 'nowhere'"),
     ],
 )
-def test_refuses_impossible_gels(made, said):
+def test_refuses_impossible_gels(made, message):
     """Index, depth and place are named with their limits."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         made()
 
 
 def test_refuses_a_gel_that_reaches_the_camera(bench, paper):
-    """A depth in another unit is found out: the camera's height over the paper is known."""
+    """A depth in another unit is refused, because the camera's height above the paper is known."""
     with pytest.raises(
         CalibrationRefusedError, match=r"depth is 1200 mm, and the camera is only 5\d mm above the paper"
     ):
@@ -439,13 +439,13 @@ def test_refuses_a_gel_that_reaches_the_camera(bench, paper):
 
 
 def test_refraction_takes_a_calibrated_camera(paper):
-    """Without intrinsics nobody knows where the camera stands."""
+    """Without intrinsics the place of the camera is unknown, so a gel is refused."""
     with pytest.raises(InputError, match="needs the camera's intrinsics"):
         calibrate_plane(paper, None, 1.0, ORIGIN, "right", gel=Gel(1.35, 5.0))
 
 
 def test_stated_uncertainty_is_the_observed_one():
-    """Over sheets whose crossings are off together by blocks, a length varies as the fit says."""
+    """Over sheets whose crossings are off together in blocks, a length varies as the fit states."""
     random = np.random.default_rng(1)
     cells = np.array([(row, column) for row in range(30) for column in range(40)])
     blocks = cells[:, 0] // 5 * 8 + cells[:, 1] // 5
@@ -456,7 +456,9 @@ def test_stated_uncertainty_is_the_observed_one():
         fit = fit_plane(20.0 * cells + off, cells.astype(float), 0.25, with_radial=False)
         lengths.append(length(fit.homography, ends))
         stated.append(
-            np.linalg.norm([length(one, ends) - lengths[-1] for one in fit.vary_homography(blocks)])
+            np.linalg.norm(
+                [length(homography, ends) - lengths[-1] for homography in fit.vary_homography(blocks)]
+            )
         )
     assert 0.7 < np.std(lengths, ddof=1) / np.mean(stated) < 1.4
 

@@ -45,7 +45,7 @@ def measured(diameter_mm):
 
 @pytest.mark.parametrize("diameter_mm", [0.9, 1.2, 1.5])
 def test_tips_lie_within_a_millimetre_and_a_half_of_the_marks(diameter_mm):
-    """In at least 38 of the 40 frames, also where the stated diameter is a quarter too large or too small."""
+    """This holds in at least 38 of the 40 frames, even if the stated diameter is a quarter too large or too small."""
     errors_mm = [
         np.hypot(*(np.array(m.tip_px) - mark)) / PX_PER_MM if m.found else np.inf
         for m, mark in measured(diameter_mm)
@@ -77,7 +77,7 @@ def test_needle_grows_by_the_step_between_frames():
 
 
 def test_ruled_lines_behind_the_gel_have_the_scale_that_the_eye_sees():
-    """Faint lines, a container's edge, old tracks: in a frame of each folder px/mm is within 0.5 % of the marked lines.
+    """Despite faint lines, a container's edge and old tracks, px/mm is within 0.5 % of the marked lines in each folder.
 
     `marks/real_insertion_lines.csv` holds the ten-millimetre lines down two frames of each folder, read off strips
     enlarged four times.

@@ -1,4 +1,4 @@
-"""Numbers in refusals."""
+"""Rounding of numbers in messages."""
 
 from hypothesis import given
 from hypothesis import strategies as st

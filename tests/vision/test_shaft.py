@@ -1,4 +1,4 @@
-"""The shaft: where it begins, where it ends, how wide it is, and pictures that show none."""
+"""The shaft: its ends, its width, and pictures without a shaft."""
 
 from functools import cache
 
@@ -42,7 +42,7 @@ def test_short_needles_are_found(length_mm):
 
 
 def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
-    """No row of the centre line is off by a twentieth of a millimetre, and the width is the needle's."""
+    """No row of the centre line is off by 0.05 mm, and the width is the needle's."""
     needle = Needle()
     shaft = located(needle)
     path = needle.centre_line(0.02)[1]
@@ -121,14 +121,14 @@ def test_slanting_sheath_is_one_shaft(heading_rad, seed):
 
 @pytest.mark.parametrize(("level", "looks"), [(0, "black"), (128, "even grey"), (255, "white")])
 def test_even_pictures_are_refused(level, looks):
-    """Black, grey and saturated pictures hold no shaft; what to look at is said."""
+    """Black, grey and saturated pictures show no shaft; the hint says what to check."""
     with pytest.raises(MeasurementRefusedError, match=f"the picture is {looks}"):
         locate_shaft(np.full((720, 1280), level, np.uint8), LENS.plane_map(), 1.2, 2.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 400), (30, 30, 3)])
 def test_pictures_too_small_for_a_needle_are_refused(shape):
-    """A few pixels are no picture of a needle."""
+    """A picture of a few pixels is refused."""
     plane = PlaneMap.from_scale(15.0, (0.0, 0.0), "right")
     with pytest.raises(MeasurementRefusedError):
         locate_shaft(np.zeros(shape, np.uint8), plane, 1.2, None)

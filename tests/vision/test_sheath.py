@@ -40,15 +40,15 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
 
 
 def test_a_bubble_at_the_end_moves_nothing() -> None:
-    """A dark bubble of 0.8 mm before two thirds of the end moves the tip by less than a tenth of a millimetre."""
+    """A dark bubble of 0.8 mm in front of two thirds of the end moves the tip by less than 0.1 mm."""
     image = BENCH.picture(sheath(), Gel(bubbles=0), 1)
     u, v = PLANE.to_px(np.array([[0.55, 0.5]]))[0]
     cv2.circle(image, (round(u), round(v)), round(0.8 / PLANE.mm_per_px), 60, -1, cv2.LINE_AA)
     assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.1)
 
 
-def test_heading_is_told_also_once_the_needle_is_out() -> None:
-    """The sheath behind the step of width still shows its direction; without a sheath there is none."""
+def test_heading_is_measured_after_the_needle_is_out() -> None:
+    """The sheath behind the step of width still shows its heading; without a sheath there is no heading."""
     image = BENCH.picture(Needle(heading_rad=0.03), Gel(), 2)
     measured = measure_curvature(image, PLANE, CurvatureSettings())
     assert measured.sheath_heading_rad == pytest.approx(0.03, abs=0.005)
@@ -59,7 +59,7 @@ def test_heading_is_told_also_once_the_needle_is_out() -> None:
 
 
 def test_a_picture_without_a_sheath_is_refused() -> None:
-    """Nothing enters from the border, or the picture is of another camera."""
+    """A picture without a shaft, or of another camera, is refused."""
     with pytest.raises(MeasurementRefusedError):
         measure_sheath(BENCH.picture(None, Gel(bubbles=0, tracks_mm=()), 1), PLANE, 2.0)
     other = PlaneMap.from_scale(15.0, (320.0, 200.0), "right", (640, 480))
@@ -68,7 +68,7 @@ def test_a_picture_without_a_sheath_is_refused() -> None:
 
 
 def test_a_sheath_that_hardly_enters_the_picture_is_refused() -> None:
-    """Its heading could not be told from 2 mm."""
+    """A visible length of 2 mm does not determine the heading."""
     image = BENCH.picture(sheath((0.0, -18.5)), Gel(bubbles=0), 1)
     with pytest.raises(MeasurementRefusedError):
         measure_sheath(image, PLANE, 2.0)

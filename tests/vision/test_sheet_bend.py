@@ -1,4 +1,4 @@
-"""Sheets that are not flat: how high they stand over their plane, where, and how far that explains their crossings."""
+"""Sheets that are not flat: their height above the plane, its place, and how well it explains the crossings."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ EVERYWHERE = np.array([(u, v) for u in range(15, 800, 35) for v in range(15, 600
 
 
 def over_plane(places_mm, heights_mm):
-    """Return heights (N,) over the plane that is nearest to all of them."""
+    """Return heights (N,) above their best plane."""
     design = np.column_stack((places_mm, np.ones(len(places_mm))))
     return heights_mm - design @ np.linalg.lstsq(design, heights_mm, rcond=None)[0]
 
@@ -60,8 +60,8 @@ def test_height_of_a_rolled_sheet_is_found(radius_mm):
     assert "mm higher over its best plane" in plane.bend.sentence()
 
 
-def test_bend_is_told_and_changes_no_verdict():
-    """A sheet that is too far off a plane is refused as ever, and the map stays the plane's."""
+def test_bend_is_stated_and_changes_no_verdict():
+    """A sheet that is too far off a plane is still refused, and the map stays that of the plane."""
     bench = make_bench(distortion=LENS)
     plane = calibrate_plane(draw_paper(bench, roll_mm=400.0), bench.intrinsics, 1.0, ORIGIN, "right")
     assert not plane.accepted
@@ -71,7 +71,7 @@ def test_bend_is_told_and_changes_no_verdict():
 
 @pytest.mark.parametrize("known", [True, False])
 def test_flat_sheet_is_given_no_bend(known):
-    """Neither with the lens's calibration nor without: only noise is left, and noise is not explained."""
+    """A flat sheet has no bend, with or without intrinsics: only noise is left, and noise is not explained."""
     bench = make_bench(distortion=LENS)
     lens = bench.intrinsics if known else None
     plane = calibrate_plane(draw_paper(bench), lens, 1.0, ORIGIN, "right")
@@ -80,7 +80,7 @@ def test_flat_sheet_is_given_no_bend(known):
 
 
 def test_without_a_lens_no_height_is_stated():
-    """Foot, radial term and height stand for one another: what is told is how far lines move, and where."""
+    """Foot, radial term and height have the same effect: the bend states only how far lines move, and where."""
     bench = make_bench(distortion=LENS)
     bend = calibrate_plane(draw_paper(bench, roll_mm=150.0), None, 1.0, ORIGIN, "right").bend
     assert (bend.height_mm, bend.sigma_mm, bend.highest_px, bend.lowest_px) == (None, None, None, None)
@@ -91,9 +91,9 @@ def test_without_a_lens_no_height_is_stated():
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), known=st.booleans())
 def test_noise_is_never_taken_for_a_bend(seed, known):
-    """Whatever the noise: where a flat sheet's crossings are off by it alone, no order is better than none."""
+    """If the crossings of a flat sheet are off by noise alone, no order is better than none."""
     foot = (10.0, -20.0)
-    # The noise is said to be too small, so that the search is made.
+    # The noise is message to be too small, so that the search is made.
     assert bend_of(seen(np.zeros(len(CELLS)), foot, seed=seed), foot if known else None, 0.02)[0] is None
 
 
@@ -117,7 +117,7 @@ def test_height_is_right_within_what_is_stated(seed, foot, height_mm, twist):
 
 
 def test_bend_explains_a_sheet_seen_by_an_unknown_camera():
-    """Left-out crossings of a bent sheet are predicted within a tenth of their own noise, whoever took the picture."""
+    """Left-out crossings of a bent sheet are predicted within a tenth of their own noise, for any camera."""
     x, y = (CELLS / (12.0, 8.0)).T
     px = seen(5.0 * x**2 + 3.0 * x**2 * y, (80.0, -50.0))
     bend, fit = bend_of(px, None)

@@ -32,8 +32,8 @@ def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five
     for seed in range(16):
         shown = tip(float(random.uniform(-0.9, 0.9)), seed)
         near = (shown.px[0] + random.uniform(-15, 15), shown.px[1] + random.uniform(-15, 15))
-        told = shown.heading_rad + random.uniform(-1, 1) * math.radians(5.0)
-        fix = locate_tip(shown.picture, TEMPLATE, near_px=near, heading_rad=told, roll_rad=0.0)
+        predicted = shown.heading_rad + random.uniform(-1, 1) * math.radians(5.0)
+        fix = locate_tip(shown.picture, TEMPLATE, near_px=near, heading_rad=predicted, roll_rad=0.0)
         assert fix.accepted, fix.reason
         assert fix.heading_rad == pytest.approx(shown.heading_rad, abs=math.radians(1.0))
         errors.append(np.subtract(fix.tip_px, shown.px))
@@ -41,13 +41,13 @@ def test_a_tip_is_found_to_a_tenth_of_a_pixel_with_its_heading_known_within_five
 
 
 def test_the_whole_picture_is_searched_where_nothing_is_predicted() -> None:
-    """Without place, heading and roll the tip is found all the same."""
+    """The tip is found without a predicted place, heading or roll."""
     shown = tip(0.5, 3)
     assert _off_px(locate_tip(shown.picture, TEMPLATE).tip_px, shown.px) < 0.3
 
 
 def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
-    """A template taken at roll 0 serves at roll pi, also where the lamp leaves no glint there."""
+    """A template taken at roll 0 serves at roll pi, even if there is no glint there."""
     shown = tip(0.3, 4, over=True)
     fix = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.3, roll_rad=math.pi)
     assert _off_px(fix.tip_px, shown.px) < 1.0
@@ -55,17 +55,17 @@ def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
 
 @pytest.mark.parametrize("insertion", ["down", "left", "up"])
 def test_a_template_serves_whichever_way_the_insertion_points(insertion: str) -> None:
-    """Its heading is told from another direction of insertion, and its picture stays."""
+    """The heading is relative to another direction of insertion; the picture stays the same."""
     shown = tip(0.4, 5)
     turned = TEMPLATE.relative_to(insertion)
     angle = {"down": -0.5, "left": 1.0, "up": 0.5}[insertion] * math.pi
-    told = math.remainder(0.4 - angle, 2 * math.pi)
-    fix = locate_tip(shown.picture, turned, near_px=shown.px, heading_rad=told, roll_rad=0.0)
+    predicted = math.remainder(0.4 - angle, 2 * math.pi)
+    fix = locate_tip(shown.picture, turned, near_px=shown.px, heading_rad=predicted, roll_rad=0.0)
     assert _off_px(fix.tip_px, shown.px) < 0.2
 
 
 def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
-    """A blue-green-red picture is taken in grey."""
+    """A blue-green-red picture is converted to grey."""
     shown = tip(0.2, 6)
     colour = cv2.cvtColor(shown.picture, cv2.COLOR_GRAY2BGR)
     grey = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2)
@@ -93,7 +93,7 @@ def test_a_gel_without_a_needle_shows_no_tip() -> None:
 
 
 def test_a_masked_tip_is_not_found() -> None:
-    """Pixels that a mask leaves out belong to no tip, and no place beside them is one either."""
+    """Masked pixels belong to no tip, and no place beside them is accepted either."""
     shown = tip(0.2, 7)
     mask = np.zeros(shown.picture.shape, bool)
     u, v = (round(at) for at in shown.px)
@@ -102,7 +102,7 @@ def test_a_masked_tip_is_not_found() -> None:
 
 
 def test_two_tips_cannot_be_told_apart() -> None:
-    """Where two places score alike, neither is accepted."""
+    """If two places score alike, neither is accepted."""
     shown = tip(0.0, 8)
     twice = shown.picture.copy()
     u, v = (round(at) for at in shown.px)
@@ -113,7 +113,7 @@ def test_two_tips_cannot_be_told_apart() -> None:
 
 
 def test_a_tip_predicted_outside_of_the_picture_is_refused() -> None:
-    """The region is cut to the picture; where nothing is left there is no tip."""
+    """The region is cut to the picture; if nothing is left, there is no tip."""
     shown = tip(0.0, 9)
     assert not locate_tip(shown.picture, TEMPLATE, near_px=(5000.0, 200.0), heading_rad=0.0).accepted
 
@@ -135,18 +135,18 @@ def test_a_picture_that_cannot_hold_the_template_is_an_error(picture: np.ndarray
 
 
 @pytest.mark.parametrize(
-    "told",
+    "predicted",
     [{"near_px": (math.nan, 0.0)}, {"heading_rad": math.inf}, {"region_px": 0.0, "near_px": (1.0, 1.0)}],
 )
-def test_a_prediction_that_is_no_number_is_an_error(told: dict[str, float]) -> None:
+def test_a_prediction_that_is_not_finite_is_an_error(predicted: dict[str, float]) -> None:
     """NaN and infinity are refused before anything is searched."""
     with pytest.raises(InputError):
-        locate_tip(tip().picture, TEMPLATE, **told)
+        locate_tip(tip().picture, TEMPLATE, **predicted)
 
 
 @given(st.integers(0, 300), st.floats(10.0, 500.0))
 def test_the_region_grows_with_each_miss(misses: int, side_px: float) -> None:
-    """It starts as it is, never shrinks, and stays finite however often the tip is missed."""
+    """The region starts at its side, never shrinks, and stays finite for any number of misses."""
     assert next_region_px(side_px, 0) == side_px
     assert side_px <= next_region_px(side_px, misses) <= next_region_px(side_px, misses + 1) < math.inf
 
@@ -167,7 +167,7 @@ def test_a_template_comes_back_from_its_files_as_it_was(tmp_path: Path) -> None:
 
 
 def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
-    """A picture that was cut out, and a JSON with tip and heading in degrees, are enough."""
+    """A cropped picture and a JSON file with tip and heading in degrees are enough."""
     cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
     (tmp_path / "tip.json").write_text('{"tip_px": [20, 19.5], "heading_deg": 90}')
     assert load_template(tmp_path / "tip.png").heading_rad == pytest.approx(math.pi / 2)
@@ -190,7 +190,7 @@ def test_a_template_may_be_written_by_hand(tmp_path: Path) -> None:
     ],
 )
 def test_a_template_whose_json_says_something_else_is_refused(tmp_path: Path, document: str | None) -> None:
-    """Missing, malformed, incomplete and contradictory files are named."""
+    """Missing, malformed, incomplete and contradictory files are refused by name."""
     cv2.imwrite(str(tmp_path / "tip.png"), TEMPLATE.picture)
     if document is not None:
         (tmp_path / "tip.json").write_text(document)
@@ -200,7 +200,7 @@ def test_a_template_whose_json_says_something_else_is_refused(tmp_path: Path, do
 
 @pytest.mark.parametrize("picture", [np.full((41, 41), 90, np.uint8), np.zeros((4, 4), np.uint8)])
 def test_a_flat_or_tiny_template_is_refused(tmp_path: Path, picture: np.ndarray) -> None:
-    """Nothing correlates with it."""
+    """A flat template is refused: nothing correlates with it."""
     cv2.imwrite(str(tmp_path / "tip.png"), picture)
     (tmp_path / "tip.json").write_text(json.dumps({"tip_px": [1, 1], "heading_rad": 0}))
     with pytest.raises(PictureError, match=r"tip\.png"):

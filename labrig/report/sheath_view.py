@@ -71,11 +71,14 @@ def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathVi
     )
 
 
-def worth_showing(origins: Sequence[TrialOrigin], most: int) -> tuple[TrialOrigin, ...]:
-    """Return some origins in their order: refused ones first of all, then those furthest off, up to `most`."""
-    found = [one for one in origins if one.tip_mm is not None]
-    ranked = sorted(found, key=lambda one: (one.accepted, -(one.disagreement_mm or 0.0), one.trial))
-    return tuple(sorted(ranked[:most], key=lambda one: one.trial))
+def draw_sheath_views(
+    run: Run, origins: Sequence[TrialOrigin], plane: PlaneMap, most: int
+) -> list[SheathView]:
+    """Return up to `most` sheaths in their order: refused ones first of all, then those furthest off."""
+    found = [origin for origin in origins if origin.tip_mm is not None]
+    ranked = sorted(found, key=lambda it: (it.accepted, -(it.disagreement_mm or 0.0), it.trial))[:most]
+    views = (draw_sheath_view(run, origin, plane) for origin in sorted(ranked, key=lambda it: it.trial))
+    return [view for view in views if view is not None]
 
 
 def _piece(

@@ -157,7 +157,7 @@ def test_a_function_that_is_handed_on_from_another_module_is_found(
     (site / "lab_parts.py").write_text(
         "from labrig.experiments.roll_zero.analysis import analyze\n"
         "from labrig.experiments.roll_zero.page import *\n"
-        "if True:\n    from labrig.experiments.roll_zero.plan import plan as our_plan\n",
+        "if True:\n    from labrig.experiments.roll_zero.procedure import plan as our_plan\n",
         encoding="utf-8",
     )
     part = "analyze='lab_parts:analyze', page='lab_parts:make_page', plan='lab_parts:our_plan'"

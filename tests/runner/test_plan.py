@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.steerability.plan import trial_moves
+from labrig.experiments.steerability.procedure import trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.runner.plan import estimate

@@ -7,9 +7,9 @@ EXPERIMENT = ExperimentDeclaration(
     title="Camera calibration",
     protocol="labrig.experiments.camera_calibration.protocol:CameraCalibrationProtocol",
     result="labrig.experiments.camera_calibration.result:CalibrationResult",
-    plan="labrig.experiments.camera_calibration.plan:plan",
+    plan="labrig.experiments.camera_calibration.procedure:plan",
     procedure="labrig.experiments.camera_calibration.procedure:run",
     analyze="labrig.experiments.camera_calibration.analysis:analyze",
     page="labrig.experiments.camera_calibration.page:make_page",
-    summary="labrig.experiments.camera_calibration.summary:summarise",
+    summary="labrig.experiments.camera_calibration.result:summarise",
 )

@@ -1,9 +1,18 @@
 """The pictures of a camera calibration: a chessboard held in many poses (Zhang 1999), then graph paper in the plane."""
 
 from labrig.devices.operator import ClearBench, HoldBoard, LayGraphPaper
+from labrig.devices.rig_file import RigDescription
 from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
+from labrig.runner.experiment import RunPlan
+from labrig.runner.plan import find_rig_file_problems
 from labrig.runner.session import Session
+
+
+def plan(protocol: CameraCalibrationProtocol, rig: RigDescription) -> RunPlan:
+    """Return what the protocol is going to ask of a rig: pictures of the board, and one of the graph paper."""
+    views = protocol.views
+    return RunPlan(pictures=views + 1, operator_steps=views + 2, problems=tuple(find_rig_file_problems(rig)))
 
 
 def run(protocol: CameraCalibrationProtocol, session: Session) -> None:

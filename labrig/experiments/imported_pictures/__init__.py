@@ -11,6 +11,6 @@ EXPERIMENT = ExperimentDeclaration(
     procedure=None,
     analyze="labrig.experiments.imported_pictures.analysis:analyze",
     page="labrig.experiments.imported_pictures.page:make_page",
-    summary="labrig.experiments.shared.curvature_summary:summarise",
+    summary="labrig.experiments.shared.curvature_result:summarise",
     reanalysis_keys=("analysis",),
 )

@@ -21,7 +21,7 @@ from labrig.report.calibration_rows import calibration_rows
 from labrig.report.heading import trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
-from labrig.report.sheath_view import draw_sheath_view, worth_showing
+from labrig.report.sheath_view import draw_sheath_views
 from labrig.report.words import Rows, count_of, number
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
@@ -111,11 +111,7 @@ def _content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str,
         "folder": f"analysis/{result.path.name}",
         "simulated": any(one.true_target_error_mm is not None for one in content.insertions),
         "shown": [_shown(run, one, plane) for one in sorted(shown, key=lambda one: one.trial)],
-        "sheaths": [
-            view
-            for one in worth_showing(content.origins, _SHOWN)
-            if (view := draw_sheath_view(run, one, plane)) is not None
-        ],
+        "sheaths": draw_sheath_views(run, content.origins, plane, _SHOWN),
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }

@@ -1,9 +1,12 @@
 """The roll at which a needle bends towards -y, as it is clamped."""
 
+import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 from labrig.analysis.result import Result, Rows, Sentinel, TrialOrigin, make_origin_table
+from labrig.analysis.summary import Summary
+from labrig.text import number
 
 
 class RollZeroResult(Result):
@@ -27,3 +30,17 @@ class RollZeroResult(Result):
     def tables(self) -> Mapping[str, Rows]:
         """What the result says row by row."""
         return make_origin_table(self.origins)
+
+
+def summarise(document: Mapping[str, Any]) -> Summary:
+    """Return the zero with its uncertainty, or why there is none."""
+    values = {"accepted": document["accepted"], **(document["fit"] or {})}
+    return Summary(tuple(_lines(document)), values)
+
+
+def _lines(document: Mapping[str, Any]) -> list[str]:
+    fit = document["fit"]
+    if fit is None or not document["accepted"]:
+        return ["roll zero refused", *(f"  {reason}" for reason in document["reasons"])]
+    zero, sd = (number(math.degrees(fit[key])) for key in ("zero_rad", "sd_rad"))
+    return [f"needle {document['needle_id']} bends towards -y at {zero} degrees, SD {sd} degrees"]

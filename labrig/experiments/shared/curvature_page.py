@@ -28,7 +28,7 @@ from labrig.report.calibration_rows import calibration_rows
 from labrig.report.figures import Design, GelSeries, steerability_figure
 from labrig.report.page import Page
 from labrig.report.palette import Mark, mark
-from labrig.report.sheath_view import draw_sheath_view, worth_showing
+from labrig.report.sheath_view import draw_sheath_views
 from labrig.report.words import Rows, number
 from labrig.vision.plane import PlaneMap
 
@@ -106,11 +106,7 @@ def curvature_page(
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
             "figure": None if design is None else _figure(design, rows, content, lines),
             "view": _camera_view(run, content, lines, plane),
-            "sheaths": [
-                view
-                for origin in worth_showing(content.origins, _SHEATHS_SHOWN)
-                if (view := draw_sheath_view(run, origin, plane)) is not None
-            ],
+            "sheaths": draw_sheath_views(run, content.origins, plane, _SHEATHS_SHOWN),
             "groups": _sheet_groups(
                 rows, [Sheet(each, draw_thumbnail(run, each, lines, plane)) for each in shown]
             ),

@@ -1,10 +1,12 @@
 """What was measured of the curvature of needles, picture by picture and gel by gel."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
+from labrig.analysis.summary import Summary, TextTable
 from labrig.protocol.model import Model
+from labrig.text import interval, number
 
 
 class PictureResult(Model):
@@ -106,3 +108,33 @@ class CurvatureResult(Result):
             "specimens": Rows(SpecimenResult, self.specimens),
         }
         return tables | make_origin_table(self.origins)
+
+
+_HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % interval mm")
+
+
+def summarise(document: Mapping[str, Any]) -> Summary:
+    """Return the table of the paper, a row a needle and gel; of imported pictures how many were measured."""
+    groups, measured = document["specimens"], document["measurements"]
+    rows = tuple(
+        (
+            group["name"],
+            f"{group['gelatin_percent']:g}",
+            group["n"],
+            group["refused"],
+            number(group["mean_radius_mm"]),
+            number(group["sd_radius_mm"]),
+            interval(group["ci95_mm"]),
+        )
+        for group in groups
+    )
+    mean = f"mean of the means  {number(document['mean_radius_mm'])} mm"
+    return Summary(
+        (TextTable(_HEADS, rows), mean) if rows else (),
+        {
+            **{f"{group['name']}: mean radius mm": group["mean_radius_mm"] for group in groups},
+            "pictures": len(measured),
+            "shaft and tip found": sum(bool(each["found"]) for each in measured),
+            "radius accepted": sum(bool(each["accepted"]) for each in measured),
+        },
+    )

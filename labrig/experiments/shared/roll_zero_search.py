@@ -118,7 +118,8 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     measured = measure_curvature(picture.image, plane, settings)
     if measured.tip_mm is None:
         raise MeasurementRefusedError(
-            f"picture {picture.frame} does not show the needle: {measured.reason}", "look at it, mend the light"
+            f"picture {picture.frame} does not show the needle: {measured.reason}",
+            "look at it, mend the light",
         )
     return lateral_offset_mm(measured.tip_mm, origin)
 

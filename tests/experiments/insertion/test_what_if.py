@@ -7,7 +7,7 @@ import pytest
 
 from labrig.analysis.divergence import find_divergence
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.insertion.what_if import compare_steering, summarise_steering
+from labrig.experiments.insertion.summary import compare_steering, summarise_steering
 from tests.analysis.insertions import analysed, observations, recorded
 
 

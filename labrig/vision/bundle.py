@@ -33,7 +33,7 @@ _LARGEST_CONDITION = 1e13
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ObservedView:
     """The corners of one photograph: board points (N, 3) [mm], pixels (N, 2)."""
 
     name: str
@@ -81,7 +81,7 @@ class Fit:
             return float("inf")
         return float(np.sqrt(self.covariance[0, 0]) / self.parameters[0])
 
-    def with_views(self, views: Sequence[View]) -> "Fit":
+    def with_views(self, views: Sequence[ObservedView]) -> "Fit":
         """Return the same camera with the poses of other views; a pose is NaN if none fits."""
         poses = [find_pose(self, view) for view in views]
         return replace(
@@ -89,7 +89,7 @@ class Fit:
         )
 
 
-def fit_camera(views: Sequence[View], size: tuple[int, int], model: LensModel) -> Fit:
+def fit_camera(views: Sequence[ObservedView], size: tuple[int, int], model: LensModel) -> Fit:
     """Fit a camera to views of a board.
 
     Raises
@@ -138,7 +138,7 @@ def project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> _FloatArray:
     return _project(fit, pose, board)[0]
 
 
-def find_pose(fit: Fit, view: View) -> _FloatArray | None:
+def find_pose(fit: Fit, view: ObservedView) -> _FloatArray | None:
     """Return the pose (6,) of another view through the same camera; None if there is none."""
     straight = view.pixels.copy()
     fy, cy = fit.parameters[1], fit.parameters[3]
@@ -148,7 +148,7 @@ def find_pose(fit: Fit, view: View) -> _FloatArray | None:
     return np.concatenate((np.ravel(turn), np.ravel(shift))).astype(np.float64) if solved else None
 
 
-def estimate_focal_change(fit: Fit, view: View, pose: _FloatArray) -> tuple[float, float]:
+def estimate_focal_change(fit: Fit, view: ObservedView, pose: _FloatArray) -> tuple[float, float]:
     """Return the relative change of the focal length that fits one view alone, and its standard deviation.
 
     The rest of the lens is held. The deviation is infinite if the view does not separate focal length from distance.
@@ -185,7 +185,9 @@ def _project(fit: Fit, pose: _FloatArray, board: _FloatArray) -> tuple[_FloatArr
     return pixels, by_lens, by_pose
 
 
-def _build_normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArray, _FloatArray, float]:
+def _build_normal_equations(
+    fit: Fit, views: Sequence[ObservedView]
+) -> tuple[_FloatArray, _FloatArray, float]:
     """Return the normal matrix, its right side, and the sum of squared residuals [px^2]."""
     free = FREE[fit.model]
     count = len(free) + _POSE * len(views)
@@ -202,7 +204,7 @@ def _build_normal_equations(fit: Fit, views: Sequence[View]) -> tuple[_FloatArra
     return normal, side, squares
 
 
-def _minimise(fit: Fit, views: Sequence[View]) -> Fit:
+def _minimise(fit: Fit, views: Sequence[ObservedView]) -> Fit:
     """Move a fit to its minimum by Gauss-Newton."""
     free = FREE[fit.model]
     for _ in range(_MAX_STEPS):
@@ -224,7 +226,7 @@ def _minimise(fit: Fit, views: Sequence[View]) -> Fit:
     return fit
 
 
-def _add_covariance(fit: Fit, views: Sequence[View]) -> Fit:
+def _add_covariance(fit: Fit, views: Sequence[ObservedView]) -> Fit:
     """Return the fit with its residual and the covariance of its parameters."""
     normal, _, squares = _build_normal_equations(fit, views)
     corners = sum(len(view.pixels) for view in views)

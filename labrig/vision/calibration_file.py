@@ -29,13 +29,13 @@ _TenNumbers = tuple[float, float, float, float, float, float, float, float, floa
 _NinthsRow = tuple[float | None, float | None, float | None]
 
 
-class _Part(BaseModel):
+class _Section(BaseModel):
     """The required keys of a file; other keys are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class _IntrinsicsDocument(_Part):
+class _IntrinsicsDocument(_Section):
     accepted: bool
     reasons: tuple[str, ...]
     image_size: tuple[PositiveInt, PositiveInt]
@@ -56,18 +56,18 @@ class _IntrinsicsDocument(_Part):
     tilt_spread_deg: float | None = None
 
 
-class _GelPart(_Part):
+class _GelPart(_Section):
     index: float
     depth_mm: float
     paper: PaperPlace
 
 
-class _VariationPart(_Part):
+class _VariationPart(_Section):
     homography: tuple[_Row, _Row, _Row]
     lens: _TenNumbers | None
 
 
-class _PlaneDocument(_Part):
+class _PlaneDocument(_Section):
     accepted: bool
     reasons: tuple[str, ...]
     rms_mm: float | None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError
-from labrig.vision.bundle import FREE, PARAMETERS, Fit, View
+from labrig.vision.bundle import FREE, PARAMETERS, Fit, ObservedView
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.projection import picture_grid, projection_map_px, projection_sigma_px
 from labrig.vision.rounding import round_down, round_up
@@ -39,7 +39,7 @@ _SAME_PLACE = 0.04
 
 
 def judge_lens(
-    views: Sequence[View],
+    views: Sequence[ObservedView],
     fit: Fit,
     holdout_px: float | None,
     size: tuple[int, int],
@@ -148,7 +148,7 @@ def _find_emptiest_corner(seen: _FloatArray, size: tuple[int, int]) -> str:
     return max(corners, key=lambda name: float(np.linalg.norm(seen - corners[name], axis=1).min()))
 
 
-def _find_poses(views: Sequence[View], fit: Fit) -> tuple[_FloatArray, _FloatArray]:
+def _find_poses(views: Sequence[ObservedView], fit: Fit) -> tuple[_FloatArray, _FloatArray]:
     """Return each board's normal towards the camera and its centre [mm], each (N, 3)."""
     turns = [np.asarray(cv2.Rodrigues(pose[:3])[0], dtype=np.float64) for pose in fit.poses]
     posed = zip(turns, views, fit.poses[:, 3:], strict=True)
@@ -169,7 +169,7 @@ def _count_different(normals: _FloatArray, centres: _FloatArray) -> int:
     return len(kept)
 
 
-def _measure_coverage(views: Sequence[View], size: tuple[int, int]) -> float:
+def _measure_coverage(views: Sequence[ObservedView], size: tuple[int, int]) -> float:
     """Return the share of the picture inside the convex hull of all corners."""
     corners = np.vstack([view.pixels for view in views]).astype(np.float32)
     return float(cv2.contourArea(cv2.convexHull(corners))) / (size[0] * size[1])

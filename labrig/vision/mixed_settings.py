@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import CalibrationRefusedError
-from labrig.vision.bundle import Fit, View, estimate_focal_change
+from labrig.vision.bundle import Fit, ObservedView, estimate_focal_change
 
 _FloatArray = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class OtherSetting:
 
 
 def find_other_setting(
-    fit: Fit, views: Sequence[View], refit: Callable[[list[View]], Fit]
+    fit: Fit, views: Sequence[ObservedView], refit: Callable[[list[ObservedView]], Fit]
 ) -> OtherSetting | None:
     """Return the views of another camera setting than most; None if there is no evidence for another setting.
 
@@ -62,7 +62,7 @@ def find_other_setting(
     ----------
     fit : Fit
         Fit to all views.
-    views : sequence of View
+    views : sequence of ObservedView
     refit : callable
         Fits a camera to some of the views.
     """
@@ -88,7 +88,7 @@ def find_other_setting(
     return OtherSetting(tuple(views[int(index)].name for index in np.flatnonzero(other)), longer)
 
 
-def _estimate_changes(fit: Fit, views: Sequence[View]) -> _FloatArray:
+def _estimate_changes(fit: Fit, views: Sequence[ObservedView]) -> _FloatArray:
     """Return for each view (V, 2) the relative change of its focal length, and the standard deviation of the change."""
     return np.array(
         [

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labrig.errors import CalibrationRefusedError, InputError, MeasurementRefusedError
 from labrig.vision.boards import BoardSearch, board_points_mm, find_board
-from labrig.vision.bundle import Fit, LensModel, View, find_pose, fit_camera, project
+from labrig.vision.bundle import Fit, LensModel, ObservedView, find_pose, fit_camera, project
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.lens_evidence import LEAST_DIFFERENT_VIEWS, judge_lens
 from labrig.vision.mixed_settings import OtherSetting, find_other_setting
@@ -170,7 +170,7 @@ def _check_views(
     pixels: Sequence[ArrayLike],
     size: tuple[int, int],
     names: Sequence[str] | None,
-) -> list[View]:
+) -> list[ObservedView]:
     labels = [f"view {index}" for index in range(len(boards))] if names is None else list(names)
     if not len(boards) == len(pixels) == len(labels):
         raise InputError(
@@ -190,7 +190,7 @@ def _check_views(
     return views
 
 
-def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
+def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> ObservedView:
     flat, seen = np.asarray(board, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     if flat.ndim != 2 or flat.shape[1] != 2 or flat.shape != seen.shape:
         raise InputError(f"{name}: board points {flat.shape} and pixels {seen.shape} are not both (N, 2)")
@@ -202,10 +202,12 @@ def _check_view(name: str, board: ArrayLike, pixels: ArrayLike) -> View:
         extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if extents[1] <= 1e-6 * extents[0]:
             raise InputError(f"{name}: the {what} lie on one line", "give corners of more than one row")
-    return View(name, np.column_stack((flat, np.zeros(len(flat)))), seen)
+    return ObservedView(name, np.column_stack((flat, np.zeros(len(flat)))), seen)
 
 
-def _describe_view(view: View, fit: Fit, pose: _FloatArray, mixed: OtherSetting | None) -> ViewResidual:
+def _describe_view(
+    view: ObservedView, fit: Fit, pose: _FloatArray, mixed: OtherSetting | None
+) -> ViewResidual:
     """Return what a view contributed to the fit."""
     errors = project(fit, pose, view.board) - view.pixels
     other = mixed is not None and view.name in mixed.others
@@ -225,12 +227,12 @@ def _pairs(points: _FloatArray) -> tuple[tuple[float, float], ...]:
     return tuple((float(u), float(v)) for u, v in points)
 
 
-def _rms(view: View, fit: Fit, pose: _FloatArray) -> float:
+def _rms(view: ObservedView, fit: Fit, pose: _FloatArray) -> float:
     errors = project(fit, pose, view.board) - view.pixels
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
-def _predict_rms(views: Sequence[View], size: tuple[int, int], model: LensModel) -> _FloatArray:
+def _predict_rms(views: Sequence[ObservedView], size: tuple[int, int], model: LensModel) -> _FloatArray:
     """Return the reprojection error of each view [px] through a camera that was fitted without it.
 
     Only the pose is fitted to the view itself. Up to `_FOLDS` views are left out singly, more views in `_FOLDS`

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.protocol.yaml_tree import yaml_values
+from labrig.protocol.yaml_tree import load_yaml_values
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "labrig").rglob("*.py"))
@@ -174,5 +174,5 @@ def test_a_commit_is_checked_as_make_checks_the_code() -> None:
     """The hooks of pre-commit are the commands of `make check-code`, in the same order."""
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck-code:")[1].split("\n\n")[0]
     commands = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
-    (local,) = yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
+    (local,) = load_yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
     assert [hook["entry"] for hook in local["hooks"]] == [f".venv/bin/{command}" for command in commands]

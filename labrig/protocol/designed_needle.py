@@ -1,7 +1,7 @@
-"""`needle: {needle_id, design_file}`: the numbers of a design file, put where the protocol would have them written.
+"""`needle: {needle_id, design_file}`: the numbers of a design file, filled in as if the protocol held them.
 
-It happens before validation and in the tree, so that a fault of the numbers stands at the line of the file name, and so
-that what is validated, run and recorded holds the numbers themselves: a record needs no file outside of it.
+They are filled into the tree before it is validated. So a fault of a number is reported at the line of the file name,
+and the protocol that is validated, run and recorded holds the numbers: a record needs no file outside of it.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ _REACH = "name a file below this folder or beside it, relative to this file: ../
 
 @dataclass(frozen=True)
 class Filling:
-    """What a design file fills in of a needle: its keys, which may not stand beside the file, and their values.
+    """What a design file fills in: keys of the needle, which must not be given beside the file, and their values.
 
     `values` takes the design, the file's name as it was given, and its SHA-256.
     """
@@ -30,46 +30,47 @@ class Filling:
     values: Callable[[NeedleDesign, str, str], dict[str, Plain]]
 
 
-def fill_in_design(tree: Tree, folder: Path | None, filling: Filling) -> Tree:
-    """Return `tree` with the numbers of the design file that its needle names; unchanged where it names none.
+def fill_in_design(tree: Tree, folder: Path, filling: Filling) -> Tree:
+    """Return `tree` with the numbers of the design file that its needle names; unchanged if it names none.
 
     Parameters
     ----------
-    folder : Path or None
-        Where the protocol stands; None for a text that stands in no file.
+    folder : Path
+        The folder of the protocol.
     filling : Filling
 
     Raises
     ------
     FileFormatError
-        When the name leaves its reach, a number stands beside it, or the file is no design; each at its line.
+        When the name is out of reach, a number is given beside it, or the file is no design; each at its line.
     """
     named = tree.value(_DESIGN)
     if named is None:
         return tree
-    if faults := tuple(_beside(tree, filling.keys)):
+    if faults := tuple(_find_duplicates(tree, filling.keys)):
         raise file_format_error([*tree.faults, *faults])
     position = tree.at(_DESIGN).value
     try:
-        values = _values(named, folder, filling)
+        path = _resolve_name(named, folder)
+        values = filling.values(load_design(path), str(named), _sha256(path))
     except InputError as error:
-        raise file_format_error([*tree.faults, *_faults(position, error)]) from error
-    needle = {key: each for key, each in tree.section(_DESIGN[:1]).items() if key != KEY}
+        raise file_format_error([*tree.faults, *_locate_problems(position, error)]) from error
+    needle = {key: value for key, value in tree.section(_DESIGN[:1]).items() if key != KEY}
     tree = replace(tree, values={**tree.section(()), _DESIGN[0]: needle})
-    for key, each in values.items():
-        tree = tree.put((_DESIGN[0], key), each, position)
+    for key, value in values.items():
+        tree = tree.put((_DESIGN[0], key), value, position)
     return tree
 
 
-def _beside(tree: Tree, keys: tuple[str, ...]) -> Iterator[InputFault]:
+def _find_duplicates(tree: Tree, keys: tuple[str, ...]) -> Iterator[InputFault]:
     for path in ((_DESIGN[0], key) for key in keys):
         if tree.holds(path):
             key, shown = path[1], show(tree.value(path))
-            message = f"{key} is {shown}, and {KEY} says it too; one of the two may stand"
+            message = f"{key} is {shown}, and {KEY} gives it too; only one of the two is allowed"
             yield InputFault(tree.at(path).key, path, message, f"delete {key}, or {KEY}")
 
 
-def _faults(position: Position, error: InputError) -> Iterator[InputFault]:
+def _locate_problems(position: Position, error: InputError) -> Iterator[InputFault]:
     problems = (
         error.problems if isinstance(error, FileFormatError) else (Problem("", error.message, error.hint),)
     )
@@ -78,12 +79,7 @@ def _faults(position: Position, error: InputError) -> Iterator[InputFault]:
         yield InputFault(position, _DESIGN, message, problem.hint)
 
 
-def _values(named: Plain, folder: Path | None, filling: Filling) -> dict[str, Plain]:
-    path = _in_reach(named, folder)
-    return filling.values(load_design(path), str(named), _sha256(path))
-
-
-def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plain]:
+def _fill_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plain]:
     return {
         "diameter_mm": design.diameter_mm,
         "design_radius_mm": design.radius_mm,
@@ -91,7 +87,7 @@ def _of_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plai
     }
 
 
-IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _of_protocol)
+IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _fill_protocol)
 
 
 def _details(design: NeedleDesign) -> dict[str, Plain]:
@@ -106,14 +102,10 @@ def _details(design: NeedleDesign) -> dict[str, Plain]:
     }
 
 
-def _in_reach(named: Plain, folder: Path | None) -> Path:
-    """Return the file that is named; links are followed before the reach is judged."""
+def _resolve_name(named: Plain, folder: Path) -> Path:
+    """Return the file of this name; links are resolved before its reach is judged."""
     if not isinstance(named, str) or not named or not named.isprintable():
         raise InputError(f"{KEY} is {show(named)}, expected the name of a design file", _REACH)
-    if folder is None:
-        raise InputError(
-            f"{KEY} is {named}, and what names it stands in no file that it could be relative to"
-        )
     name = Path(named)
     if name.is_absolute():
         raise InputError(f"{KEY} is {named}, expected a relative name", _REACH)
@@ -124,7 +116,7 @@ def _in_reach(named: Plain, folder: Path | None) -> Path:
         )
     if not path.is_file():
         raise InputError(
-            f"{KEY} is {named}, and {path} is no file", "write one with `labrig design --out FILE`"
+            f"{KEY} is {named}, and {path} is not a file", "write one with `labrig design --out FILE`"
         )
     return path
 

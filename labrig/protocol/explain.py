@@ -145,7 +145,7 @@ def _explain_unknown_key(spot: _Spot, top: SchemaView) -> InputFault:
     if meant := _guess_key(spot):
         hint = f"did you mean {meant}?{other_unit_hint(key, meant, spot.value)}"
     elif elsewhere:
-        hint = f"{key} stands at {elsewhere}; check the indentation"
+        hint = f"{key} belongs to {elsewhere}; check the indentation"
     else:
         hint = "known here: " + ", ".join(spot.holder_view.keys if spot.holder_view else ())
     return InputFault(spot.tree.at(spot.path).key, spot.path, f"unknown key {show_key(key)}", hint)
@@ -189,7 +189,7 @@ def _explain_wrong_value(spot: _Spot, raised: str) -> InputFault:
 def _value_hint(name: str, value: Plain, view: SchemaView) -> str:
     expected = view.node.get("type")
     if isinstance(value, dict):
-        return "a text with a colon needs quotes" if expected == "string" else ""
+        return "text with a colon needs quotes" if expected == "string" else ""
     if isinstance(value, list):
         return ""
     if expected == "array":

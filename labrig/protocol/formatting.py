@@ -1,4 +1,4 @@
-"""Values, limits and hints in the words of an error message."""
+"""How error messages write values, limits and hints."""
 
 import difflib
 import json
@@ -12,7 +12,7 @@ Plain: TypeAlias = Scalar | list["Plain"] | dict[str, "Plain"]
 
 MAX_SHOWN = 60
 
-# Units that people have in mind instead of labrig's: suffix of the key -> (unit, factor to the suffix's).
+# Units that people use instead of labrig's: suffix of the key -> (unit, factor to the unit of the suffix).
 UNITS: dict[str, tuple[tuple[str, float], ...]] = {
     "_mm_s": (("mm/min", 1 / 60), ("cm/s", 10.0), ("m/s", 1000.0), ("mm/s", 1.0)),
     "_mm": (("m", 1000.0), ("cm", 10.0), ("um", 1e-3), ("µm", 1e-3), ("μm", 1e-3), ("in", 25.4), ("mm", 1.0)),
@@ -23,12 +23,12 @@ UNITS: dict[str, tuple[tuple[str, float], ...]] = {
 }
 _QUANTITY = re.compile(r"([-+]?(?:[0-9]+[.]?[0-9]*|[.][0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(\S*)")
 _PASSWORD = re.compile(r"(://[^\s:/@]*):[^\s]*@")
-"""All up to the last @: a password that holds one, or a slash, is not to be shown either."""
+"""Everything up to the last @, because a password may contain an @ or a slash."""
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 
 
 def children(value: Plain) -> Mapping[str | int, Plain]:
-    """Return what a section or list holds, by key or index; a scalar holds nothing."""
+    """Return the entries of a section or list by key or index; a scalar has none."""
     entries = (
         value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     )
@@ -41,7 +41,7 @@ def mask_passwords(text: str) -> str:
 
 
 def show(value: Plain) -> str:
-    """Return a value in a few words: a scalar as a YAML reader would write it, cut to a length, controls escaped."""
+    """Return a value in a few words: a scalar as YAML, shortened, with control characters escaped."""
     if isinstance(value, str):
         return _show_text(value)
     if isinstance(value, list):
@@ -50,7 +50,7 @@ def show(value: Plain) -> str:
         return show_number(value) + ".0" * value.is_integer()
     if isinstance(value, dict):
         return "a section (keys and values)"
-    return "empty (null)" if value is None else str(value).lower()  # a truth or a whole number
+    return "empty (null)" if value is None else str(value).lower()  # a boolean or a whole number
 
 
 def _show_text(text: str) -> str:
@@ -64,20 +64,20 @@ def _size(value: Plain) -> int:
 
 
 def show_number(value: float) -> str:
-    """Return a number briefly: whole ones in full, others with six digits."""
+    """Return a number as text: a whole number in full, any other with six digits."""
     if not isfinite(value):
         return f"{value}".replace("inf", ".inf").replace("nan", ".nan")
     return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:.6g}"
 
 
 def show_key(key: str | int) -> str:
-    """Return a part of a key path, quoted where it is no plain word."""
+    """Return a part of a key path, quoted unless it is a plain word."""
     text = str(key)
     return text if re.fullmatch(r"[\w.<>-]{1,60}", text) else show(text)
 
 
 def find_closest(word: str, choices: Iterable[str]) -> str | None:
-    """Return the choice that `word` was probably meant to be, or None."""
+    """Return the choice that `word` probably means, or None."""
     by_folded = {choice.casefold().replace("-", "_"): choice for choice in choices}
     folded = word.strip().casefold().replace("-", "_").replace(" ", "_")
     found = difflib.get_close_matches(folded, by_folded, n=1, cutoff=0.6)
@@ -98,17 +98,17 @@ def range_words(
     if isfinite(least) and isfinite(most):
         return f"{noun} from {show_number(least)} to {show_number(most)}"
     bounds = (("above", above), ("at least", least), ("below", below), ("at most", most))
-    said = " and ".join(f"{word} {show_number(limit)}" for word, limit in bounds if isfinite(limit))
-    return f"{noun} {said}".rstrip()
+    limits = " and ".join(f"{word} {show_number(limit)}" for word, limit in bounds if isfinite(limit))
+    return f"{noun} {limits}".rstrip()
 
 
 def unit_of(key: str) -> str:
-    """Return the suffix of `key` that names its unit, or an empty text."""
+    """Return the suffix of `key` that names its unit, empty if there is none."""
     return max((suffix for suffix in UNITS if key.endswith(suffix)), key=len, default="")
 
 
 def rescaled_hint(key: str, value: float, lowest: float, highest: float) -> str:
-    """Return what an out-of-range number would be, had it been meant in another unit of the same kind."""
+    """Return a number that is out of range converted from another unit in which it would be in range."""
     for unit, factor in UNITS.get(unit_of(key), ()):
         if factor != 1.0 and value and lowest <= value * factor <= highest:
             return f"if {show_number(value)} is meant in {unit}, write {key}: {show_number(value * factor)}"
@@ -116,7 +116,7 @@ def rescaled_hint(key: str, value: float, lowest: float, highest: float) -> str:
 
 
 def number_text_hint(key: str, text: str) -> str:
-    """Return how to write the number that `text` seems to hold; empty where it holds none."""
+    """Return how to write the number in `text`; empty if it holds none."""
     if _DECIMAL_COMMA.fullmatch(text):
         return f"write a decimal point: {text.replace(',', '.')}"
     found = _QUANTITY.fullmatch(text.strip())
@@ -130,7 +130,7 @@ def number_text_hint(key: str, text: str) -> str:
 
 
 def other_unit_hint(written: str, known: str, value: object) -> str:
-    """Return `value` converted from the unit of `written` to that of `known`, where only these differ."""
+    """Return `value` converted from the unit of `written` to the unit of `known`, if the keys differ only in it."""
     suffix = unit_of(known)
     stem = known.removesuffix(suffix)
     for unit, factor in UNITS.get(suffix, ()):

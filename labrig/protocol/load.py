@@ -14,13 +14,12 @@ from labrig.protocol.model import Model
 from labrig.protocol.overrides import apply_overrides
 from labrig.protocol.schema import JsonSchema, model_schema
 from labrig.protocol.sections import ExperimentProtocol, Needle
-from labrig.protocol.tree import Position, Tree, file_format_error
+from labrig.protocol.tree import Position, file_format_error
 from labrig.protocol.yaml_file import validate_tree
-from labrig.protocol.yaml_text import read_tree
 from labrig.protocol.yaml_tree import load_tree, require_kind
 
 Models: TypeAlias = Mapping[str, type[ExperimentProtocol]]
-"""The model of each experiment's protocol, by the name that stands behind `experiment:`."""
+"""The model of each experiment's protocol, by the name that a protocol file gives as `experiment:`."""
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -35,18 +34,18 @@ _OTHER_KINDS = {
 def load_protocol(
     path: Path | str, models: Models, overrides: Sequence[str] = (), seed: int | None = None
 ) -> ExperimentProtocol:
-    """Return the protocol in a file; the numbers of a design file that it names are put into it.
+    """Return the protocol in a file, with the numbers of the design file that it may name.
 
     Parameters
     ----------
     path : Path or str
         The YAML file; its `experiment:` names the model.
     models : Mapping
-        The experiments that are known.
+        The models of the installed experiments.
     overrides : sequence of str
-        `dotted.key=value` each, put over the file's values.
+        `dotted.key=value` each; they replace values of the file.
     seed : int, optional
-        Put over the file's seed and over any override.
+        Replaces the seed of the file and of any override.
 
     Raises
     ------
@@ -56,16 +55,19 @@ def load_protocol(
     tree = apply_overrides(load_tree(Path(path)), overrides)
     if seed is not None:
         tree = tree.put(("seed",), seed, Position("--seed"))
-    return _protocol_of(tree, models, Path(path).parent)
-
-
-def parse_protocol(text: str, source: str, models: Models) -> ExperimentProtocol:
-    """Return the protocol in a text; `source` names it in messages. Raises as `load_protocol`."""
-    return _protocol_of(read_tree(text, source), models, None)
+    if not tree.holds(("experiment",)):
+        require_kind(tree, _OTHER_KINDS)
+    model = models.get(str(tree.value(("experiment",))))
+    if model is None:
+        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
+    takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
+    if takes_design:
+        tree = fill_in_design(tree, Path(path).parent, IN_PROTOCOL)
+    return validate_tree(tree, model)
 
 
 def load_designed_model(path: Path | str, model: type[AnyModel], filling: Filling) -> AnyModel:
-    """Return the model in a file whose needle may name a design file; its numbers are put in as `filling` says.
+    """Return the model in a file whose needle may name a design file; `filling` says which numbers are filled in.
 
     Raises
     ------
@@ -79,13 +81,3 @@ def protocol_schema(models: Models) -> JsonSchema:
     """Return the JSON Schema (draft 2020-12) of a protocol file, for editors."""
     union: Any = reduce(or_, models.values())
     return model_schema(Annotated[union, Field(discriminator="experiment")], "labrig protocol")
-
-
-def _protocol_of(tree: Tree, models: Models, folder: Path | None) -> ExperimentProtocol:
-    if not tree.holds(("experiment",)):
-        require_kind(tree, _OTHER_KINDS)
-    model = models.get(str(tree.value(("experiment",))))
-    if model is None:
-        raise file_format_error([*tree.faults, choice_fault(tree, ("experiment",), tuple(models))])
-    takes_design = "needle" in model.model_fields and model.model_fields["needle"].annotation is Needle
-    return validate_tree(fill_in_design(tree, folder, IN_PROTOCOL) if takes_design else tree, model)

@@ -20,7 +20,7 @@ Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]
 PointMm: TypeAlias = tuple[Coordinate, Coordinate, Coordinate]
 Direction: TypeAlias = Literal["right", "left", "up", "down"]
 
-# Joiners that scripts and emoji need; every other invisible character could make two names look the same.
+# Joiners that scripts and emoji need; any other invisible character could make two names look the same.
 _ALLOWED_INVISIBLE = "\u200c\u200d"
 _REFUSED_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
@@ -32,7 +32,7 @@ class Conflict:
     Parameters
     ----------
     key : str
-        The dotted key to change, relative to the model that found the conflict.
+        The dotted key to change, relative to the model that yields the conflict.
     message : str
         Names the value, its limit and the other key that sets the limit.
     hint : str
@@ -55,13 +55,13 @@ class ConflictError(ValueError):
 class Model(BaseModel):
     """Base of protocols, rig files and their sections.
 
-    A subclass that has rules across fields overrides `conflicts`; all of them are reported, each at its key.
+    A subclass that has rules across fields overrides `conflicts`; all conflicts are reported, each at its key.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield what is wrong between fields; called once each of them is right alone."""
+        """Yield what is wrong between fields; called only if each field is valid alone."""
         return ()
 
     @model_validator(mode="after")
@@ -71,7 +71,7 @@ class Model(BaseModel):
         return self
 
 
-def _plain_text(text: str, *, also: str = "") -> str:
+def _require_visible(text: str, *, also: str = "") -> str:
     for position, character in enumerate(text, start=1):
         allowed = character in also or character in _ALLOWED_INVISIBLE
         if not allowed and unicodedata.category(character) in _REFUSED_CATEGORIES:
@@ -81,21 +81,21 @@ def _plain_text(text: str, *, also: str = "") -> str:
     return text
 
 
-def _plain_lines(text: str) -> str:
-    return _plain_text(text, also="\n\t")
+def _require_visible_lines(text: str) -> str:
+    return _require_visible(text, also="\n\t")
 
 
-def _name(text: str) -> str:
+def _require_name(text: str) -> str:
     if text != text.strip():
         raise ValueError("a name neither starts nor ends with a space")
-    return _plain_text(text)
+    return _require_visible(text)
 
 
-Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_name)]
-"""Any printable text that names a thing; two names are the same only if every character is."""
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_require_name)]
+"""Any printable text that names a thing; two names are equal only if all their characters are."""
 
-Line: TypeAlias = Annotated[str, Field(max_length=200), AfterValidator(_plain_text)]
-"""Any printable text on one line, or none."""
+Line: TypeAlias = Annotated[str, Field(max_length=200), AfterValidator(_require_visible)]
+"""Any printable text on one line; it may be empty."""
 
-Notes: TypeAlias = Annotated[str, Field(max_length=10_000), AfterValidator(_plain_lines)]
-"""Any printable text, of several lines if wanted, or none."""
+Notes: TypeAlias = Annotated[str, Field(max_length=10_000), AfterValidator(_require_visible_lines)]
+"""Any printable text, also of several lines; it may be empty."""

@@ -1,4 +1,4 @@
-"""`--set dotted.key=value`: single values put into a tree before it is validated."""
+"""`--set dotted.key=value`: values put into a tree before it is validated."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,25 +12,25 @@ SET = Position("--set")
 
 
 def apply_overrides(tree: Tree, overrides: Sequence[str]) -> Tree:
-    """Return `tree` with each `dotted.key=value` put in, the later over the earlier.
+    """Return `tree` with each `dotted.key=value` put in; a later override replaces an earlier one.
 
-    A value is a YAML scalar; one that starts with a bracket, a brace or a quote is YAML in full. An index
-    names the entry of a list: `specimens.0.name=A`. Unknown keys are found when the model is validated.
+    A value is a YAML scalar, or any YAML if it starts with a bracket, a brace or a quote. An index names the entry of a
+    list: `specimens.0.name=A`. Unknown keys are found when the model is validated.
     """
     for text in overrides:
-        tree = _override(tree, text)
+        tree = _apply_override(tree, text)
     return tree
 
 
-def _override(tree: Tree, text: str) -> Tree:
+def _apply_override(tree: Tree, text: str) -> Tree:
     dotted, equals, raw = text.partition("=")
     path = tuple(dotted.strip().split("."))
     if not equals or not all(path) or len(path) > MAX_DEPTH:
         hint = "for example --set insertion.length_mm=30"
-        fault = InputFault(SET, (), f"{show(text)} is no override, expected dotted.key=value", hint)
+        fault = InputFault(SET, (), f"{show(text)} is not an override, expected dotted.key=value", hint)
         return replace(tree, faults=(*tree.faults, fault))
     try:
-        return tree.put(path, _value(raw.strip()), SET)
+        return tree.put(path, _read_value(raw.strip()), SET)
     except FileFormatError as error:
         faults = [InputFault(SET, path, problem.message, problem.hint) for problem in error.problems]
     except InputError as error:
@@ -38,7 +38,7 @@ def _override(tree: Tree, text: str) -> Tree:
     return replace(tree, faults=(*tree.faults, *faults))
 
 
-def _value(text: str) -> Plain:
+def _read_value(text: str) -> Plain:
     if text[:1] not in {"[", "{", '"', "'"}:
         return resolve_scalar(text)
     composed = compose(text, str(SET))

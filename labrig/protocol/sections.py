@@ -24,7 +24,7 @@ from labrig.protocol.model import (
 
 @dataclass(frozen=True)
 class NeedleInPicture:
-    """Outer diameters of what stands in a picture; the sheath's is None where the pictures show none."""
+    """Outer diameters of needle and sheath in a picture; the sheath's is None if the pictures show none."""
 
     diameter_mm: float
     sheath_diameter_mm: float | None
@@ -34,7 +34,7 @@ class ExperimentProtocol(Model):
     """What every protocol says."""
 
     pictures_decide_motion: ClassVar[bool] = False
-    """Whether what a picture shows decides where an axis goes next."""
+    """Whether pictures decide where an axis moves next."""
 
     schema_version: Literal[1] = Field(
         1, description="Version of this file format; a higher one needs a newer labrig."
@@ -47,12 +47,12 @@ class ExperimentProtocol(Model):
 
     @property
     def pictured_needle(self) -> NeedleInPicture | None:
-        """What stands in the pictures; None for an experiment that takes none of a needle."""
+        """The needle in the pictures; None for an experiment without pictures of a needle."""
         return None
 
 
 class NeedleDesignSection(Model):
-    """What a design file said of the needle when the protocol was read; labrig writes it, people name the file."""
+    """What a design file gave when the protocol was read. labrig writes this section; people name the file."""
 
     file: str = Field(max_length=1000, description="Name of the design file, as the protocol had it.")
     sha256: str = Field(min_length=64, max_length=64, description="SHA-256 of that file.")
@@ -61,8 +61,8 @@ class NeedleDesignSection(Model):
     inner_diameter_mm: float = Field(gt=0, le=10, description="Inner diameter of the tube [mm].")
     link_length_mm: float = Field(gt=0, le=100, description="Length of a link, from hinge to hinge [mm].")
     clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination that it cuts at [degrees].")
-    basis: Basis = Field(description="By which plane the inclination was computed.")
+    beta_cut_deg: float = Field(ge=0, le=90, description="Inclination of the cut [degrees].")
+    basis: Basis = Field(description="Model by which the inclination was computed.")
 
 
 _NUMBERS_OR_FILE: dict[str, Any] = {
@@ -83,9 +83,9 @@ _NUMBERS_OR_FILE: dict[str, Any] = {
 
 
 def _allow_design_file(schema: dict[str, Any]) -> None:
-    """Let editors accept a design file instead of the numbers; the reader puts the numbers in before validation."""
+    """Let editors accept a design file instead of the numbers; the reader fills them in before validation."""
     schema["properties"] |= _NUMBERS_OR_FILE["properties"]
-    schema |= {key: each for key, each in _NUMBERS_OR_FILE.items() if key != "properties"}
+    schema |= {key: value for key, value in _NUMBERS_OR_FILE.items() if key != "properties"}
 
 
 class Needle(Model):
@@ -93,48 +93,48 @@ class Needle(Model):
 
     model_config = ConfigDict(json_schema_extra=_allow_design_file)
 
-    needle_id: Name = Field(description="Which needle; results are grouped by needle and gel.")
+    needle_id: Name = Field(description="Name of the needle; results are grouped by needle and gel.")
     diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
     design_radius_mm: PositiveMm = Field(
         description="Radius of curvature that the needle was designed for [mm]."
     )
     design: NeedleDesignSection | None = Field(
-        None, description="What a design file said; labrig writes it into records."
+        None, description="Numbers of the design file; labrig writes them into records."
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a radius that the needle's own thickness rules out."""
+        """Yield a radius that is not above the needle's diameter."""
         yield from check_radius(self.diameter_mm, self.design_radius_mm)
 
 
 class Specimen(Model):
     """One block of gel."""
 
-    name: Name = Field(description="What is written on the block; unique in the protocol.")
+    name: Name = Field(description="Label on the block; unique in the protocol.")
     gelatin_percent: float = Field(
         ge=1, le=50, description="Mass of gelatin powder per mass of water [percent]; 10 for 10 %."
     )
 
 
 class SheathOrigin(Model):
-    """How far from the command the sheath may be found in the picture taken once it is in; a trial beyond is refused.
+    """How far the sheath in the gel may be from its command, by the picture; a trial beyond the limits is refused.
 
-    Along the insertion the linear encoder measures, so little is left but the zero set by eye. Across it the sheath's
-    play moves the needle honestly, and what is found is reckoned with: a limit is for what no play explains.
+    Along the insertion the linear encoder measures, so only the error of a zero set by eye remains. Across it the
+    sheath has play, and the insertion starts where the sheath is found; the limit is for what play cannot explain.
     """
 
     depth_mm: PositiveMm | None = Field(
         None,
-        description="Depth of the sheath at which its tip stands at the origin of the steering plane [mm]; "
-        "null: at the sheath's depth_mm.",
+        description="Depth of the sheath at which its tip is at the origin of the steering plane [mm]; "
+        "null: the sheath's depth_mm.",
     )
     along_mm: PositiveMm = Field(
-        0.5, description="Most along the insertion, from where the linear encoder puts the tip [mm]."
+        0.5, description="Limit along the insertion, from the tip's position by the linear encoder [mm]."
     )
-    across_mm: PositiveMm = Field(1.0, description="Most across it, by the sheath's play [mm].")
-    turn_deg: float = Field(
-        2.0, gt=0, le=45, description="Most between the sheath and the insertion's direction [deg]."
+    across_mm: PositiveMm = Field(
+        1.0, description="Limit across the insertion, where the sheath has play [mm]."
     )
+    turn_deg: float = Field(2.0, gt=0, le=45, description="Largest angle between sheath and insertion [deg].")
 
 
 class Sheath(Model):
@@ -145,15 +145,15 @@ class Sheath(Model):
     diameter_mm: float = Field(gt=0, le=20, description="Outer diameter of the sheath [mm].")
     origin: SheathOrigin | None = Field(
         None,
-        description="Tip and direction of the sheath are compared with the command, and an insertion to a target "
-        "starts where they were found. null: neither.",
+        description="Tip and direction of the sheath are measured and compared with the command, and an insertion to a "
+        "target starts from them. null: they are not measured.",
     )
 
     @property
     def origin_depth_mm(self) -> float:
         """The depth at which its tip is expected at the origin of the steering plane."""
-        known = None if self.origin is None else self.origin.depth_mm
-        return self.depth_mm if known is None else known
+        depth_mm = None if self.origin is None else self.origin.depth_mm
+        return self.depth_mm if depth_mm is None else depth_mm
 
 
 class Advance(Model):
@@ -164,19 +164,19 @@ class Advance(Model):
 
 
 class RollZeroSteps(Model):
-    """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each into a hole of its own."""
+    """How the roll zero is found: short insertions at evenly spread rolls of the bevel, each in a hole of its own."""
 
-    specimen: Specimen = Field(description="A block of gel without anything in it.")
+    specimen: Specimen = Field(description="A block of gel with nothing in it.")
     rolls: int = Field(6, ge=4, le=24, description="Insertions, at rolls spread evenly over a turn.")
-    length_mm: PositiveMm = Field(20.0, description="How far the needle leaves the sheath in each [mm].")
+    length_mm: PositiveMm = Field(20.0, description="Length of each insertion beyond the sheath [mm].")
     hole_spacing_mm: PositiveMm = Field(16.0, description="Lateral distance from one hole to the next [mm].")
     max_sd_deg: float = Field(
-        3.0, gt=0, le=45, description="Standard deviation of the zero beyond which it is not certified [deg]."
+        3.0, gt=0, le=45, description="Largest standard deviation at which the zero is certified [deg]."
     )
 
 
 class AnalysisWindow(Model):
-    """Which part of the shaft the circle is fitted to, and when its radius is worth stating."""
+    """The part of the shaft to which the circle is fitted, and when its radius is accepted."""
 
     window_start_mm: NonNegativeMm = Field(
         description="Arc length behind the sheath tip left out of the fit, where the hinges still close [mm]."
@@ -184,16 +184,16 @@ class AnalysisWindow(Model):
     window_end_mm: NonNegativeMm = Field(
         description="Arc length before the needle's tip left out of the fit [mm]."
     )
-    min_window_mm: PositiveMm = Field(description="Shortest arc length that is still fitted [mm].")
+    min_window_mm: PositiveMm = Field(description="Shortest arc length that is fitted [mm].")
     max_radius_sigma_mm: PositiveMm = Field(
-        description="Standard deviation of the radius beyond which it is not accepted [mm]."
+        description="Largest standard deviation at which the radius is accepted [mm]."
     )
     roll_sd_deg: float = Field(
         2.0,
         ge=0,
         le=30,
-        description="How sure the bevel's roll is, standard deviation [deg]; 2 where it was set by eye. A bevel out of "
-        "the plane makes the radius seen too large, so the lower end of intervals is moved.",
+        description="Standard deviation of the bevel's roll [deg]; 2 if it was set by eye. A bevel out of the plane "
+        "makes the measured radius too large, so the lower end of the intervals is moved.",
     )
 
     @property
@@ -203,7 +203,7 @@ class AnalysisWindow(Model):
 
 
 class GridSentinel(Model):
-    """Graph paper that is photographed before and after the run, so that a camera that was bumped is noticed."""
+    """Graph paper that is photographed before and after the run, to notice a camera that was bumped."""
 
     pitch_mm: float = Field(
         gt=0, le=100, description="Distance from one line of the graph paper to the next [mm]."
@@ -211,13 +211,13 @@ class GridSentinel(Model):
 
 
 class Scale(Model):
-    """Millimetres by one number, for pictures whose camera is not at hand any more."""
+    """The scale of pictures whose camera is no longer available, as one number."""
 
     px_per_mm: float = Field(
         gt=0, le=10_000, description="Pixels in a millimetre of the steering plane [px/mm]."
     )
-    origin_px: PixelUv = Field(description="Pixel (u, v) that becomes the origin of the steering plane [px].")
-    insertion: Direction = Field(description="Where the insertion points in the picture.")
+    origin_px: PixelUv = Field(description="Pixel (u, v) of the origin of the steering plane [px].")
+    insertion: Direction = Field(description="Direction of the insertion in the picture.")
 
 
 def limit_conflict(key: str, value: float, other: str, limit: float) -> Conflict:
@@ -226,7 +226,7 @@ def limit_conflict(key: str, value: float, other: str, limit: float) -> Conflict
 
 
 def check_radius(diameter_mm: float, radius_mm: float | None) -> Iterator[Conflict]:
-    """Yield a radius that the needle's own thickness rules out."""
+    """Yield a radius that is not above the needle's diameter."""
     if radius_mm is not None and radius_mm <= diameter_mm:
         yield limit_conflict("design_radius_mm", radius_mm, "diameter_mm", diameter_mm)
 

@@ -1,4 +1,4 @@
-"""Values of a file together with where each of them stands, and the faults found on the way."""
+"""The values of a file with their positions, and the faults found while reading it."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from labrig.protocol.formatting import Plain, children, show, show_key
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
-MAX_FAULTS = 50  # more than this nobody reads
+MAX_FAULTS = 50  # nobody reads more
 
 
 @dataclass(frozen=True)
 class Position:
-    """Where something stands: `source` is a file or an option, line and column count from 1 (0: it has no lines)."""
+    """A place in a file or an option (`source`); line and column count from 1, 0 if the source has no lines."""
 
     source: str
     line: int = 0
@@ -26,7 +26,7 @@ class Position:
 
 @dataclass(frozen=True)
 class InputFault:
-    """One fault before it becomes a `Problem`: its position, its key path, what is wrong, what to do."""
+    """A fault before it becomes a `Problem`: its position, its key path, what is wrong, what to do."""
 
     position: Position
     path: KeyPath
@@ -34,14 +34,14 @@ class InputFault:
     hint: str = ""
 
     def problem(self) -> Problem:
-        """Return the fault as the user reads it, `where` being `file:line:column key.path`."""
+        """Return the fault as the user reads it; `where` is `file:line:column key.path`."""
         dotted = ".".join(show_key(part) for part in self.path)
         return Problem(f"{self.position} {dotted}".rstrip(), self.message, self.hint)
 
 
 @dataclass(frozen=True)
 class EntryPosition:
-    """Where an entry stands: its key (in lists and at the top the value once more) and its value."""
+    """The positions of an entry: of its key (in lists and at the top, of its value again) and of its value."""
 
     key: Position
     value: Position
@@ -56,9 +56,9 @@ class Tree:
     values : dict, list or scalar
         The values, as JSON would hold them.
     positions : mapping of key path to EntryPosition
-        Where they stand, indices as text. What is not listed stands where the section around it does.
+        Their positions, indices as text. An entry without one has the position of the section around it.
     faults : tuple of InputFault
-        What did not stop the reading.
+        Faults that did not stop the reading.
     """
 
     values: Plain
@@ -66,30 +66,30 @@ class Tree:
     faults: tuple[InputFault, ...] = ()
 
     def at(self, path: KeyPath) -> EntryPosition:
-        """Return where the entry at `path` stands, or the innermost one on the way to it."""
+        """Return the position of the entry at `path`, or of the innermost section on the way to it."""
         keys = tuple(map(str, path))
         while keys not in self.positions:
             keys = keys[:-1]
         return self.positions[keys]
 
     def value(self, path: KeyPath) -> Plain:
-        """Return the value at `path`, None where there is none."""
+        """Return the value at `path`, or None."""
         found = self.values
         for part in path:
             found = children(found).get(part)
         return found
 
     def section(self, path: KeyPath) -> dict[str, Plain]:
-        """Return the section at `path`, empty where there is none."""
+        """Return the section at `path`, empty if there is none."""
         found = self.value(path)
         return found if isinstance(found, dict) else {}
 
     def holds(self, path: KeyPath) -> bool:
-        """Return whether something stands at `path`."""
+        """Return whether there is an entry at `path`."""
         return not path or path[-1] in children(self.value(path[:-1]))
 
     def put(self, path: KeyPath, value: Plain, position: Position) -> "Tree":
-        """Return the tree with `value`, all of it standing at `position`, at `path`.
+        """Return the tree with `value` at `path`; everything in it has the position `position`.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Tree:
         keys = tuple(map(str, path))
         values = _put(self.values, keys, value)
         made = {keys[:end]: EntryPosition(position, position) for end in range(1, len(keys) + 1)}
-        kept = {key: each for key, each in self.positions.items() if key[: len(keys)] != keys}
+        kept = {key: entry for key, entry in self.positions.items() if key[: len(keys)] != keys}
         return Tree(values, made | kept, self.faults)
 
 
@@ -111,7 +111,7 @@ def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
         section = holder or {}
         return {**section, key: _put(section.get(key), keys[1:], value)}
     if not isinstance(holder, list):
-        raise InputError(f"{show_key(key)} cannot be set inside {show(holder)}, which is no section")
+        raise InputError(f"{show_key(key)} cannot be set inside {show(holder)}, which is not a section")
     if not key.isdecimal() or int(key) >= len(holder):
         raise InputError(f"{show_key(key)} names no entry of this list, expected 0 to {len(holder) - 1}")
     index = int(key)
@@ -119,21 +119,24 @@ def _put(holder: Plain, keys: tuple[str, ...], value: Plain) -> Plain:
 
 
 def find_half_characters(tree: Tree, path: KeyPath = ()) -> Iterator[InputFault]:
-    """Yield each key and text that holds half a surrogate pair, which no encoding can write.
+    """Yield a fault for each key and text with half of a surrogate pair, which no encoding can write.
 
-    They come from escapes in double quotes and from options that are not valid in the terminal's encoding.
+    These come from escapes in double quotes and from options that are not valid in the terminal's encoding.
     """
     value = tree.value(path)
     texts = [value, *(path[-1:])]
-    if any(isinstance(text, str) and any("\ud800" <= each <= "\udfff" for each in text) for text in texts):
-        message = f"{show(value)} or its key holds bytes that are no character"
+    if any(
+        isinstance(text, str) and any("\ud800" <= character <= "\udfff" for character in text)
+        for text in texts
+    ):
+        message = f"{show(value)} or its key holds bytes that are not a character"
         yield InputFault(tree.at(path).value, path, message, "write the character itself, in UTF-8")
     for key in children(value):
         yield from find_half_characters(tree, (*path, key))
 
 
 def file_format_error(faults: Iterable[InputFault]) -> FileFormatError:
-    """Return one error of all faults, in the order of their positions, each once."""
+    """Return a single error with all faults, sorted by position, without repetitions."""
     ordered = sorted(
         dict.fromkeys(faults), key=lambda f: (f.position.line == 0, f.position.line, f.position.column)
     )

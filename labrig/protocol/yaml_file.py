@@ -1,4 +1,4 @@
-"""YAML file -> frozen model, and back; the one way in and out for protocols, rig files and records."""
+"""YAML file -> frozen model, and back; the only reader and writer of protocols and rig files."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -41,11 +41,11 @@ def load_yaml_model(
     path : Path or str
         The file; UTF-8, YAML 1.2, one mapping.
     model : type of Model
-        What the file must hold.
+        The model that the file must fit.
     overrides : sequence of str
-        `dotted.key=value` each, put over the file's values.
+        `dotted.key=value` each; they replace values of the file.
     others : mapping of str to (str, str)
-        As `require_kind` has them.
+        As in `require_kind`.
 
     Raises
     ------
@@ -58,14 +58,14 @@ def load_yaml_model(
 
 
 def validate_values(values: Mapping[str, object], source: str, model: type[AnyModel]) -> AnyModel:
-    """Return the `model` of values that stand in no file, such as options. Raises as `load_yaml_model`."""
+    """Return the `model` of values that come from no file, such as options. Raises as `load_yaml_model`."""
     position = Position(source)
     plain = json.loads(json.dumps(values, default=str))
     return validate_tree(Tree(plain, {(): EntryPosition(position, position)}), model)
 
 
 def dump_yaml(model: Model) -> str:
-    """Return `model` as YAML, defaults written out; loading it gives an equal model."""
+    """Return `model` as YAML with all defaults; loading it gives an equal model."""
     yaml: Any = YAML(typ="safe", pure=True)  # its attributes are typed by their defaults, None
     yaml.Representer = _Representer
     yaml.default_flow_style = False
@@ -78,7 +78,7 @@ def dump_yaml(model: Model) -> str:
 
 
 class _Representer(SafeRepresenter):
-    """Writes text with line breaks or controls in double quotes, the one style that keeps all of them."""
+    """Writes text with line breaks or control characters in double quotes, the only style that keeps them all."""
 
     def represent_text(self, text: str) -> ScalarNode:
         """Return the node of a text."""
@@ -90,11 +90,11 @@ _Representer.add_representer(str, _Representer.represent_text)
 
 
 def validate_tree(tree: Tree, model: type[AnyModel]) -> AnyModel:
-    """Return the validated model of a tree. Raises `FileFormatError` with the faults of both."""
+    """Return the validated model of a tree. Raises `FileFormatError` with all faults of the tree and the model."""
     if halves := tuple(find_half_characters(tree)):
         raise file_format_error([*tree.faults, *halves])
     try:
-        # Through JSON: strict there reads a list as a tuple and 40 as 40.0, and converts nothing else.
+        # From JSON, strict mode reads a list as a tuple and 40 as 40.0, and converts nothing else.
         made = model.model_validate_json(json.dumps(tree.values))
     except ValidationError as error:
         view = SchemaView.of(model_schema(model, ""))

@@ -1,9 +1,8 @@
 """YAML 1.2 text -> tree of values with positions.
 
-ruamel.yaml composes the nodes; they are read here and not by its constructor, because a protocol needs less and
-wants more: only the core schema of YAML 1.2 (no tags, no dates, no merge keys, so `no` is a word and `12:30` a
-text), a position for every value and key, all faults and not the first, and bounds on depth and on what aliases
-expand to.
+ruamel.yaml composes the nodes. They are read here and not by its constructor, because a protocol needs only the core
+schema of YAML 1.2 (no tags, dates or merge keys, so `no` is a word and `12:30` a text), but also a position for every
+key and value, all faults instead of the first, and bounds on depth and on what aliases expand to.
 """
 
 import re
@@ -23,23 +22,23 @@ from labrig.protocol.tree import EntryPosition, InputFault, Position, Tree, file
 MAX_DEPTH = 20
 MAX_VALUES = 20_000
 
-# What an unquoted text means: the core schema (YAML 1.2, section 10.3.2).
+# The meaning of an unquoted text: the core schema (YAML 1.2, section 10.3.2).
 _CORE_SCHEMA: tuple[tuple[str, Callable[[str], Scalar]], ...] = (
     (r"|~|null|Null|NULL", lambda _: None),
     (r"true|True|TRUE|false|False|FALSE", lambda text: text.lower() == "true"),
-    (r"[-+]?[0-9]{1,18}", int),  # longer ones are floats: nothing here counts that far
+    (r"[-+]?[0-9]{1,18}", int),  # longer ones become floats
     (r"0o[0-7]{1,18}|0x[0-9a-fA-F]{1,15}", lambda text: int(text, 0)),
     (r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?", float),
     (r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", lambda text: float(text.replace(".", "", 1))),
 )
 
-# What the parser says -> what it means, and what a person can do about it.
+# Part of the parser's message -> what it means, and what to do about it.
 _SYNTAX_WORDS = (
-    ("'\\t'", "a tab stands where only spaces may", "indent with spaces"),
+    ("'\\t'", "a tab where only spaces are allowed", "indent with spaces"),
     (
         "mapping values are not allowed",
-        "this colon makes no key",
-        "a text with a colon needs quotes; check the indent",
+        "this colon does not follow a key",
+        "text with a colon needs quotes; check the indent",
     ),
     ("unexpected end of stream", "a quote is not closed", "it was opened on the line named here"),
     (
@@ -69,17 +68,17 @@ _SYNTAX_WORDS = (
 
 
 def resolve_scalar(text: str) -> Scalar:
-    """Return what an unquoted text means in the core schema of YAML 1.2 (specification, section 10.3.2)."""
+    """Return the value of an unquoted text in the core schema."""
     return next((read(text) for pattern, read in _CORE_SCHEMA if re.fullmatch(pattern, text)), text)
 
 
 def read_tree(text: str, source: str) -> Tree:
-    """Return the mapping that `text` holds; `source` names it in messages.
+    """Return the mapping in `text`; `source` names it in messages.
 
     Raises
     ------
     FileFormatError
-        The text is no YAML, empty, more than one document, no mapping at the top, or too deep or too large.
+        When the text is not YAML, empty, several documents, no mapping, too deep or too large.
     """
     tree = compose(text, source)
     if isinstance(tree.values, dict):
@@ -96,12 +95,12 @@ def read_tree(text: str, source: str) -> Tree:
 
 
 def compose(text: str, source: str) -> Tree:
-    """Return whatever single value `text` holds, with the faults that did not stop the reading.
+    """Return the value in `text`, of any kind, with the faults that did not stop the reading.
 
     Raises
     ------
     FileFormatError
-        As `read_tree`, but any value may stand at the top.
+        As `read_tree`, except that any value may be at the top.
     """
     yaml: Any = YAML(typ="safe", pure=True)  # its attributes are typed by their defaults, None
     yaml.Composer = _Composer
@@ -124,18 +123,18 @@ def compose(text: str, source: str) -> Tree:
 
 
 class _RefusedError(ComposerError):
-    """What YAML allows and a protocol does not."""
+    """Something that YAML allows and a protocol does not."""
 
     def __init__(self, message: str, mark: StreamMark, hint: str = "") -> None:
         super().__init__(None, None, message, mark, hint)
 
 
 class _Composer(Composer):
-    """ruamel's, within bounds; a node keeps its tag only where the text has one."""
+    """The composer of ruamel.yaml with bounds; a node keeps a tag only if the text has one."""
 
     def __init__(self, loader: Any = None) -> None:
         super().__init__(loader)
-        self.warn_double_anchors = False  # the later one counts
+        self.warn_double_anchors = False  # the later anchor counts
         self.start: Any = None
         self._extents: dict[int, tuple[int, int]] = {}
 
@@ -154,17 +153,17 @@ class _Composer(Composer):
         return node
 
     def _check_alias(self, event: AliasEvent, *, is_key: bool) -> None:
-        known = self.anchors.get(event.anchor)
-        if known is None or known.end_mark is None:  # a value that is not complete cannot hold itself
+        anchored = self.anchors.get(event.anchor)
+        if anchored is None or anchored.end_mark is None:  # a value must not contain itself
             hint = "define it first with &name, or quote the text if the * is meant"
             raise _RefusedError(f"*{event.anchor} is not defined above", event.start_mark, hint)
         if is_key:
             raise _RefusedError("a key must be a plain word", event.start_mark, "write the key out")
 
     def _check_extent(self, node: Node) -> None:
-        """Count values and levels, aliases expanded, so that a short file cannot fill the memory."""
-        held = () if isinstance(node, ScalarNode) else node.value
-        extents = [self._extents[id(each[1] if isinstance(each, tuple) else each)] for each in held]
+        """Count values and levels with aliases expanded, so that a short file cannot fill the memory."""
+        children = () if isinstance(node, ScalarNode) else node.value
+        extents = [self._extents[id(child[1] if isinstance(child, tuple) else child)] for child in children]
         size = 1 + sum(size for size, _ in extents)
         height = 1 + max((height for _, height in extents), default=0)
         if size > MAX_VALUES:
@@ -175,7 +174,7 @@ class _Composer(Composer):
 
 
 class _NodeReader:
-    """Reads the values of nodes; gathers where they stand and what is wrong with them."""
+    """Reads the values of nodes; collects their positions and faults."""
 
     def __init__(self, source: str, faults: list[InputFault]) -> None:
         self._source = source
@@ -183,61 +182,61 @@ class _NodeReader:
         self.faults = faults
 
     def check_version(self, start: DocumentStartEvent) -> None:
-        """Note a file that declares another version of YAML."""
+        """Add a fault if the file declares another version of YAML."""
         if start.version not in (None, (1, 2)):
             found = ".".join(map(str, start.version))
-            self._fault(start, (), f"the file declares YAML {found}, expected 1.2", "delete the %YAML line")
+            self._add_fault(
+                start, (), f"the file declares YAML {found}, expected 1.2", "delete the %YAML line"
+            )
 
     def read(self, node: Node, path: tuple[str, ...], key: Node) -> Plain:
-        """Return the value of `node`, which stands at `path` behind `key`."""
+        """Return the value of `node`, whose path is `path` and whose key is `key`."""
         if node.ctag:
             tag = str(node.ctag).replace("tag:yaml.org,2002:", "!!")
-            self._fault(
-                node, path, f"the tag {tag} is not known here, values carry no tags", "delete the tag"
+            self._add_fault(
+                node, path, f"the tag {tag} is not allowed, values have no tags", "delete the tag"
             )
-        value = self._value(node, path)
-        stands = self._position(
-            key if value is None else node
-        )  # the parser sees nothing where the next key is
-        self.positions[path] = EntryPosition(self._position(key), stands)
+        value = self._read_value(node, path)
+        # The parser puts an empty value where the next key is.
+        position = self._position(key if value is None else node)
+        self.positions[path] = EntryPosition(self._position(key), position)
         return value
 
-    def _value(self, node: Node, path: tuple[str, ...]) -> Plain:
+    def _read_value(self, node: Node, path: tuple[str, ...]) -> Plain:
         if isinstance(node, MappingNode):
-            return self._section(node, path)
+            return self._read_section(node, path)
         if isinstance(node, SequenceNode):
-            return [self.read(each, (*path, str(index)), each) for index, each in enumerate(node.value)]
+            return [self.read(entry, (*path, str(index)), entry) for index, entry in enumerate(node.value)]
         plain = isinstance(node, ScalarNode) and node.style is None
         return resolve_scalar(node.value) if plain else str(node.value)
 
-    def _section(self, node: MappingNode, path: tuple[str, ...]) -> dict[str, Plain]:
+    def _read_section(self, node: MappingNode, path: tuple[str, ...]) -> dict[str, Plain]:
         section: dict[str, Plain] = {}
         for key, child in node.value:
-            name = self._key(key, path)
+            name = self._read_key(key, path)
             inner = (*path, "?" if name is None else name)
             is_new = name is not None and name not in section
-            reader = (
-                self if is_new else _NodeReader(self._source, self.faults)
-            )  # the positions are the first's
+            # The positions of the first of two equal keys are kept.
+            reader = self if is_new else _NodeReader(self._source, self.faults)
             value = reader.read(child, inner, key)
             if name in section:
                 hint = f"first on line {self.positions[inner].key.line}; keep one of the two"
-                self._fault(key, inner, f"the key stands twice, here with {show(value)}", hint)
+                self._add_fault(key, inner, f"the key is given twice, here with {show(value)}", hint)
             elif name is not None:
                 section[name] = value
         return section
 
-    def _key(self, key: Node, path: tuple[str, ...]) -> str | None:
-        """Return the key, or None for one that no file of ours can have; its fault is noted."""
+    def _read_key(self, key: Node, path: tuple[str, ...]) -> str | None:
+        """Return the key; add a fault and return None for a key that is not allowed."""
         if not isinstance(key, ScalarNode):
-            self._fault(key, path, "a key must be a plain word", "brackets before a colon need quotes")
+            self._add_fault(key, path, "a key must be a plain word", "brackets before a colon need quotes")
             return None
         if key.value == "<<" and key.style is None:
-            self._fault(key, path, "merge keys (<<) are not part of YAML 1.2", "write the keys out")
+            self._add_fault(key, path, "merge keys (<<) are not part of YAML 1.2", "write the keys out")
             return None
         return str(key.value)
 
-    def _fault(self, at: Node | Event, path: tuple[str, ...], message: str, hint: str) -> None:
+    def _add_fault(self, at: Node | Event, path: tuple[str, ...], message: str, hint: str) -> None:
         self.faults.append(InputFault(self._position(at), path, message, hint))
 
     def _position(self, at: Node | Event) -> Position:
@@ -245,8 +244,12 @@ class _NodeReader:
 
 
 def _syntax_fault(error: MarkedYAMLError, source: str) -> InputFault:
-    said, note = str(error.problem or error.context), error.note if isinstance(error, _RefusedError) else ""
-    words, hint = next(((words, hint) for part, words, hint in _SYNTAX_WORDS if part in said), (said, note))
+    problem, note = (
+        str(error.problem or error.context),
+        error.note if isinstance(error, _RefusedError) else "",
+    )
+    matches = ((words, hint) for part, words, hint in _SYNTAX_WORDS if part in problem)
+    words, hint = next(matches, (problem, note))
     mark = error.context_mark if "line named here" in hint and error.context_mark else error.problem_mark
     position = Position(source, mark.line + 1, mark.column + 1) if mark else Position(source)
     is_syntax = not isinstance(error, ComposerError | MaxDepthExceededError)

@@ -1,4 +1,4 @@
-"""YAML file -> tree of values with positions, without any model; a search over runs needs no more."""
+"""YAML file -> tree of values with positions, without a model; a search over runs needs no more."""
 
 import difflib
 from codecs import BOM_UTF8
@@ -15,45 +15,45 @@ MAX_BYTES = 256 * 1024  # a hundred times a long protocol; ruamel.yaml reads abo
 
 
 def load_yaml_values(path: Path | str) -> dict[str, Plain]:
-    """Return what a YAML file says, of whatever kind it is, as JSON would hold it.
+    """Return the values of a YAML file of any kind, as in JSON.
 
     Raises
     ------
     FileFormatError
-        When it is no YAML, or holds no mapping.
+        When it is not YAML, or holds no mapping.
     """
-    return _values(load_tree(Path(path)))
+    return _require_faultless(load_tree(Path(path)))
 
 
 def parse_yaml_values(text: str, source: str) -> dict[str, Plain]:
-    """Return what a YAML text says; `source` names it in messages. Raises as `load_yaml_values`."""
-    return _values(read_tree(text, source))
+    """Return the values of a YAML text; `source` names it in messages. Raises as `load_yaml_values`."""
+    return _require_faultless(read_tree(text, source))
 
 
-def _values(tree: Tree) -> dict[str, Plain]:
+def _require_faultless(tree: Tree) -> dict[str, Plain]:
     if tree.faults:
         raise file_format_error(list(tree.faults))
     return tree.section(())
 
 
 def load_tree(path: Path) -> Tree:
-    """Return the mapping that a file holds, with places. Raises `FileFormatError`."""
+    """Return the mapping in a file, with positions. Raises `FileFormatError`."""
     content = _read_bytes(path).removeprefix(BOM_UTF8)
     try:
-        return read_tree(_decoded(content, str(path)), str(path))
+        return read_tree(_decode(content, str(path)), str(path))
     except FileFormatError as error:
         if path.suffix in _SUFFIXES:
             raise
-        raise _unreadable(path, "this is no YAML file", _nearby_hint(path.parent / "x.yaml")) from error
+        raise _file_error(path, "this is not a YAML file", _hint_at_files(path.parent / "x.yaml")) from error
 
 
 def require_kind(tree: Tree, others: Mapping[str, tuple[str, str]]) -> None:
-    """Refuse a file of another kind in one sentence, instead of every key that it has not.
+    """Refuse a file of another kind in one sentence, instead of naming every missing key.
 
     Parameters
     ----------
     others : mapping of str to (str, str)
-        A key that only files of another kind have -> what such a file is, and what to do.
+        Key that only files of another kind have -> a message that names this kind, and a hint.
 
     Raises
     ------
@@ -69,19 +69,21 @@ def _read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except FileNotFoundError as error:
-        raise _unreadable(path, "there is no such file", _nearby_hint(path)) from error
+        raise _file_error(path, "there is no such file", _hint_at_files(path)) from error
     except IsADirectoryError as error:
-        raise _unreadable(path, "this is a folder, expected a YAML file", _nearby_hint(path / "x")) from error
+        raise _file_error(
+            path, "this is a folder, expected a YAML file", _hint_at_files(path / "x")
+        ) from error
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or str(error)
-        raise _unreadable(path, f"cannot be read: {reason}", "check the name and the permissions") from error
+        raise _file_error(path, f"cannot be read: {reason}", "check the name and the permissions") from error
     if len(content) > MAX_BYTES:
         message = f"larger than {MAX_BYTES // 1024} kB, expected a file written by hand"
-        raise _unreadable(path, message, "is this the right file?")
+        raise _file_error(path, message, "is this the right file?")
     return content
 
 
-def _decoded(content: bytes, source: str) -> str:
+def _decode(content: bytes, source: str) -> str:
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -93,15 +95,15 @@ def _decoded(content: bytes, source: str) -> str:
         ) from error
 
 
-def _unreadable(path: Path, message: str, hint: str) -> FileFormatError:
+def _file_error(path: Path, message: str, hint: str) -> FileFormatError:
     return file_format_error([InputFault(Position(str(path)), (), message, hint)])
 
 
-def _nearby_hint(path: Path) -> str:
-    """Return the YAML files beside `path`, or the one that was probably meant."""
+def _hint_at_files(path: Path) -> str:
+    """Return a hint: the file that `path` probably means, or the YAML files beside it."""
     if not path.parent.is_dir():
         return f"the folder {path.parent} does not exist"
-    names = sorted(each.name for each in path.parent.iterdir() if each.suffix in _SUFFIXES)
+    names = sorted(file.name for file in path.parent.iterdir() if file.suffix in _SUFFIXES)
     if meant := difflib.get_close_matches(path.name, names, n=1):
         return f"did you mean {path.parent / meant[0]}?"
     return f"YAML files there: {', '.join(names[:10])}" if names else f"{path.parent} holds no YAML file"

@@ -13,8 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.protocol.load import parse_protocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
@@ -22,6 +20,7 @@ from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
 from labrig.vision.calibration_file import save_plane
 from labrig.vision.plane import PlaneMap
+from tests.protocol_texts import load_text
 
 NOW = datetime(2026, 11, 21, 9, 30, tzinfo=UTC)
 PX_PER_MM = 10.0
@@ -102,7 +101,7 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
     sweep = sweep or Sweep()
     insertions = max(1, *(len(radii) for radii in sweep.radii_mm.values()))
     specimens = dict(zip(sweep.radii_mm, sweep.gelatin_percent, strict=True))
-    protocol = parse_protocol(
+    protocol = load_text(
         _PROTOCOL.format(
             title=_quoted(sweep.title),
             operator=_quoted(sweep.operator),
@@ -112,9 +111,7 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
                 for name, percent in specimens.items()
             ),
             insertions=insertions,
-        ),
-        "synthetic",
-        PROTOCOL_MODELS,
+        )
     )
     manifest = {
         "experiment": "steerability", "started": NOW, "title": sweep.title, "operator": sweep.operator, "seed": 7,
@@ -173,7 +170,7 @@ sheath_diameter_mm: 2.0
 scale: {px_per_mm: 10, origin_px: [120, 70], insertion: right}
 analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_sigma_mm: 0.5}
 """
-    protocol = parse_protocol(text, "synthetic", PROTOCOL_MODELS)
+    protocol = load_text(text)
     manifest = {"experiment": "import", "started": NOW, "title": "Loose pictures", "provenance": PROVENANCE}
     recorder = Recorder.create(folder, "import", manifest, dump_yaml(protocol), None, {})
     for number, radius_mm in enumerate(radii_mm):
@@ -197,7 +194,7 @@ insertion: {speed_mm_s: 1, withdraw_speed_mm_s: 5}
 roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 14, max_sd_deg: 3}
 """
     manifest = {"experiment": "roll-zero", "started": NOW, "title": "Roll zero", "provenance": PROVENANCE}
-    protocol = dump_yaml(parse_protocol(text, "synthetic", PROTOCOL_MODELS))
+    protocol = dump_yaml(load_text(text))
     recorder = Recorder.create(
         folder, "roll-zero", manifest, protocol, None, {"plane.json": plane_file(folder)}
     )
@@ -243,7 +240,7 @@ plane: {{pitch_mm: 1, origin_px: [320, 200], insertion: right, gel: {gel}}}
         folder,
         "calibration",
         manifest,
-        dump_yaml(parse_protocol(text, "synthetic", PROTOCOL_MODELS)),
+        dump_yaml(load_text(text)),
         None,
         {},
     )

@@ -57,7 +57,7 @@ def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path
     text.write_text("# Notes\n\n- `a`: b: c\n", encoding="utf-8")
     done = labrig("run", text)
     assert (done.exit_code, done.err) == (
-        2, f"error: {text}: this is no YAML file\nhint: {tmp_path} holds no YAML file\n",
+        2, f"error: {text}: this is not a YAML file\nhint: {tmp_path} holds no YAML file\n",
     )  # fmt: skip
 
 

@@ -14,7 +14,8 @@ from labrig.experiments.camera_calibration.protocol import CameraCalibrationProt
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.load import load_protocol
+from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 STEERABILITY = load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS)
@@ -74,7 +75,7 @@ def test_a_gel_that_cannot_be_is_refused_at_its_key(gel: str, key: str):
 
 
 def _paper(text: str) -> GraphPaper:
-    protocol = parse_protocol(text, "calibration.yaml", PROTOCOL_MODELS)
+    protocol = load_text(text)
     assert isinstance(protocol, CameraCalibrationProtocol)
     return protocol.plane
 
@@ -88,7 +89,7 @@ def test_the_files_name_their_schema_on_the_first_line(name: str):
 
 def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
     """Pictures from elsewhere come with what is known about them; the rest is null, not invented."""
-    protocol = parse_protocol(IMPORT, "import.yaml", PROTOCOL_MODELS)
+    protocol = load_text(IMPORT)
     assert isinstance(protocol, ImportProtocol)
     assert (protocol.needle.design_radius_mm, protocol.sheath_diameter_mm, protocol.scale) == (
         None,
@@ -108,7 +109,7 @@ def test_an_import_may_know_neither_radius_nor_sheath_nor_scale():
 def test_an_import_is_held_to_the_same_rules(old: str, new: str, key: str):
     """A needle thicker than its sheath or its radius is a slip of units in an import as well."""
     with pytest.raises(FileFormatError) as caught:
-        parse_protocol(IMPORT.replace(old, new), "import.yaml", PROTOCOL_MODELS)
+        load_text(IMPORT.replace(old, new))
     assert [problem.where.partition(" ")[2] for problem in caught.value.problems] == [key]
 
 

@@ -9,10 +9,11 @@ from pydantic import Field
 
 from labrig.errors import FileFormatError, Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.load import load_protocol
 from labrig.protocol.model import Conflict, Model, Name, Notes, PixelUv
 from labrig.protocol.yaml_file import validate_tree, validate_values
 from labrig.protocol.yaml_text import read_tree
+from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 STEERABILITY = (PROTOCOLS / "steerability.yaml").read_text(encoding="utf-8")
@@ -22,7 +23,7 @@ CALIBRATION = (PROTOCOLS / "calibration.yaml").read_text(encoding="utf-8")
 def problems_of(text: str) -> tuple[Problem, ...]:
     """Return the problems of a protocol text."""
     with pytest.raises(FileFormatError) as caught:
-        parse_protocol(text, "p.yaml", PROTOCOL_MODELS)
+        load_text(text)
     return caught.value.problems
 
 
@@ -61,7 +62,7 @@ def line_of(text: str, part: str) -> int:
             "frame_every_mm: 1\ntitle:",
             "frame_every_mm",
             "unknown",
-            "stands at insertion.frame_every_mm",
+            "belongs to insertion.frame_every_mm",
         ),
         ("length_mm: 40", 'length_mm: "40"', "insertion.length_mm", 'is "40"', "without quotes: 40"),
         (
@@ -111,7 +112,7 @@ def line_of(text: str, part: str) -> int:
             "needle_id: {a: b}",
             "needle.needle_id",
             "a section",
-            "a text with a colon needs quotes",
+            "text with a colon needs quotes",
         ),
         ('operator: ""', "operator:", "operator", "is empty (null)", 'write "" for none'),
         ("needle_id: N1", 'needle_id: "N1 "', "needle.needle_id", "neither starts nor ends", ""),
@@ -142,7 +143,7 @@ def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
     (problem,) = problems_of(text)
     place, _, path = problem.where.partition(" ")
     assert path == key
-    assert re.fullmatch(rf"p\.yaml:{line_of(text, new.splitlines()[0])}:[0-9]+", place)
+    assert re.fullmatch(rf".*/protocol\.yaml:{line_of(text, new.splitlines()[0])}:[0-9]+", place)
     assert message in problem.message
     assert hint in problem.hint
 

@@ -124,8 +124,8 @@ def test_duplicate_keys_tags_merge_keys_and_directives_are_gathered():
     told = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
     assert told == [
         ("x.yaml:2:1", "the file declares YAML 1.1"),
-        ("x.yaml:4:1 a", "the key stands twice"),
-        ("x.yaml:4:4 a", "the tag !!python/object:os.system is not known here"),
+        ("x.yaml:4:1 a", "the key is given twice"),
+        ("x.yaml:4:4 a", "the tag !!python/object:os.system is not allowed"),
         ("x.yaml:5:1", "merge keys (<<) are not part of YAML 1.2"),
         ("x.yaml:6:3", "a key must be a plain word"),
     ]

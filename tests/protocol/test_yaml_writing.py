@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.imported_pictures.protocol import ImportedNeedle, ImportProtocol
-from labrig.protocol.load import load_protocol, parse_protocol
+from labrig.protocol.load import load_protocol
 from labrig.protocol.model import Model
 from labrig.protocol.sections import AnalysisWindow, Scale
 from labrig.protocol.yaml_file import dump_yaml, validate_tree
 from labrig.protocol.yaml_text import read_tree
+from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 
@@ -40,7 +41,7 @@ class Mixed(Model):
 def test_the_protocols_in_the_checkout_survive_being_written(name: str):
     """What the record keeps of a protocol means the same as the file it came from."""
     protocol = load_protocol(PROTOCOLS / name, PROTOCOL_MODELS)
-    assert parse_protocol(dump_yaml(protocol), "written", PROTOCOL_MODELS) == protocol
+    assert load_text(dump_yaml(protocol)) == protocol
 
 
 def test_defaults_are_written_out():
@@ -73,7 +74,7 @@ def test_any_import_protocol_survives_being_written(
             max_radius_sigma_mm=window_mm,
         ),
     )
-    assert parse_protocol(dump_yaml(protocol), "written", PROTOCOL_MODELS) == protocol
+    assert load_text(dump_yaml(protocol)) == protocol
 
 
 any_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=40)

@@ -61,7 +61,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
     example = Path(shutil.move(folder / EXAMPLE, folder / "example"))
     _build_wheel(example, wheels)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True, timeout=300)
-    pip = [sys.executable, "-m", "pip", "--python", environment / "bin" / "python", "install", "--quiet"]
+    pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin" / "python"), "install", "--quiet"]
     subprocess.run(
         [
             *pip,

@@ -5,6 +5,7 @@ import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -174,5 +175,6 @@ def test_a_commit_is_checked_as_make_checks_the_code() -> None:
     """The hooks of pre-commit are the commands of `make check-code`, in the same order."""
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\ncheck-code:")[1].split("\n\n")[0]
     commands = re.findall(r"^\t\$\(BIN\)/(.+)$", recipe, re.MULTILINE)
-    (local,) = load_yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
+    hooks: Any = load_yaml_values(ROOT / ".pre-commit-config.yaml")["repos"]
+    (local,) = hooks
     assert [hook["entry"] for hook in local["hooks"]] == [f".venv/bin/{command}" for command in commands]

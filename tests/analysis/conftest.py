@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import experiment_of
 from labrig.experiments.shared.curvature_result import CurvatureResult
@@ -20,7 +20,7 @@ class Measured:
     """A run and its result."""
 
     run: Run
-    result: AnalysisResult
+    result: AnyResult
 
     @property
     def content(self) -> CurvatureResult:

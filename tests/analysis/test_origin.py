@@ -1,6 +1,7 @@
 """Where the sheath stood in each trial, and trials in which it was somewhere else."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from labrig.experiments.shared.curvature_result import PictureResult
 from labrig.experiments.shared.picture_results import add_origins, refuse_by_origin
 from labrig.protocol.sections import Sheath, SheathOrigin
 from labrig.record.events import FrameLine
+from labrig.vision.picture import Picture
 from labrig.vision.plane import PlaneMap
 from tests.analysis.synthetic import ORIGIN_PX, PX_PER_MM, SIZE, needle_picture
 
@@ -91,13 +93,17 @@ def test_the_depth_that_belongs_to_the_origin_may_be_another_than_the_sheaths() 
     assert only.expected_mm == pytest.approx((0.0, -1.0))
 
 
+def _show(picture: Picture, _frame: int) -> Picture:
+    return picture
+
+
 def test_play_across_the_sheath_is_no_disagreement_and_a_bump_is() -> None:
     """Seven tenths aside are play, three millimetres are a bumped camera, each way; nothing is said of the encoder."""
     for aside_px, fine in ((7, True), (-7, True), (30, False), (-30, False)):
         image = np.roll(sheath_picture(0), -aside_px, axis=0)
         line = FrameLine(frame=0, file="", trial=0, linear_mm=15.0)
         sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0, origin=SheathOrigin())
-        (one,) = find_origins(lambda _, seen=image: seen, [line], PLANE, sheath)
+        (one,) = find_origins(partial(_show, image), [line], PLANE, sheath)
         assert one.across_mm == pytest.approx(0.1 * aside_px, abs=0.05)
         assert one.accepted is fine
         assert fine or "play" in (one.reason or "")

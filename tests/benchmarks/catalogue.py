@@ -29,14 +29,14 @@ def print_table(runs: int = RUNS) -> None:
         first_s = _best_s(lambda: list_runs(runs_dir), 1)
         first_search_s = _best_s(lambda: find_runs(runs_dir, condition), 1)
         command = [sys.executable, "-m", "labrig", "runs", "--runs-dir"]
-        rows = [
-            ["labrig runs, from start to exit", _command_s([*command, folder]), LIMIT_S],
-            ["labrig runs --where, likewise", _command_s([*command, folder, "--where", condition]), LIMIT_S],
-            ["labrig runs of an empty folder", _command_s([*command, f"{folder}/none"]), None],
-            ["the list alone", _best_s(lambda: list_runs(runs_dir), REPETITIONS), None],
-            ["the search alone", _best_s(lambda: find_runs(runs_dir, condition), REPETITIONS), None],
-            ["the list, index lost: made again", first_s, None],
-            ["the search, likewise", first_search_s, None],
+        rows: list[tuple[str, float, float | None]] = [
+            ("labrig runs, from start to exit", _command_s([*command, folder]), LIMIT_S),
+            ("labrig runs --where, likewise", _command_s([*command, folder, "--where", condition]), LIMIT_S),
+            ("labrig runs of an empty folder", _command_s([*command, f"{folder}/none"]), None),
+            ("the list alone", _best_s(lambda: list_runs(runs_dir), REPETITIONS), None),
+            ("the search alone", _best_s(lambda: find_runs(runs_dir, condition), REPETITIONS), None),
+            ("the list, index lost: made again", first_s, None),
+            ("the search, likewise", first_search_s, None),
         ]
     print_rows(
         [f"{runs} runs", "ms", "limit ms"],

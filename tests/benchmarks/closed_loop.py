@@ -11,6 +11,7 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -118,7 +119,7 @@ def insert(seed: int, policy: str, cavities: int) -> InsertionEnd:
         y, z = world.centre_line_mm(2)[-1]
         seen = np.array((0.0, y, z)) + np.array((0.0, *noise.normal(0.0, SIGMA_MM, 2)))
         state, command = step_steering(state, TipSighting(command.observe_at_mm, seen), chosen)
-    truth = world.truth()
+    truth: Any = world.truth()
     return InsertionEnd(
         command.stop or "never",
         truth["true_target_error_mm"],

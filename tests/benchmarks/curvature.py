@@ -52,7 +52,7 @@ def print_table() -> None:
         [[picture.sigma_radius_mm or 0.0, picture.sigma_calibration_mm or 0.0] for picture in accepted],
         axis=0,
     )
-    rows = [
+    rows: list[list[object]] = [
         [f"pictures measured, of {len(measured)}", len(accepted), len(measured)],
         ["bias of the radius, %", f"{100.0 * errors.mean() / RADIUS_MM:+.4f}", "0.03"],
         ["worst error, mm", f"{np.abs(errors).max():.4f}", "0.1"],

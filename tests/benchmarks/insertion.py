@@ -72,7 +72,7 @@ def _row(seed: int, measured: Measured, document: dict[str, Any], result: dict[s
 
 def _holds(result: dict[str, Any]) -> bool:
     """Return whether the true error lies within 1.96 standard deviations of the measured error."""
-    insertion = next(iter(result.get("insertions", ())), {})
+    insertion: dict[str, Any] = next(iter(result.get("insertions", ())), {})
     errors = [
         insertion.get(f"{name}_mm") for name in ("true_target_error", "target_error", "sigma_target_error")
     ]

@@ -42,7 +42,7 @@ def rrt_solves(problem: PlanProblem, limit_s: float) -> bool:
     return setup.solve(limit_s).asString() == "Exact solution"
 
 
-class _Target(base.GoalRegion):
+class _Target(base.GoalRegion):  # type: ignore[misc] # OMPL is untyped
     def __init__(self, information: control.SpaceInformation, problem: PlanProblem) -> None:
         super().__init__(information)
         self._y, self._z = problem.target_mm[1:]

@@ -51,7 +51,7 @@ class Recorded:
 def print_table(duration_s: float = DURATION_S) -> None:
     """Print processor time, late pictures and growth of memory for each store."""
     pictures = _draw_pictures()
-    rows = []
+    rows: list[list[object]] = []
     for store, limit in LIMITS.items():
         with tempfile.TemporaryDirectory() as folder:
             found = _record(begin(Path(folder), store=store), pictures, duration_s)

@@ -4,8 +4,8 @@ import math
 import statistics
 import time
 from collections.abc import Callable
+from typing import Any
 
-import cv2
 import numpy as np
 
 from labrig.vision.tip import locate_tip
@@ -38,8 +38,8 @@ def print_table() -> None:
         headings.append(fix.heading_rad - shown.heading_rad)
     across, down = np.sqrt(np.mean(np.square(errors), axis=0))
     shown = tip(0.3, 1)
-    full = cv2.copyMakeBorder(shown.picture, 300, 300, 640, 640, cv2.BORDER_REFLECT)[:1080, :1920].copy()
-    hint = {"heading_rad": 0.35, "roll_rad": 0.0}
+    full = np.pad(shown.picture, ((300, 300), (640, 640)), "symmetric")[:1080, :1920].copy()
+    hint: dict[str, Any] = {"heading_rad": 0.35, "roll_rad": 0.0}
     print_rows(
         ("figure", "measured", "limit"),
         [

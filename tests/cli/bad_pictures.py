@@ -13,7 +13,7 @@ Picture = NDArray[np.uint8]
 
 def write_bad_pictures(good: Path, folder: Path) -> dict[str, Path]:
     """Write each kind of bad picture that `good` can be turned into; return them by what is wrong with them."""
-    picture = cv2.imread(str(good), cv2.IMREAD_UNCHANGED)
+    picture = np.asarray(cv2.imread(str(good), cv2.IMREAD_UNCHANGED), np.uint8)
     height, width = picture.shape[:2]
     made: dict[str, Callable[[], Path]] = {
         "16 bits": lambda: _saved(folder / "deep.png", picture.astype(np.uint16) * 257),
@@ -31,7 +31,7 @@ def write_bad_pictures(good: Path, folder: Path) -> dict[str, Path]:
     return {name: make() for name, make in made.items()}
 
 
-def _saved(path: Path, picture: NDArray[np.generic]) -> Path:
+def _saved(path: Path, picture: NDArray[np.unsignedinteger]) -> Path:
     assert cv2.imwrite(str(path), picture)
     return path
 

@@ -31,10 +31,10 @@ def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[
     disk, copy = tmp_path / "disk", tmp_path / "copy"
     mount = _mounting(disk, size)
     sets = [word for setting in settings for word in ("--set", setting)]
-    command = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", disk]
-    command += ["--run-name", "run", "--json", *SHORT_SWEEP, *sets]
+    labrig: list[object] = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", disk]
+    labrig += ["--run-name", "run", "--json", *SHORT_SWEEP, *sets]
     script = f"{mount} && \"$@\"; status=$?; cp -r '{disk}/run' '{copy}' && exit $status"
-    command = [*UNSHARE, script, "sh", *map(str, command)]
+    command = [*UNSHARE, script, "sh", *map(str, labrig)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 3, done.stderr
     assert "Traceback" not in done.stderr
@@ -68,7 +68,17 @@ def test_the_axes_stop_and_the_record_says_why(
 
 def test_raw_frames_that_may_not_grow_end_the_run_whole(tmp_path: Path) -> None:
     """A quota on the file of raw frames: stopped, failed with the reason, every acknowledged picture readable."""
-    command = [sys.executable, "-m", "labrig", "run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path]
+    command: list[object] = [
+        sys.executable,
+        "-m",
+        "labrig",
+        "run",
+        SWEEP,
+        "--rig",
+        RIG,
+        "--runs-dir",
+        tmp_path,
+    ]
     command += ["--run-name", "run", "--json", *SHORT_SWEEP, "--set", "rig.camera.store=raw"]
     script = ["bash", "-c", 'ulimit -f 6000; exec "$@"', "bash"]
     done = subprocess.run(

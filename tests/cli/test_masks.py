@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -35,7 +36,7 @@ def two_needles(good: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def polygon(path: Path, name: str, corners: list[list[float]]) -> Path:
+def polygon(path: Path, name: str, corners: Sequence[Sequence[float]]) -> Path:
     """Return the path of a mask with one polygon for one picture, or for all."""
     path.write_text(json.dumps({name: [corners]}))
     return path

@@ -84,7 +84,9 @@ def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: P
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     run = open_run(tmp_path / "a run")
     assert list(run.trials["exit_status"]) == ["interrupted", "success"]
-    (ending,) = run.manifest["earlier_endings"]
+    endings = run.manifest["earlier_endings"]
+    assert isinstance(endings, list)
+    (ending,) = endings
     assert ending["exit_status"] == "failed"
 
 

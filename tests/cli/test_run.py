@@ -47,9 +47,8 @@ def test_every_insertion_leaves_its_pictures(sweep: Sweep) -> None:
 
 def test_the_closed_record_is_covered_by_checksums(sweep: Sweep) -> None:
     """SHA256SUMS names every raw file of the run with the hash that it has."""
-    listed = dict(
-        reversed(line.split("  ", 1)) for line in (sweep.run / "SHA256SUMS").read_text().splitlines()
-    )
+    lines = [line.split("  ", 1) for line in (sweep.run / "SHA256SUMS").read_text().splitlines()]
+    listed = {file: digest for digest, file in lines}
     raw = {"protocol.yaml", "rig.yaml", "frames.jsonl", "states.jsonl", "events.jsonl", "truth.jsonl"}
     assert raw <= set(listed)
     for name, digest in listed.items():

@@ -1,6 +1,6 @@
 """A bench rig whose drives are simulated ones on a python-can bus, in real time; its camera shows one picture."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.clocks import SystemClock
 from labrig.devices.operator import Operator
+from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.rig import Interrupted, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from tests.devices.rigs import BENCH, Person, Signal
@@ -77,6 +78,9 @@ class ServedPlant:
     def truth(self) -> tuple[dict[str, object], ...]:
         """Return nothing."""
         return ()
+
+    def recall(self, insertions: Sequence[PastInsertion]) -> None:
+        """Do nothing."""
 
     def close(self) -> None:
         """Nothing is held."""

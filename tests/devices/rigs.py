@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.epos2.driver import Epos2
@@ -80,7 +81,7 @@ class OneDrive:
 
 
 @contextmanager
-def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
+def one_drive(**drive_settings: Any) -> Iterator[OneDrive]:
     """Set up a drive on a bus, with a driver."""
     clock, wire = SimulatedClock(), InProcessWire()
     link = attach(wire, clock, ANSWER_TIMEOUT_S)
@@ -92,12 +93,23 @@ def one_drive(**drive_settings: int) -> Iterator[OneDrive]:
     drive.unplug()
 
 
+def epos2_drives(hardware: SimulatedHardware) -> dict[str, SimulatedDrive]:
+    """Return the simulated EPOS2 of each axis that has one."""
+    return {name: drive for name, drive in hardware.drives.items() if isinstance(drive, SimulatedDrive)}
+
+
 @dataclass
 class OpenedRig:
     """A rig whose simulated hardware a test can reach behind its back."""
 
     rig: Rig
     hardware: SimulatedHardware
+
+    @property
+    def drives(self) -> dict[str, SimulatedDrive]:
+        """The simulated EPOS2 of each axis."""
+        return epos2_drives(self.hardware)
+
     signal: Signal
     person: Person
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from typing import Any
 
 import can
 import pytest
@@ -26,7 +27,7 @@ _PATIENCE_S = 60.0
 class Served:
     """What is served, and how another bus reaches it: the arguments of `can.Bus`."""
 
-    reached_by: dict[str, object]
+    reached_by: dict[str, Any]
     drives: dict[int, SimulatedDrive]
     bus: can.BusABC
     wire: InProcessWire
@@ -49,9 +50,9 @@ def _free_port() -> int:
     return 20_000 + os.getpid() % 40_000
 
 
-def _open(interface: str) -> tuple[can.BusABC, dict[str, object]]:
+def _open(interface: str) -> tuple[can.BusABC, dict[str, Any]]:
     if interface == "virtual":
-        reached_by: dict[str, object] = {"interface": "virtual", "channel": "served"}
+        reached_by: dict[str, Any] = {"interface": "virtual", "channel": "served"}
         return can.Bus(**reached_by), reached_by
     if interface == "udp_multicast":
         reached_by = {"interface": "udp_multicast", "channel": _GROUP, "port": _free_port()}
@@ -65,7 +66,7 @@ def _open(interface: str) -> tuple[can.BusABC, dict[str, object]]:
     }
 
 
-def _multicast(reached_by: dict[str, object]) -> can.BusABC:
+def _multicast(reached_by: dict[str, Any]) -> can.BusABC:
     """Open a multicast bus; the test is skipped where a frame does not come back."""
     try:
         bus = ServedBus("udp_multicast", _GROUP, _free_port()).open()
@@ -96,7 +97,8 @@ def served_drives(
     thread = threading.Thread(target=served.serve, args=(until,))
     thread.start()
     try:
-        yield Served(reached_by, served.drives, bus, served.wire, actions)
+        drives = {node: drive for node, drive in served.drives.items() if isinstance(drive, SimulatedDrive)}
+        yield Served(reached_by, drives, bus, served.wire, actions)
     finally:
         over.set()
         thread.join()

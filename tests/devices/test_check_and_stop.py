@@ -8,7 +8,7 @@ import pytest
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
-from labrig.devices.camera import Camera, PictureSource
+from labrig.devices.camera import Camera, Exposure, PictureSource
 from labrig.devices.camera_kind import rate_result
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
@@ -89,12 +89,12 @@ def test_a_wrong_encoder_fails_the_check() -> None:
 def test_a_faulted_drive_fails_the_check() -> None:
     """The fault is named, and the check resets nothing."""
     with opened_rig() as opened:
-        opened.hardware.drives["linear"].fail(0x4210)
+        opened.drives["linear"].fail(0x4210)
         axis = simulated_rig().axes.linear
         results = _axis_results(opened, axis)
         failed = [result for result in results if result.status is CheckStatus.FAIL]
         assert "over-temperature" in failed[0].value
-        assert decode_state(opened.hardware.drives["linear"]._statusword()) is DriveState.FAULT
+        assert decode_state(opened.drives["linear"]._statusword()) is DriveState.FAULT
 
 
 def test_commands_that_are_named_name_the_rig_file() -> None:
@@ -161,9 +161,9 @@ def test_stopping_from_outside_stops_every_drive() -> None:
         done = stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
         assert sum("stands still" in line for line in done) == 3
         assert done[-1] == "sent NMT stop to all nodes"
-        positions = [drive.shaft_counts for drive in opened.hardware.drives.values()]
+        positions = [drive.shaft_counts for drive in opened.drives.values()]
         opened.hardware.clock.sleep(1.0)
-        assert [drive.shaft_counts for drive in opened.hardware.drives.values()] == positions
+        assert [drive.shaft_counts for drive in opened.drives.values()] == positions
 
 
 def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
@@ -175,7 +175,7 @@ def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
         opened.hardware.clock.sleep(1.0)
         opened.rig.connect()
         assert opened.rig.read_states()["linear"].state is DriveState.OPERATION_ENABLED
-        assert all(drive.shaft_counts == 0 for drive in opened.hardware.drives.values())
+        assert all(drive.shaft_counts == 0 for drive in opened.drives.values())
 
 
 def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
@@ -185,10 +185,10 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
         opened.rig.reference_axes()
         opened.rig.linear.start_move(100.0, 5.0)
         opened.rig.wait(1.0)
-        opened.hardware.drives["insertion"].unplug()
+        opened.drives["insertion"].unplug()
         with pytest.raises(SafetyStopError, match=r"axis insertion \(node 1\) did not answer.*sent NMT stop"):
             stop_drives(simulated_rig(), opened.hardware.open_link(), opened.hardware.clock)
-        statusword = opened.hardware.drives["linear"]._statusword()
+        statusword = opened.drives["linear"]._statusword()
         # Meanwhile the rig did not beat, so that the drive has also stopped by itself.
         assert decode_state(statusword) in {DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT}
 
@@ -311,7 +311,7 @@ class _SlowSource:
         self._source, self._clock, self._exposure_s = source, clock, exposure_s
         self.set, self.get, self.close = source.set, source.get, source.close
 
-    def read(self) -> object:
+    def read(self) -> Exposure | None:
         """Let five exposures pass."""
         self.exposures += 5
         self._clock.sleep(5 * self._exposure_s)

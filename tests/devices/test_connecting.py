@@ -10,7 +10,6 @@ from labrig.devices.canopen_objects import Entry
 from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.settings import HOMING_DIRECTIONS
-from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, DriveRefusedError, InterruptedRunError
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
@@ -42,7 +41,7 @@ def _connect_and_reference(opened: OpenedRig) -> None:
 
 
 def _value(opened: OpenedRig, entry: Entry) -> int:
-    return opened.hardware.drives["insertion"].node.objects.value(entry)
+    return opened.drives["insertion"].node.objects.value(entry)
 
 
 def test_the_drive_holds_what_the_rig_file_says() -> None:
@@ -68,7 +67,8 @@ def test_the_drive_holds_what_the_rig_file_says() -> None:
 def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None:
     """Each is read back after it has been written, and the object is named."""
     with _rig() as opened:
-        opened.hardware.drives["insertion"].node.objects._live[entry] = lambda: entry.default
+        objects = opened.drives["insertion"].node.objects
+        objects._live = {**objects._live, entry: lambda: entry.default}
         with pytest.raises(DriveError, match=f"kept {entry.name} .{entry.place}. at {entry.default} when"):
             _connect_and_reference(opened)
 
@@ -99,7 +99,7 @@ def test_all_failures_of_all_drives_are_told_at_once() -> None:
     with _rig(
         "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.encoder_pulses_per_turn=512"
     ) as opened:
-        drives = opened.hardware.drives
+        drives = opened.drives
         drives["insertion"].unplug()
         drives["rotation"].set_encoder(500)
         drives["rotation"].node.objects.put(co.RECEIVE_PDO_COB_IDS[0], 0x203)
@@ -120,7 +120,7 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
         opened.rig.connect()
         opened.rig.needle.mark_out()
         opened.rig.reference_axes()
-        drive = opened.hardware.drives["insertion"]
+        drive = opened.drives["insertion"]
         drive.node.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
         opened.rig.connect()
         assert opened.rig.insertion.referenced
@@ -136,7 +136,7 @@ def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
     """Methods -1 and -3 positive, -2 and -4 negative, switches by their side; home is where it ends."""
     with _rig() as opened:
         opened.rig.connect()
-        drive: SimulatedDrive = opened.hardware.drives["insertion"]
+        drive = opened.drives["insertion"]
         went: list[float] = []
         opened.hardware.clock.on_advance(lambda: went.append(drive.shaft_counts))
         opened.rig.home(
@@ -155,14 +155,12 @@ def test_a_signal_ends_a_homing() -> None:
         opened.rig.connect()
         opened.hardware.clock.on_advance(
             lambda: (
-                setattr(opened.signal, "name", "SIGTERM")
-                if opened.hardware.drives["insertion"].is_homing
-                else None
+                setattr(opened.signal, "name", "SIGTERM") if opened.drives["insertion"].is_homing else None
             )
         )
         with pytest.raises(InterruptedRunError, match="SIGTERM"):
             opened.rig.home("insertion", Homing(-3, timeout_s=60.0))
-        homing = opened.hardware.drives["insertion"].journal.last("homing")
+        homing = opened.drives["insertion"].journal.last("homing")
         assert homing is not None
         assert homing.text == "stopped"
         assert not opened.rig.insertion.referenced
@@ -176,4 +174,4 @@ def test_a_homing_method_that_the_drive_has_not_is_refused() -> None:
         with pytest.raises(DriveRefusedError) as refusal:
             opened.rig.home("insertion", Homing(5))
         assert refusal.value.code == 0x06090030
-        assert opened.hardware.drives["insertion"].shaft_counts == 0
+        assert opened.drives["insertion"].shaft_counts == 0

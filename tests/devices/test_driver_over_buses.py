@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 
@@ -54,7 +55,7 @@ class OnABus:
     driver: Epos2
     drive: SimulatedDrive
     clock: Clock
-    do: Callable[[Callable[[], object]], None]
+    do: Callable[[Callable[[], object]], object]
 
     def wait_until(self, condition: Callable[[], object]) -> None:
         """Let time pass until something is so."""
@@ -155,15 +156,19 @@ def test_moves_arrive_and_can_be_changed_on_their_way(ready: OnABus) -> None:
     assert ready.driver.counter() == ready.drive.shaft_counts == -1000
 
 
+def _is_beyond(bus: OnABus, counter: int) -> bool:
+    return bus.driver.counter() > counter
+
+
 def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
     """Each ends with the axis standing still, as its position reads."""
     for stop, state in (
         (ready.driver.stop, DriveState.OPERATION_ENABLED),
         (ready.driver.quick_stop, DriveState.QUICK_STOP_ACTIVE),
     ):
-        before = ready.driver.counter()
+        passed = partial(_is_beyond, ready, ready.driver.counter())
         ready.driver.start_profile(FAR, FAST_RPM)
-        ready.wait_until(lambda before=before: ready.driver.counter() > before)
+        ready.wait_until(passed)
         stop()
         ready.driver.settle(PATIENCE_S)
         assert decode_state(ready.driver.statusword()) is state

@@ -10,7 +10,7 @@ from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import FileFormatError
-from tests.devices.rigs import rig_text, simulated_rig
+from tests.devices.rigs import epos2_drives, rig_text, simulated_rig
 
 
 def _hardware(*faults: FaultDescription) -> SimulatedHardware:
@@ -21,7 +21,7 @@ def _hardware(*faults: FaultDescription) -> SimulatedHardware:
 
 def _move(hardware: SimulatedHardware) -> None:
     """Set the insertion moving, behind everybody's back."""
-    objects = hardware.drives["insertion"].node.objects
+    objects = epos2_drives(hardware)["insertion"].node.objects
     objects.put(co.TARGET_POSITION, 100_000)
     for word in (0x06, 0x0F, 0x3F):
         objects.put(co.CONTROLWORD, word)
@@ -84,7 +84,7 @@ def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
 def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
     """The axis stands still within half a second of the fault, and the error history names it."""
     hardware = _hardware()
-    drive = hardware.drives["insertion"]
+    drive = epos2_drives(hardware)["insertion"]
     drive.node.objects.put(od.LIMIT_EXECUTION_MASK, 3)
     _move(hardware)
     hardware.clock.sleep(1.0)

@@ -5,6 +5,7 @@ import pytest
 from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
 from labrig.devices.cia402_states import DriveState
+from labrig.devices.epos2.driver import Epos2
 from labrig.errors import (
     BusError,
     BusOffError,
@@ -102,7 +103,10 @@ def test_two_drives_that_share_a_cob_id_are_refused() -> None:
     """Both would obey one frame; connecting names both axes."""
     with opened_rig() as opened:
         first = co.RECEIVE_PDO_COB_IDS[0]
-        opened.rig.rotation.drive.download(first, opened.rig.insertion.drive.upload(first))
+        rotation, insertion = opened.rig.rotation.drive, opened.rig.insertion.drive
+        assert isinstance(rotation, Epos2)
+        assert isinstance(insertion, Epos2)
+        rotation.download(first, insertion.upload(first))
         with pytest.raises(DriveError, match=r"insertion and rotation share the COB-ID 0x201"):
             opened.rig.connect()
 

@@ -21,7 +21,7 @@ def _beyond(opened: OpenedRig) -> list[str]:
     """Return every axis whose shaft stands beyond its limits, by more than a quadcount."""
     places = []
     for name, axis in RIG.axes.items():
-        position = axis.scale().to_position(opened.hardware.drives[name].shaft_counts)
+        position = axis.scale().to_position(opened.drives[name].shaft_counts)
         low, high = axis.limits
         slack = 1 / axis.scale().counts_per_unit
         if not low - slack <= position <= high + slack:
@@ -50,6 +50,6 @@ def test_no_moves_at_all_take_an_axis_beyond_its_limits(
                 opened.rig.wait(0.1)
         opened.rig.stop()
         assert beyond == []
-        for drive in opened.hardware.drives.values():
+        for drive in opened.drives.values():
             assert drive.journal.last("emergency") is None
             assert drive.node.objects.value(co.ERROR_COUNT) == 0

@@ -27,7 +27,7 @@ def test_the_states_of_three_axes_take_four_frames() -> None:
         _moving(opened)
         states = opened.rig.read_states()
         assert set(_frames(opened)) == {SYNC, *REPORTS}
-        drive = opened.hardware.drives["insertion"]
+        drive = opened.drives["insertion"]
         assert states["insertion"].position == pytest.approx(drive.shaft_counts / 4000, abs=1 / 4000)
         assert states["insertion"].statusword == drive._statusword()
 
@@ -36,7 +36,7 @@ def test_a_report_that_does_not_come_is_asked_for_and_counted() -> None:
     """The move goes on; the questions show in the record's traffic and in the counts."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.hardware.drives["rotation"].mute(1)
+        opened.drives["rotation"].mute(1)
         states = opened.rig.read_states()
         assert states["rotation"].position == 0.0
         assert opened.rig.rotation.drive.counts() == {"retries": 1, "strays": 0}
@@ -51,13 +51,13 @@ def test_a_report_that_comes_late_is_not_taken_for_the_next() -> None:
         opened.rig.read_states()
         opened.rig.wait(1.0)
         read = opened.rig.read_states()["insertion"].position
-        assert read == pytest.approx(opened.hardware.drives["insertion"].shaft_counts / 4000, abs=1 / 4000)
+        assert read == pytest.approx(opened.drives["insertion"].shaft_counts / 4000, abs=1 / 4000)
 
 
 def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
     """Its map is left as it is, and its report stays off."""
     with opened_rig() as opened:
-        objects = opened.hardware.drives["linear"].node.objects
+        objects = opened.drives["linear"].node.objects
         objects.put(co.TPDO_MAPS[2][0], 1)
         _moving(opened)
         states = opened.rig.read_states()

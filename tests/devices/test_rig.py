@@ -8,12 +8,13 @@ import pytest
 
 from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import wait_for_all
+from labrig.devices.epos2.driver import Epos2
 from labrig.devices.operator import MountNeedle, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import DriveError, InputError, InterruptedRunError, LimitError, SafetyStopError
-from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
+from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, epos2_drives, opened_rig, simulated_rig
 
 
 def _go(opened: OpenedRig, axis: str, position: float, speed: float) -> None:
@@ -174,7 +175,9 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         opened.rig.insertion.start_move(100.0, 1.0)
         opened.rig.wait(1.0)
         assert wait_for_all({"one": opened.rig.insertion.wait_until_still()}, opened.rig._heartbeat) == {}
-        statusword = opened.rig.insertion.drive.statusword()
+        driver = opened.rig.insertion.drive
+        assert isinstance(driver, Epos2)
+        statusword = driver.statusword()
         assert _still(opened)
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
 
@@ -209,7 +212,7 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
     before = hardware.drives["insertion"].shaft_counts
     hardware.clock.sleep(1.0)
     assert hardware.drives["insertion"].shaft_counts == before < 10_000
-    assert {drive._state for drive in hardware.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
+    assert {drive._state for drive in epos2_drives(hardware).values()} == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_closing_switches_the_power_off() -> None:
@@ -218,6 +221,7 @@ def test_closing_switches_the_power_off() -> None:
         _ready(opened)
         opened.rig.close()
         for axis in opened.rig.axes:
+            assert isinstance(axis.drive, Epos2)
             assert decode_state(axis.drive.statusword()) is DriveState.SWITCH_ON_DISABLED
 
 
@@ -335,13 +339,13 @@ def test_pictures_show_the_needle_where_the_axes_have_put_it() -> None:
 def test_the_same_seed_gives_the_same_run() -> None:
     """States, times and pictures of two rigs of one seed are identical."""
 
-    def run() -> tuple[list[object], bytes]:
+    def run() -> tuple[list[tuple[float, object]], bytes]:
         with open_rig(simulated_rig(), seed=3, person=Person(), interrupted=Signal()) as rig:
             rig.ask(MountNeedle("N1"))
             rig.ask(PlaceSpecimen("A", 10.0))
             rig.reference_axes()
             rig.linear.start_move(5.0, 5.0)
-            states = []
+            states: list[tuple[float, object]] = []
             for _ in range(20):
                 rig.wait(0.1)
                 states.append((rig.clock.now_s(), rig.read_states()))

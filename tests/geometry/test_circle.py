@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -173,8 +174,9 @@ def test_wants_one_row_a_point(points):
 
 def test_names_the_methods_it_knows():
     """An unknown method is refused; the hint lists the known methods."""
+    unknown: Any = "kasa"
     with pytest.raises(InputError, match="kasa") as caught:
-        fit_circle(arc(10), method="kasa")
+        fit_circle(arc(10), method=unknown)
     assert "robust" in caught.value.hint
 
 

@@ -6,12 +6,14 @@ the box of translations is free. So an angle is allowed or not, exactly, without
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from labrig.needle.hinge import HingeView
 
@@ -33,7 +35,7 @@ class NoFit:
         self._pairs = [
             (convex_pieces(knuckle), convex_pieces(pair.socket))
             for knuckle, pair in zip(knuckles, view.sections, strict=True)
-            if not knuckle.is_empty
+            if not shapely.is_empty(knuckle)
         ]
 
     def is_free(self, rotation_deg: float) -> bool:
@@ -67,7 +69,7 @@ class NoFit:
             return _NOTHING
         owners = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
         hulls = shapely.convex_hull(shapely.multipoints(np.concatenate(clouds), indices=owners))
-        return hulls[shapely.intersects(hulls, self._box)]
+        return np.asarray(hulls)[shapely.intersects(hulls, self._box)]
 
 
 @dataclass
@@ -151,7 +153,8 @@ def convex_pieces(link: shapely.Geometry) -> list[FloatArray]:
 
 def _grown(first: int, triangles: list[Polygon], neighbours: list[list[int]], left: set[int]) -> FloatArray:
     left.remove(first)
-    piece, border = triangles[first], list(neighbours[first])
+    piece: BaseGeometry = triangles[first]
+    border = list(neighbours[first])
     while border:
         other = border.pop()
         if other not in left:
@@ -163,5 +166,5 @@ def _grown(first: int, triangles: list[Polygon], neighbours: list[list[int]], le
     return shapely.get_coordinates(piece)[:-1]
 
 
-def _corners(pieces: list[FloatArray], of: np.ufunc) -> FloatArray:
+def _corners(pieces: list[FloatArray], of: Callable[..., FloatArray]) -> FloatArray:
     return np.array([of(piece, axis=0) for piece in pieces])

@@ -1,5 +1,7 @@
 """Laws of the kinematics of arcs, at zero, tiny and random configurations."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -47,13 +49,13 @@ def _integrated(psi: FloatArray, steps: int = 400) -> FloatArray:
     return position
 
 
-def _differences(tip: object, psi: FloatArray, step: float = 1e-4) -> FloatArray:
+def _differences(tip: Callable[[FloatArray], FloatArray], psi: FloatArray, step: float = 1e-4) -> FloatArray:
     """Return fourth-order central differences of a function of psi, the 2n variables last."""
     columns = []
     for k in range(psi.size):
-        nudge = np.zeros(psi.size)
-        nudge[k] = step
-        nudge = nudge.reshape(psi.shape)
+        flat = np.zeros(psi.size)
+        flat[k] = step
+        nudge = flat.reshape(psi.shape)
         near = tip(psi + nudge) - tip(psi - nudge)
         far = tip(psi + 2 * nudge) - tip(psi - 2 * nudge)
         columns.append((8 * near - far) / (12 * step))

@@ -56,7 +56,7 @@ def test_the_committed_schema_is_current():
 
 def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
     """Each branch fixes `experiment` to another word, so that a file matches at most one."""
-    schema = protocol_schema(PROTOCOL_MODELS)
+    schema: Any = protocol_schema(PROTOCOL_MODELS)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
     words = [branch["properties"]["experiment"]["const"] for branch in branches]
@@ -66,7 +66,7 @@ def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
 
 def test_every_reference_resolves_and_every_section_is_closed():
     """An editor can follow the schema and marks unknown keys."""
-    schema = protocol_schema(PROTOCOL_MODELS)
+    schema: Any = protocol_schema(PROTOCOL_MODELS)
     assert {reference.rsplit("/", 1)[1] for reference in every_reference(schema)} == set(schema["$defs"])
     assert all(section["additionalProperties"] is False for section in schema["$defs"].values())
 
@@ -93,7 +93,7 @@ def test_any_model_has_a_schema_under_the_title_given():
     class Rig(Model):
         gain_db: float = Field(description="Gain [dB].")
 
-    schema = model_schema(Rig, "labrig rig")
+    schema: Any = model_schema(Rig, "labrig rig")
     assert list(schema)[:2] == ["$schema", "title"]
     assert schema["title"] == "labrig rig"
     assert schema["properties"]["gain_db"] == {"description": "Gain [dB].", "type": "number"}

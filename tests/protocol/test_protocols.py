@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,7 +19,7 @@ from labrig.protocol.load import load_protocol
 from tests.protocol_texts import load_text
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
-STEERABILITY = load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS)
+STEERABILITY: Any = load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS)
 
 IMPORT = """
 experiment: import

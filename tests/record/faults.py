@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,7 +34,7 @@ def full_run(runs_dir: Path, *, closed: bool, store: Store = "png") -> Path:
     recorder = begin(runs_dir, "written", store)
     recorder.can_frames(CAN_FRAMES)
     fill(recorder)
-    recorder.can_frames([(20.0 + t_s, *rest) for t_s, *rest in CAN_FRAMES])
+    recorder.can_frames([(20.0 + t_s, can_id, data, way) for t_s, can_id, data, way in CAN_FRAMES])
     copy = runs_dir / "run"
     if not closed:
         shutil.copytree(recorder.path, copy)
@@ -82,7 +83,7 @@ def _rows(table: pd.DataFrame) -> list[dict[str, object]]:
     ]
 
 
-def _missing(value: object) -> bool:
+def _missing(value: Any) -> bool:
     return bool(pd.api.types.is_scalar(value) and pd.isna(value))
 
 

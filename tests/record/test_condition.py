@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from labrig.errors import InputError
 from labrig.record.condition import parse_condition
 from labrig.record.run_index import RunIndex, ask_index
 
-FIELDS = {
+FIELDS: dict[str, Any] = {
     "exit_status": ["success"],
     "operator": ["Chen Yang"],
     "started": ["2026-03-02T09:30:00+00:00"],

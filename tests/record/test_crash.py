@@ -56,7 +56,7 @@ def test_a_killed_writer_loses_nothing_acknowledged(tmp_path: Path, seed: int) -
 def test_a_file_that_may_not_grow_ends_the_run_whole(tmp_path: Path) -> None:
     """A write that the kernel takes half of is undone: the run closes as failed, and its lines are whole."""
     # Lines fill the limit before pictures of 3 kB reach it.
-    command = [*WRITER, tmp_path, "--file-size", "5000"]
+    command = [*WRITER, str(tmp_path), "--file-size", "5000"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     run = open_run(tmp_path / "run")
     assert run.problems == ()
@@ -80,7 +80,7 @@ def test_a_full_disk_ends_the_run_whole(tmp_path: Path) -> None:
     if not _can_mount(disk):
         pytest.skip("this account may not mount a small disk of its own")
     mount = f"mount -t tmpfs -o size=3m none '{disk}' && exec \"$@\""
-    command = [*UNSHARE, mount, "sh", *WRITER, disk, "--copy-to", copy]
+    command = [*UNSHARE, mount, "sh", *WRITER, str(disk), "--copy-to", str(copy)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     run = open_run(copy)
     assert run.problems == ()

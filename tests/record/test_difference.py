@@ -1,6 +1,7 @@
 """Comparing two runs."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,9 +20,13 @@ def test_equal_runs_do_not_differ(tmp_path: Path) -> None:
 
 def test_every_section_is_compared(tmp_path: Path) -> None:
     """What was asked, by which code on which devices, and what came out of it is told with both values."""
-    versions = {"provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.6"}, "command_line": ["labrig"]}}
-    other = {"provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.5"}, "command_line": ["x"]}}
-    drive = {"devices": {"axes": {"linear": {"drive": {"software_version": 8464}}}}}
+    versions: dict[str, Any] = {
+        "provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.6"}, "command_line": ["labrig"]}
+    }
+    other: dict[str, Any] = {
+        "provenance": {"labrig": "0.1.0", "packages": {"numpy": "2.4.5"}, "command_line": ["x"]}
+    }
+    drive: dict[str, Any] = {"devices": {"axes": {"linear": {"drive": {"software_version": 8464}}}}}
     a = closed_run(tmp_path, "a", **versions, **drive)
     b = closed_run(tmp_path, "b", seed=8, **other)
     (b / "protocol.yaml").write_text((b / "protocol.yaml").read_text().replace("1.2", "1.3"))

@@ -143,7 +143,7 @@ def test_an_interrupted_run_opens(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("make", [closed_run, interrupted_run])
 @pytest.mark.parametrize("name", ["events.jsonl", "states.jsonl", "frames.jsonl", "truth.jsonl"])
-def test_a_record_cut_at_any_byte_opens(tmp_path: Path, name: str, make: object) -> None:
+def test_a_record_cut_at_any_byte_opens(tmp_path: Path, name: str, make: Callable[[Path], Path]) -> None:
     """Cut anywhere in its last 300 bytes, a run opens with the lines before the cut, and says so."""
     run_path = make(tmp_path)
     path = run_path / name

@@ -76,7 +76,7 @@ class BrokenStoreError(Exception):
     """What the library of a store raises, of a kind that labrig does not know."""
 
 
-class BrokenStore(fsspec.AbstractFileSystem):
+class BrokenStore(fsspec.AbstractFileSystem):  # type: ignore[misc] # fsspec is untyped
     """A store whose server is down."""
 
     protocol = "brokenstore"

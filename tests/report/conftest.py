@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import experiment_of
 from labrig.record.reader import Run, open_run
@@ -20,7 +20,7 @@ class Page:
     """A run, its result and its page."""
 
     run: Run
-    result: AnalysisResult | None
+    result: AnyResult | None
     html: str
 
 

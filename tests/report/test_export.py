@@ -126,7 +126,7 @@ def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:
 
 
 def _holds_json(table: pd.DataFrame) -> bool:
-    texts = table.select_dtypes("string")
+    texts: pd.DataFrame = table.select_dtypes("string")
     return any(texts[name].str.startswith(("[{", "[[")).any() for name in texts)
 
 

@@ -1,6 +1,7 @@
 """The picture of residuals and coverage beside a calibration."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ VIEWS = (
 )
 
 
-def lens(**known: object) -> Intrinsics:
+def lens(**known: Any) -> Intrinsics:
     """Return a lens with three views: used, left out, without the board."""
     lens = (-0.1, 0.0, 0.0, 0.0, 0.0)
     return Intrinsics(
@@ -26,11 +27,13 @@ def lens(**known: object) -> Intrinsics:
 def test_figure_is_drawn_with_and_without_what_is_known(tmp_path: Path) -> None:
     """A lens that the views determine, and one that they do not, each give a picture with something on it."""
     pictures = []
-    for name, known in (
+    cases: tuple[tuple[str, dict[str, Any]], ...] = (
         ("known.png", {"projection_sigma_px": tuple((0.1,) * 9 for _ in range(7)), "coverage": 0.5}),
         ("unknown.png", {}),
-    ):
+    )
+    for name, known in cases:
         write_lens_figure(tmp_path / name, lens(**known))
         pictures.append(read_picture(tmp_path / name))
     assert all(picture.shape[1] > 1000 and np.ptp(picture) > 200 for picture in pictures)
-    assert not np.array_equal(*pictures)
+    known_picture, unknown_picture = pictures
+    assert not np.array_equal(known_picture, unknown_picture)

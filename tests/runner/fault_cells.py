@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 
 from labrig.devices import canopen_objects as co
-from labrig.devices.camera import Picture, PictureSource
+from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402_states import DriveState
@@ -31,7 +31,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Session
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
-from tests.devices.rigs import Person, Signal, simulated_rig
+from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
@@ -68,7 +68,12 @@ class FaultyCamera:
     def __init__(self, source: PictureSource) -> None:
         self.lost = self.frozen = False
         self._source = source
-        self._picture: Picture | None = None
+        self._picture: Exposure | None = None
+
+    @property
+    def exposures(self) -> int:
+        """Exposures of the camera."""
+        return self._source.exposures
 
     def set(self, name: str, value: Setting) -> None:
         """Make a setting."""
@@ -78,7 +83,7 @@ class FaultyCamera:
         """Return a setting."""
         return self._source.get(name)
 
-    def read(self) -> Picture | None:
+    def read(self) -> Exposure | None:
         """Return a picture, none, or the last one again."""
         if self.lost:
             return None
@@ -126,7 +131,7 @@ class Cell:
     @property
     def drive(self) -> SimulatedDrive:
         """The drive that is struck."""
-        return self.hardware.drives[STRUCK[self.phase]]
+        return epos2_drives(self.hardware)[STRUCK[self.phase]]
 
     def script(self, fault: FaultDescription) -> None:
         """Let a fault happen as a rig file does."""
@@ -137,7 +142,7 @@ class Cell:
         """Let the fault happen, once."""
         if self.struck_s is None:
             self.struck_s = self.hardware.clock.now_s()
-            self.moving = [drive for drive in self.hardware.drives.values() if drive.is_moving]
+            self.moving = [drive for drive in epos2_drives(self.hardware).values() if drive.is_moving]
             STRIKES[self.fault](self)
 
     def at_next_answer(self, then: Callable[[], None]) -> None:
@@ -264,7 +269,7 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     """Return a rig whose drives have their fingerprint stored."""
     assert description.world is not None
     hardware = SimulatedHardware(description, description.world, seed=1)
-    for drive in hardware.drives.values():
+    for drive in epos2_drives(hardware).values():
         objects = drive.node.objects
         objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
         objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
@@ -381,7 +386,7 @@ def _mend(cell: Cell) -> set[str]:
     """Mend what has failed, switch off and on what is in fault, and return which axes that were."""
     cell.hardware.wire.restore()
     off_and_on = set()
-    for name, drive in cell.hardware.drives.items():
+    for name, drive in epos2_drives(cell.hardware).items():
         drive.recover()
         drive.restore_power_stage()
         drive.unblock()

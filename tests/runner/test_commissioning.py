@@ -84,7 +84,7 @@ def test_axes_are_homed_in_their_order_on_confirmation() -> None:
         asked = [request for request in watched.asked if isinstance(request, ConfirmHere)]
         assert [request.axis for request in asked] == ["linear", "insertion", "rotation"]
         assert opened.rig.state.referenced == ("insertion", "rotation", "linear")
-        assert all(drive.shaft_counts == 0 for drive in opened.hardware.drives.values())
+        assert all(drive.shaft_counts == 0 for drive in opened.drives.values())
 
 
 @pytest.mark.parametrize("method", [-1, -2, -3, -4, 17, 18])
@@ -94,7 +94,7 @@ def test_a_bare_axis_searches_its_reference(method: int) -> None:
     description = simulated_rig(f"axes.linear.homing={{method: {method}, speed: 5, position: 2}}", switches)
     with _bare(description) as (opened, _):
         _home_linear(opened.rig)
-        shaft = opened.hardware.drives["linear"].shaft_counts
+        shaft = opened.drives["linear"].shaft_counts
         assert shaft > 0 if method in {-1, -3, 18} else shaft < 0
         position = opened.rig.read_states()["linear"].position
         assert abs(position - 2) < 0.02 or method in {-1, -2}
@@ -121,7 +121,7 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
         with pytest.raises(SafetyStopError, match=words) as refusal:
             opened.rig.home_axis(axis, method, needle_mounted=mounted)
         assert refusal.value.hint
-        assert all(not drive.is_moving for drive in opened.hardware.drives.values())
+        assert all(not drive.is_moving for drive in opened.drives.values())
 
 
 def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
@@ -152,7 +152,7 @@ def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
     with _bare(description) as (opened, _):
         with pytest.raises(DriveError, match="did not find home in time"):
             opened.rig.home_axis("linear", -4, needle_mounted=False)
-        assert not opened.hardware.drives["linear"].is_moving
+        assert not opened.drives["linear"].is_moving
         assert opened.rig.state.referenced == ()
 
 
@@ -161,7 +161,7 @@ def test_travel_is_compared_with_a_scale() -> None:
     with _bare() as (opened, _):
         assert check_travel(opened.rig, "insertion", 10.0).status == "PASS"
         assert check_backlash(opened.rig, "rotation", 1.0).status == "PASS"
-        shaft = opened.hardware.drives["insertion"].shaft_counts
+        shaft = opened.drives["insertion"].shaft_counts
         assert abs(shaft - INSERTION.scale().to_counts(10.0)) <= 2
 
 
@@ -186,7 +186,7 @@ def test_a_jog_is_slow_short_and_within_limits() -> None:
         opened.rig.home_axis("insertion", 35, needle_mounted=True)
         with pytest.raises(LimitError):
             jog(opened.rig, "insertion", -5.0)
-        assert opened.hardware.drives["insertion"].shaft_counts == 0
+        assert opened.drives["insertion"].shaft_counts == 0
 
 
 def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
@@ -203,7 +203,7 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
             opening=opening,
         )
         rig.connect()
-        drive = opened.hardware.drives["linear"]
+        drive = opened.drives["linear"]
         assert drive.node.objects.values[od.MAX_CURRENT] == 300
         jog(rig, "linear", 1.0)
         with pytest.raises(InputError, match="axis insertion is not open"):
@@ -216,7 +216,7 @@ def test_a_fault_is_reset_only_on_confirmation() -> None:
     """Asked with the fault and its remedy; no leaves it, yes resets it, and a lasting cause is named."""
     for yes in (False, True):
         with opened_rig() as opened:
-            drive = opened.hardware.drives["insertion"]
+            drive = opened.drives["insertion"]
             drive.cut_power_stage()
             drive.restore_power_stage()
             opened.rig._opening = Opening(reset_faults=True)
@@ -236,7 +236,7 @@ def test_a_fault_is_reset_only_on_confirmation() -> None:
 def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
     """The supply is still cut: connecting fails and says so."""
     with opened_rig() as opened:
-        opened.hardware.drives["insertion"].cut_power_stage()
+        opened.drives["insertion"].cut_power_stage()
         opened.rig._opening = Opening(reset_faults=True)
         with pytest.raises(DriveFaultError, match="its cause is still there"):
             opened.rig.connect()
@@ -245,7 +245,7 @@ def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
 def test_a_run_resets_no_fault() -> None:
     """Without a person who confirms, a drive in fault is refused as before."""
     with opened_rig() as opened:
-        opened.hardware.drives["insertion"].fail(0x8130)
+        opened.drives["insertion"].fail(0x8130)
         with pytest.raises(DriveFaultError, match="0x8130") as fault:
             opened.rig.connect()
         assert "labrig devices home --axis insertion" in fault.value.hint
@@ -318,7 +318,7 @@ def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         with pytest.raises(DiskError, match=r"motions\.jsonl"):
             jog(opened.rig, "linear", 1.0)
-        assert opened.hardware.drives["linear"].shaft_counts == 0
+        assert opened.drives["linear"].shaft_counts == 0
 
 
 def test_a_full_disk_hides_no_fault_of_the_drive(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from labrig.analysis.result import AnalysisResult
+from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
 from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, OperatorRequest, ShiftToHole
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
@@ -51,12 +51,12 @@ def conducted(
     return opened.conduct(protocol)
 
 
-def analysed(run: Run) -> AnalysisResult:
+def analysed(run: Run) -> AnyResult:
     """Analyse a run."""
     return analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
 
 
-def page(run: Run, result: AnalysisResult) -> str:
+def page(run: Run, result: AnyResult) -> str:
     """Return the run's page."""
     return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
+from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.steerability.procedure import trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.runner.plan import estimate
-from tests.devices.rigs import BENCH, load_rig, simulated_rig
+from tests.devices.rigs import BENCH, simulated_rig
 from tests.runner.sessions import PROTOCOLS, bench, find_problems, plan_of, sweep
 
 

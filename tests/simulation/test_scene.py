@@ -1,5 +1,7 @@
 """What the camera sees, measured with the tests' own means and compared with the truth."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -77,7 +79,8 @@ def test_the_sheath_ends_at_its_true_tip() -> None:
     """Grey steel of 2 mm up to the tip, and no further."""
     world = bench()
     world.advance(0.0, 0.0, 15.0)
-    y, z = world.truth()["sheath_tip_mm"]
+    truth: Any = world.truth()
+    y, z = truth["sheath_tip_mm"]
     picture = world.picture()
     body = profiles(picture, np.stack([np.full(60, y), z - np.linspace(8.0, 1.0, 60)], axis=1)).mean(axis=0)
     assert (edge_mm(body, -1.2, -0.85), edge_mm(body, 0.85, 1.2)) == pytest.approx((-1, 1), abs=0.03)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,8 @@ def test_the_sheath_stands_where_the_linear_axis_says() -> None:
     """Its tip lies on its axis, axis position less 15 mm from the origin, but for the play."""
     world = bench()
     world.advance(0.0, 0.0, 12.0)
-    y, z = world.truth()["sheath_tip_mm"]
+    truth: Any = world.truth()
+    y, z = truth["sheath_tip_mm"]
     assert z == pytest.approx(-3.0, abs=0.01)
     assert abs(y) < 0.3
 

@@ -95,7 +95,7 @@ def nees(state: TipState, truth: Floats, curvature: float, chosen: EstimatorSett
 
 def share_in_band(values: Floats, degrees: int) -> float:
     """Return the share of steps at which the mean over the runs, values (N, T), lies in its 95 % band."""
-    low, high = chi2.ppf((0.025, 0.975), len(values) * degrees) / len(values)
+    low, high = (chi2.ppf(share, len(values) * degrees) / len(values) for share in (0.025, 0.975))
     means = values.mean(axis=0)
     return float(np.mean((low <= means) & (means <= high)))
 

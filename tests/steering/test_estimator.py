@@ -1,6 +1,7 @@
 """The tip estimator: what it promises on clean, noisy, missing and wild observations."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ PLANES = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatia
 
 def estimate(insertion: Insertion, **changes: object) -> np.ndarray:
     """Estimate a whole insertion, with the noise of the simulated world unless told otherwise."""
-    given_values = {
+    given_values: dict[str, Any] = {
         "positions_mm": insertion.positions_mm,
         "step_mm": 1.0,
         "roll_rad": insertion.roll_rad,
@@ -282,7 +283,7 @@ def test_bad_input_is_named(changes: dict[str, object], message: str) -> None:
     ],
 )
 def test_an_observation_is_checked_when_it_is_made(
-    given_values: tuple[object, float, float], message: str
+    given_values: tuple[Any, float, float], message: str
 ) -> None:
     """A live observation that cannot be used never reaches the filter."""
     with pytest.raises(InputError, match=message):

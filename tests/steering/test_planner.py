@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from labrig.errors import InputError
 from labrig.needle.kinematics import path_points
@@ -21,7 +23,7 @@ TARGET = (0.0, 5.0, 100.0)
 OBSTACLES = (Obstacle((0.0, -2.0, 35.0), 8.0), Obstacle((0.0, 6.0, 68.0), 8.0))
 
 
-def _pose(rotation: object, position: object) -> np.ndarray:
+def _pose(rotation: ArrayLike, position: ArrayLike) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
@@ -174,11 +176,14 @@ BAD = {
 }
 
 
+GOOD: dict[str, Any] = {"target_mm": TARGET, "planar": True}
+
+
 @pytest.mark.parametrize("change", BAD.values(), ids=BAD.keys())
-def test_a_bad_problem_is_named(change: dict[str, object]) -> None:
+def test_a_bad_problem_is_named(change: dict[str, Any]) -> None:
     """What makes no problem is refused before anything is planned."""
     with pytest.raises(InputError):
-        PlanProblem(**{"target_mm": TARGET, "planar": True, **change})
+        PlanProblem(**{**GOOD, **change})
 
 
 def test_the_margin_grows_with_the_covariance() -> None:

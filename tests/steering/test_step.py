@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,10 +23,13 @@ NO_BACKLASH = SteeringPolicy(backlash_mm=0.0, closing_mm=0.0)
 
 
 def settings(
-    problem: PlanProblem = PLANAR, policy: SteeringPolicy | None = None, **noise: float
+    problem: PlanProblem = PLANAR, policy: SteeringPolicy | None = None, **noise: Any
 ) -> SteeringSettings:
     """Return settings for a problem; the default policy's filter also estimates the radius."""
-    values = {"observation_sd_mm": 0.2, "process_sd_rad_per_root_mm": math.radians(0.3)} | noise
+    values: dict[str, Any] = {
+        "observation_sd_mm": 0.2,
+        "process_sd_rad_per_root_mm": math.radians(0.3),
+    } | noise
     estimator = EstimatorSettings(problem.radius_mm, planar=problem.planar, radius_sd_mm=0.6, **values)
     return SteeringSettings(problem, estimator, policy or SteeringPolicy())
 

@@ -60,14 +60,11 @@ class Lens:
 
     def plane_map(self) -> PlaneMap:
         """Return the exact map, as a perfect calibration would."""
-        k = tuple(float(value) for value in self.distortion)
-        size, (cx, cy), none = (
-            (self.width, self.height),
-            self.centre_px,
-            {"fx": None, "fy": None, "cx": None, "cy": None},
-        )
+        k1, k2, p1, p2, k3 = map(float, self.distortion)
+        k, size, (cx, cy) = (k1, k2, p1, p2, k3), (self.width, self.height), self.centre_px
+        none: dict[str, float | None] = dict.fromkeys(("fx", "fy", "cx", "cy"))
         intrinsics = Intrinsics(size, self.focal_px, self.focal_px, cx, cy, k, none, 0.0, None, (), True, ())
-        to_mm = np.linalg.inv(self.plane_to_ideal())
+        to_mm = np.asarray(np.linalg.inv(self.plane_to_ideal()), np.float64)
         return PlaneMap(to_mm, intrinsics, self.origin_px, "right", size, self.distance_mm / self.focal_px)
 
     def pixels_mm(self) -> FloatArray:
@@ -77,7 +74,7 @@ class Lens:
         criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 1e-9)
         ideal = cv2.undistortPointsIter(px, self.matrix, self.distortion, None, self.matrix, criteria)
         mm = cv2.perspectiveTransform(ideal, np.linalg.inv(self.plane_to_ideal()))
-        return mm.reshape(self.height, self.width, 2)
+        return np.asarray(mm, np.float64).reshape(self.height, self.width, 2)
 
 
 @dataclass(frozen=True)
@@ -193,7 +190,7 @@ class Bench:
         distance, index = cKDTree(points[::4]).query(mm, distance_upper_bound=reach_mm)
         kept = np.isfinite(distance)
         where = tuple(axis[kept] for axis in where)
-        index, mm = index[kept] * 4, mm[kept]
+        index, mm = np.asarray(index)[kept] * 4, mm[kept]
         offset = mm - points[index]
         tangent = np.column_stack((np.sin(heading[index]), np.cos(heading[index])))
         along = np.sum(offset * tangent, axis=1)

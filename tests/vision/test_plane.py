@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -416,12 +417,15 @@ def test_refraction_moves_the_radius_by_what_was_measured(bench, paper, paper_at
     assert low <= scale * (after - before) <= high
 
 
+NOWHERE: Any = "nowhere"
+
+
 @pytest.mark.parametrize(
     ("made", "message"),
     [
         (lambda: Gel(0.9, 5.0), "index is 0.9"),
         (lambda: Gel(1.35, -1.0), "depth is -1.0"),
-        (lambda: Gel(1.35, 5.0, "nowhere"), "cannot lie at 'nowhere'"),
+        (lambda: Gel(1.35, 5.0, NOWHERE), "cannot lie at 'nowhere'"),
     ],
 )
 def test_refuses_impossible_gels(made, message):

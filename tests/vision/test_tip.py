@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import FileFormatError, InputError, PictureError
+from labrig.protocol.model import Direction
 from labrig.vision.template_file import load_template, save_template
 from labrig.vision.tip import locate_tip, next_region_px
 from labrig.vision.tip_template import TipTemplate
@@ -54,7 +56,7 @@ def test_a_bevel_turned_over_is_found_by_the_mirrored_template() -> None:
 
 
 @pytest.mark.parametrize("insertion", ["down", "left", "up"])
-def test_a_template_serves_whichever_way_the_insertion_points(insertion: str) -> None:
+def test_a_template_serves_whichever_way_the_insertion_points(insertion: Direction) -> None:
     """The heading is relative to another direction of insertion; the picture stays the same."""
     shown = tip(0.4, 5)
     turned = TEMPLATE.relative_to(insertion)
@@ -67,7 +69,7 @@ def test_a_template_serves_whichever_way_the_insertion_points(insertion: str) ->
 def test_pixels_in_colour_say_the_same_as_in_grey() -> None:
     """A blue-green-red picture is converted to grey."""
     shown = tip(0.2, 6)
-    colour = cv2.cvtColor(shown.picture, cv2.COLOR_GRAY2BGR)
+    colour = np.repeat(shown.picture[..., None], 3, axis=-1)
     grey = locate_tip(shown.picture, TEMPLATE, near_px=shown.px, heading_rad=0.2)
     assert (
         _off_px(locate_tip(colour, TEMPLATE, near_px=shown.px, heading_rad=0.2).tip_px, grey.tip_px or (0, 0))
@@ -138,7 +140,7 @@ def test_a_picture_that_cannot_hold_the_template_is_an_error(picture: np.ndarray
     "predicted",
     [{"near_px": (math.nan, 0.0)}, {"heading_rad": math.inf}, {"region_px": 0.0, "near_px": (1.0, 1.0)}],
 )
-def test_a_prediction_that_is_not_finite_is_an_error(predicted: dict[str, float]) -> None:
+def test_a_prediction_that_is_not_finite_is_an_error(predicted: dict[str, Any]) -> None:
     """NaN and infinity are refused before anything is searched."""
     with pytest.raises(InputError):
         locate_tip(tip().picture, TEMPLATE, **predicted)

@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 
 from labrig.devices.needle_state import NeedleState, RollZero
+from labrig.devices.rig_file import load_rig
 from labrig.errors import FileFormatError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
-from tests.devices.rigs import load_rig, simulated_rig
+from tests.devices.rigs import simulated_rig
 from tests.runner.sessions import PROTOCOLS, find_problems, plan_of
 
 SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"

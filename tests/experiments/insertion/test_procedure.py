@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +20,7 @@ from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
-from labrig.runner.session import Session
+from labrig.runner.session import Progress, Session
 from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
@@ -56,9 +56,7 @@ def conducted(
         return opened.conduct(protocol)
 
 
-def conduct_telling(
-    opened: Bench, protocol: ExperimentProtocol, then: Callable[[float, str], None]
-) -> tuple[Outcome, Run]:
+def conduct_telling(opened: Bench, protocol: ExperimentProtocol, then: Progress) -> tuple[Outcome, Run]:
     """Conduct an insertion and call back with each progress that it tells."""
     session = Session(opened.opened.rig, opened.recorder, then)
     outcome = conduct(find_experiment(protocol.experiment), protocol, session)
@@ -332,7 +330,7 @@ def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
     with certified(tmp_path, protocol, EVEN) as opened:
         insertion_drive = opened.opened.hardware.drives["insertion"]
 
-        def jam(_done: float, doing: str) -> None:
+        def jam(done: float, doing: str) -> None:
             if doing == "inserted 12 mm":
                 insertion_drive.block()
 

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -32,7 +33,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
     """How drives and camera stood is read when the rig is described and when the run ends."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
-        before = rig.opened.rig.snapshot()
+        before: Any = rig.opened.rig.snapshot()
         _, run = rig.conduct(protocol)
     after = run.manifest["devices_after"]
     assert isinstance(after, dict)

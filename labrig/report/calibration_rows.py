@@ -1,20 +1,20 @@
-"""How well the lens and the steering plane of a run are known, as its page tells it."""
+"""The accuracy of the lens and the steering plane of a run, as rows of its page."""
 
 from labrig.analysis.calibration import load_lens, load_plane_map
 from labrig.record.reader import Run
-from labrig.report.words import Rows, number, signed
+from labrig.report.formatting import Rows, number, signed
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.plane import PlaneMap
 
 
-def calibration_rows(run: Run) -> Rows:
-    """Return how well lens and plane are known."""
+def describe_calibration(run: Run) -> Rows:
+    """Return the accuracy of lens and plane."""
     return (*_lens_rows(load_lens(run)), *_plane_rows(load_plane_map(run)))
 
 
 def _lens_rows(lens: Intrinsics | None) -> Rows:
     if lens is None:
-        return (("lens", "no intrinsics: the pictures are taken as rectified"),)
+        return (("lens", "no intrinsics: the pictures are assumed to be rectified"),)
     return (
         ("image size", f"{lens.image_size[0]} x {lens.image_size[1]} px"),
         *(

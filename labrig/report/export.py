@@ -1,6 +1,6 @@
-"""A run as tables that other programs read: CSV, Parquet and MATLAB; pictures stay where they are.
+"""Export a run as tables for other programs: CSV, Parquet and MATLAB; pictures are not copied.
 
-Every format says the same: the tables of `labrig.report.tables`.
+Every format holds the same tables, those of `labrig.report.tables`.
 """
 
 import io
@@ -28,8 +28,8 @@ _MAT_LONGEST_NAME = 63
 _MAT_MOST_BYTES = 2**31
 
 
-def as_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
-    """Return one CSV file a table, in UTF-8; what is unknown is empty."""
+def export_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return a CSV file for each table, in UTF-8; unknown values are empty."""
     files = {
         f"{name}.csv": table.map(escape_formula).to_csv(index=False, lineterminator="\n").encode()
         for name, table in tables.items()
@@ -37,28 +37,28 @@ def as_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
     return {MANIFEST_FILE: encode_document(run.manifest), **files}
 
 
-def as_parquet(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
-    """Return one Parquet file a table."""
-    files = {f"{name}.parquet": _parquet(table) for name, table in tables.items()}
+def export_parquet(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return a Parquet file for each table."""
+    files = {f"{name}.parquet": _encode_parquet(table) for name, table in tables.items()}
     return {MANIFEST_FILE: encode_document(run.manifest), **files}
 
 
-def as_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
-    """Return one MATLAB file (version 5): a struct a table, a field a column; and `run`, what the manifest says.
+def export_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
+    """Return one MATLAB file (version 5): a struct for each table, a field for each column; `run` holds the manifest.
 
-    Text is a cell array, an unknown number NaN, and what is true or false is a number where some are unknown.
+    Text is a cell array, an unknown number NaN; truth values become numbers if some are unknown.
 
     Raises
     ------
     InputError
-        When a column is beyond the 2 GB of that format.
+        When a column exceeds the 2 GB of that format.
     """
     content: dict[str, object] = {
-        name: {_mat_name(str(column)): _mat_column(table[column]) for column in table.columns}
+        name: {_make_mat_name(str(column)): _make_mat_column(table[column]) for column in table.columns}
         for name, table in tables.items()
     }
     about = (
-        {str(key): _mat_text(value) for key, value in tables["run"].iloc[0].items()}
+        {str(key): _make_mat_text(value) for key, value in tables["run"].iloc[0].items()}
         if "run" in tables
         else {}
     )
@@ -70,42 +70,42 @@ def as_mat(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:
             "take --parquet, which MATLAB reads with parquetread",
         )
     buffer = io.BytesIO()
-    target: Any = buffer  # the stubs know paths alone
+    target: Any = buffer  # the stubs know only paths
     scipy.io.savemat(target, content, long_field_names=True, oned_as="column", do_compression=True)
-    # Its header holds the time of day and the platform; equal runs give equal files.
+    # scipy writes the time of day and the platform into the header; equal runs must give equal files.
     return {MAT_FILE: _MAT_HEADER + buffer.getvalue()[len(_MAT_HEADER) :]}
 
 
 FORMATS: Mapping[str, Callable[[Run, Mapping[str, pd.DataFrame]], Files]] = {
-    "csv": as_csv,
-    "parquet": as_parquet,
-    "mat": as_mat,
+    "csv": export_csv,
+    "parquet": export_parquet,
+    "mat": export_mat,
 }
 
 _MAT_HEADER = b"MATLAB 5.0 MAT-file, written by labrig".ljust(116)
 
 
-def _parquet(table: pd.DataFrame) -> bytes:
+def _encode_parquet(table: pd.DataFrame) -> bytes:
     buffer = io.BytesIO()
     table.to_parquet(buffer, engine="pyarrow", index=False)
     return buffer.getvalue()
 
 
-def _mat_name(name: str) -> str:
-    """Return a name that MATLAB takes for a field."""
+def _make_mat_name(name: str) -> str:
+    """Return a valid name of a MATLAB field."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return (plain if plain[:1].isalpha() else f"x{plain}")[:_MAT_LONGEST_NAME]
 
 
-def _mat_column(column: "pd.Series[Any]") -> np.ndarray[Any, Any]:
+def _make_mat_column(column: "pd.Series[Any]") -> np.ndarray[Any, Any]:
     if pd.api.types.is_bool_dtype(column.dtype) and not column.isna().any():
         return column.to_numpy(dtype=bool)
     if pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(dtype=np.float64, na_value=np.nan)
     cells = np.empty(len(column), dtype=object)
-    cells[:] = [_mat_text(value) for value in column]
+    cells[:] = [_make_mat_text(value) for value in column]
     return cells
 
 
-def _mat_text(value: object) -> str:
+def _make_mat_text(value: object) -> str:
     return "" if is_unknown(value) else str(value)

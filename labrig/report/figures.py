@@ -1,7 +1,7 @@
-"""Line figures by matplotlib, as SVG that stands in the page itself.
+"""Line figures by matplotlib, as SVG within the page.
 
-Only the object interface is used: no figure outlives its function, and no setting outlives a figure. The
-same data give the same bytes.
+Only matplotlib's object interface is used: no figure outlives its function, and no setting outlives a figure. The same
+data give the same bytes.
 """
 
 import io
@@ -44,12 +44,20 @@ SETTINGS: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
+_MEAN_MARK: dict[str, Any] = {"markersize": 6, "capsize": 3.5, "linewidth": 1.5}
+_PAPER_MARK: dict[str, Any] = {
+    "fmt": "D",
+    "color": "#666666",
+    "markerfacecolor": "white",
+    "markersize": 5,
+    "linewidth": 0.9,
+}
 NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
 @dataclass(frozen=True)
 class GelSeries:
-    """What figure 8 shows of one needle in one gel; paths are (N, 2), columns (y, z), from the sheath's tip."""
+    """One needle in one gel in figure 8; paths are (N, 2), columns (y, z), from the sheath's tip."""
 
     label: str
     mark: Mark
@@ -63,15 +71,15 @@ class GelSeries:
 
 @dataclass(frozen=True)
 class Design:
-    """The arc that the needle was designed for, and to which side it bends (+1: +y)."""
+    """The arc that the needle was designed for, and the side to which it bends (+1: +y)."""
 
     radius_mm: float
     length_mm: float
     side: int
 
 
-def steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> Markup:
-    """Return figure 8 of the paper: all paths from one sheath tip, and the radii of each gel."""
+def draw_steerability_figure(series: Sequence[GelSeries], design: Design, name: str) -> Markup:
+    """Draw figure 8 of the paper: all paths from one sheath tip, and the radii of each gel."""
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 4.3), layout="constrained")
         paths, radii = figure.subplots(1, 2, width_ratios=(1.12, 1))
@@ -129,7 +137,7 @@ def _draw_radii(axes: Axes, series: Sequence[GelSeries], design: Design) -> None
 def _draw_gel(axes: Axes, place: int, gel: GelSeries) -> None:
     """Draw one gel's column: radii, our mean, the drawn mean and the paper's, from left to right."""
     colour = gel.mark.colour
-    # Spread sideways in a fixed pattern, so that equal radii do not hide each other.
+    # Spread sideways in a fixed pattern, so that equal radii do not cover each other.
     sideways = place - 0.22 + 0.045 * (np.arange(len(gel.radii_mm)) % 5 - 2)
     axes.plot(
         sideways, gel.radii_mm, gel.mark.marker, color=colour, markersize=4.2, alpha=0.6, markeredgewidth=0
@@ -137,57 +145,27 @@ def _draw_gel(axes: Axes, place: int, gel: GelSeries) -> None:
     if gel.mean_mm is not None:
         low, high = gel.ci95_mm or (gel.mean_mm, gel.mean_mm)
         error = [[gel.mean_mm - low], [high - gel.mean_mm]]
-        axes.errorbar(
-            place + 0.03,
-            gel.mean_mm,
-            error,
-            fmt=gel.mark.marker,
-            color=colour,
-            markersize=6,
-            capsize=3.5,
-            linewidth=1.5,
-        )
+        axes.errorbar(place + 0.03, gel.mean_mm, error, fmt=gel.mark.marker, color=colour, **_MEAN_MARK)
     if gel.drawn_mean_mm is not None:
         axes.plot([place + 0.10, place + 0.20], [gel.drawn_mean_mm] * 2, color="black", linewidth=1.6)
     if gel.paper_mm is not None:
-        axes.errorbar(
-            place + 0.32, gel.paper_mm[0], gel.paper_mm[1], fmt="D", color="#666666", markerfacecolor="white",
-            markersize=5, linewidth=0.9,
-        )  # fmt: skip
+        axes.errorbar(place + 0.32, *gel.paper_mm, **_PAPER_MARK)
 
 
 def _explain_marks(axes: Axes, series: Sequence[GelSeries]) -> None:
-    """Add a legend of those marks that are in the figure."""
-    axes.errorbar(
-        [],
-        [],
-        [],
-        fmt="o",
-        color="#333333",
-        markersize=6,
-        capsize=3.5,
-        linewidth=1.5,
-        label="mean, 95 % interval",
-    )
+    """Add a legend of the marks in the figure."""
+    axes.errorbar([], [], [], fmt="o", color="#333333", label="mean, 95 % interval", **_MEAN_MARK)
     if any(gel.paper_mm for gel in series):
-        axes.errorbar(
-            [],
-            [],
-            [],
-            fmt="D",
-            color="#666666",
-            markerfacecolor="white",
-            markersize=5,
-            linewidth=0.9,
-            label="paper, mean ± SD",
-        )
+        axes.errorbar([], [], [], label="paper, mean ± SD", **_PAPER_MARK)
     if any(gel.drawn_mean_mm is not None for gel in series):
         axes.plot([], [], color="black", linewidth=1.6, label="mean of the drawn radii")
     axes.legend(loc="lower left", handlelength=1.2)
 
 
-def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int, int], name: str) -> Markup:
-    """Return where in the picture the board's corners were seen, (N, 2) pixels a photograph."""
+def draw_coverage_figure(
+    corners_px: Mapping[str, FloatArray], image_size: tuple[int, int], name: str
+) -> Markup:
+    """Draw the corners of the board found in each photograph, (N, 2) pixels."""
     width, height = image_size
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(5.6, 5.6 * height / width + 0.7), layout="constrained")
@@ -207,8 +185,8 @@ def coverage_figure(corners_px: Mapping[str, FloatArray], image_size: tuple[int,
         return svg(figure, name)
 
 
-def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name: str) -> Markup:
-    """Return the reprojection error of each photograph [px], and of all together."""
+def draw_residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name: str) -> Markup:
+    """Draw the reprojection error of each photograph [px], and of all together."""
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(5.6, 0.6 + 0.2 * max(len(views), 3)), layout="constrained")
         axes = figure.subplots()
@@ -224,7 +202,7 @@ def residual_figure(views: Sequence[tuple[str, float]], overall_px: float, name:
 
 
 def svg(figure: Figure, name: str) -> Markup:
-    """Return the figure as an element of the page, its identifiers like those of no other figure."""
+    """Return the figure as an element of the page; its identifiers are unique within the page."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata=NO_METADATA, transparent=True)
     text = buffer.getvalue()
@@ -233,5 +211,5 @@ def svg(figure: Figure, name: str) -> Markup:
     text = re.sub(r'\s(?:width|height)="[\d.]+pt"', "", text, count=2)
     text = text.replace("xlink:href", "href")
     text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
-    # Drawn here, from numbers and from text that matplotlib has escaped.
+    # Safe: drawn here from numbers and from text that matplotlib escapes.
     return Markup(text)  # noqa: S704

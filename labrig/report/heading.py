@@ -1,4 +1,4 @@
-"""The head of every page: what was done, by whom, how it ended, and whether the record is whole."""
+"""The head of every page: title, operator, ending, and damage of the record."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -12,17 +12,17 @@ from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run
-from labrig.report.words import UNKNOWN, Rows, count_of, moment, shown
+from labrig.report.formatting import UNKNOWN, Rows, count_of, format_time, format_value
 
 _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
 
 
 @dataclass(frozen=True)
 class Heading:
-    """Title, state and facts of a run; `verdict` is the page in a sentence or two.
+    """Title, status and facts of a run; `verdict` summarises the page in a sentence or two.
 
-    `said` is what people say of the run (tags, verdict and notes, each with a heading), `problems` what the record
-    lacks now (where, what, what to do), `damage` what else it lacked when it was measured.
+    `annotations` are tags, verdict and notes, each with a heading; `problems` are the faults of the record now (place,
+    message, hint), `damage` further faults when it was measured.
     """
 
     eyebrow: str
@@ -35,7 +35,7 @@ class Heading:
     verdict: tuple[str, ...]
     facts: tuple[tuple[str, str], ...]
     notes: str
-    said: tuple[tuple[str, str], ...]
+    annotations: tuple[tuple[str, str], ...]
     written: str
     problems: tuple[tuple[str, str, str], ...]
     damage: tuple[str, ...]
@@ -51,14 +51,14 @@ def make_heading(
     facts: Rows = (),
     can_resume: bool = False,
 ) -> Heading:
-    """Return the head of a page whose body says `verdict` in a sentence or two, and rests on `result`.
+    """Return the head of a page with this verdict, based on `result`.
 
     Parameters
     ----------
     kind : str
-        What the experiment is called.
+        Title of the experiment.
     facts : tuple
-        What it says of its protocol.
+        Terms and values of its protocol.
     can_resume : bool
         Whether an interrupted run can be continued.
     """
@@ -75,29 +75,31 @@ def make_heading(
         simulated=_is_simulated(run),
         recorded_pictures=_has_recorded_pictures(run),
         verdict=(
-            *_how_it_ended(run, status),
-            *_where_the_needle_is(run, status),
-            *_what_next(run, status, can_resume=can_resume),
+            *_describe_ending(run, status),
+            *_warn_of_needle(run, status),
+            *_list_next_steps(run, status, can_resume=can_resume),
             *verdict,
         ),
-        facts=tuple((term, value) for term, value in _facts(run, facts) if value != UNKNOWN),
+        facts=tuple((term, value) for term, value in _list_facts(run, facts) if value != UNKNOWN),
         notes=str(run.protocol.get("notes") or "").strip(),
-        said=_said(run),
-        written=f"Written {moment(created.isoformat(timespec='seconds'))} by labrig {__version__}",
+        annotations=_list_annotations(run),
+        written=f"Written {format_time(created.isoformat(timespec='seconds'))} by labrig {__version__}",
         problems=problems,
-        damage=tuple(one for one in measured if one not in known),
+        damage=tuple(fault for fault in measured if fault not in known),
     )
 
 
-def _said(run: Run) -> tuple[tuple[str, str], ...]:
-    """Return what people have said of a run since; of notes that cannot be read that they cannot be."""
+def _list_annotations(run: Run) -> tuple[tuple[str, str], ...]:
+    """Return verdict, tags and notes of a run, or the error if they cannot be read."""
     try:
-        said = run.annotations
+        annotations = run.annotations
     except RecordError as error:
         return (("Notes", error.message.replace(f"{run.path}/", "")),)
-    verdict = ": ".join(filter(None, (said.verdict, said.verdict_reason)))
-    notes = [(f"Note {one.note}, {one.by}, {moment(one.at)}", one.text) for one in said.notes]
-    rows = (("Verdict", verdict), ("Tags", ", ".join(said.tags)), *notes)
+    verdict = ": ".join(filter(None, (annotations.verdict, annotations.verdict_reason)))
+    notes = [
+        (f"Note {note.note}, {note.by}, {format_time(note.at)}", note.text) for note in annotations.notes
+    ]
+    rows = (("Verdict", verdict), ("Tags", ", ".join(annotations.tags)), *notes)
     return tuple((term, text) for term, text in rows if text)
 
 
@@ -107,19 +109,19 @@ def _is_simulated(run: Run) -> bool:
 
 
 def _has_recorded_pictures(run: Run) -> bool:
-    """Return whether the run took its pictures from a film or a folder, and not from a camera."""
+    """Return whether the pictures came from a film or a folder instead of a camera."""
     devices = run.manifest.get("devices")
     camera = devices.get("camera") if isinstance(devices, Mapping) else None
     return isinstance(camera, Mapping) and bool(camera.get("recorded_pictures"))
 
 
-def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
-    """Return what has to be said of a run that did not come to its end; nothing of one that did."""
+def _describe_ending(run: Run, status: str) -> tuple[str, ...]:
+    """Describe the ending of a run that did not succeed."""
     if status == "success":
         return ()
-    # Reasons that programs read are words with underscores.
+    # Reasons for programs are words with underscores.
     reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".").replace("_", " ")
-    planned, done = run.manifest.get("trials_planned"), _trials_ended(run)
+    planned, done = run.manifest.get("trials_planned"), _count_ended_trials(run)
     made = (
         f" {done} of {count_of(planned, 'planned insertion')} ended."
         if isinstance(planned, int) and planned
@@ -130,9 +132,9 @@ def _how_it_ended(run: Run, status: str) -> tuple[str, ...]:
     return (f"The run {'was aborted' if status == 'aborted' else 'failed'}: {reason}.{made}",)
 
 
-def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
-    """Return a warning of a run that stopped within an insertion, with the last reading of the axes."""
-    trials = _trials(run)
+def _warn_of_needle(run: Run, status: str) -> tuple[str, ...]:
+    """Warn of a run that stopped during an insertion, with the last reading of the axes."""
+    trials = _read_trials(run)
     if status == "success" or not trials or trials[-1].stop is not None:
         return ()
     place = f"The needle may still be in tissue: the run stopped within trial {trials[-1].start.trial}"
@@ -148,10 +150,10 @@ def _where_the_needle_is(run: Run, status: str) -> tuple[str, ...]:
     )
 
 
-def _what_next(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
-    """Return the commands that take a needle out which may be in tissue, and go on with a sweep."""
+def _list_next_steps(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
+    """Return the commands that withdraw a needle that may be in tissue, and that resume a sweep."""
     steps, place = [], shlex.quote(str(run.path))
-    if not _is_simulated(run) and _where_the_needle_is(run, status):
+    if not _is_simulated(run) and _warn_of_needle(run, status):
         withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
         steps.append(Markup("Take it out along its path: {}.").format(withdraw))
     if status != "success" and can_resume:
@@ -159,42 +161,42 @@ def _what_next(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
     return tuple(steps)
 
 
-def _trials_ended(run: Run) -> int:
-    """Return how many came to an end of their own, whatever it was."""
-    return sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in _trials(run))
+def _count_ended_trials(run: Run) -> int:
+    """Return how many trials ended by themselves, with any status."""
+    return sum(trial.exit_status not in {INCOMPLETE, INTERRUPTED} for trial in _read_trials(run))
 
 
-def _trials(run: Run) -> tuple[RecordedTrial[TrialStart, TrialStop], ...]:
+def _read_trials(run: Run) -> tuple[RecordedTrial[TrialStart, TrialStop], ...]:
     return run.read_trials(TrialStart, TrialStop)
 
 
-def trials_done(run: Run) -> str:
-    """Return how many trials came to their end, of how many that were planned."""
-    done = sum(trial.exit_status == "success" for trial in _trials(run))
-    return f"{done} of {shown(run.manifest.get('trials_planned'))}"
+def count_trials_done(run: Run) -> str:
+    """Return the number of successful trials and the number planned."""
+    done = sum(trial.exit_status == "success" for trial in _read_trials(run))
+    return f"{done} of {format_value(run.manifest.get('trials_planned'))}"
 
 
-def _facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
+def _list_facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
     manifest = run.manifest
     return [
         ("Run", run.path.name),
-        ("Operator", shown(run.protocol.get("operator"))),
-        ("Started", moment(manifest.get("started"))),
-        ("Ended", moment(manifest.get("ended"))),
-        *_resumed(run),
+        ("Operator", format_value(run.protocol.get("operator"))),
+        ("Started", format_time(manifest.get("started"))),
+        ("Ended", format_time(manifest.get("ended"))),
+        *_describe_sessions(run),
         *facts,
-        ("Pictures recorded", _pictures(run)),
-        ("Seed", shown(manifest.get("seed"))),
+        ("Pictures recorded", _count_pictures(run)),
+        ("Seed", format_value(manifest.get("seed"))),
     ]
 
 
-def _resumed(run: Run) -> list[tuple[str, str]]:
-    """Say how often a run was resumed; nothing of one that was not."""
+def _describe_sessions(run: Run) -> list[tuple[str, str]]:
+    """Return how often a run was resumed; nothing if it was not."""
     times = len(run.sessions)
     return [("Resumed", "once" if times == 1 else f"{times} times")] if times else []
 
 
-def _pictures(run: Run) -> str:
-    """Return how many pictures there are; unknown of a run that takes none."""
+def _count_pictures(run: Run) -> str:
+    """Return the number of pictures; unknown for a run that takes none."""
     takes_some = run.rig_path is not None or bool(run.frame_lines)
     return str(len(run.frame_lines)) if takes_some else UNKNOWN

@@ -1,4 +1,4 @@
-"""A calibrated lens as a figure of its own: what the boards covered, what is left over, and how sure each pixel is."""
+"""Draw a calibrated lens: the coverage by boards, the residuals, and the uncertainty of each pixel."""
 
 from pathlib import Path
 
@@ -17,10 +17,10 @@ from labrig.vision.lens_evidence import LARGEST_PROJECTION_SIGMA_PX, WORKING_MAR
 
 _DOTS_PER_INCH = 130
 _LEVELS_PX = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-# Between the places of the map contours are drawn over so many points more, on a smooth surface of its logarithm.
+# Contours are drawn on a map that is finer by this factor, interpolated in its logarithm.
 _FINER = 6
 _LEAST_SIGMA_PX = 1e-6
-# Residuals are drawn so much longer that their rms is this share of the picture's width.
+# Residuals are enlarged until their rms is this share of the picture's width.
 _ARROW_SHARE = 0.02
 _LEFT_OUT = "#999999"
 
@@ -77,7 +77,7 @@ def _draw_residuals(axes: Axes, lens: Intrinsics) -> None:
 
 
 def _draw_scale(axes: Axes, size: tuple[int, int], longer: float, length_px: float) -> None:
-    """Draw how long a residual of this length is drawn, in the lower left corner."""
+    """Draw a residual of this length as a scale in the lower left corner."""
     u, v = 0.03 * size[0], 0.95 * size[1]
     axes.plot((u, u + longer * length_px), (v, v), color="black", linewidth=1.8, solid_capstyle="butt")
     axes.annotate(f"{length_px:g} px", (u, v), xytext=(0, 3), textcoords="offset points", fontsize=8.5)

@@ -1,7 +1,7 @@
-"""A run as an MCAP file, which Foxglove and other viewers of robot data open: an extra, `pip install 'labrig[mcap]'`.
+"""Export a run as an MCAP file for Foxglove and other viewers of robot data; needs `pip install 'labrig[mcap]'`.
 
-States and events are JSON messages, pictures are `foxglove.CompressedImage`; the time of a message is when the run
-started plus its rig time.
+States and events are JSON messages, pictures are `foxglove.CompressedImage`. The time of a message is the start of the
+run plus its rig time.
 """
 
 import base64
@@ -41,9 +41,9 @@ def write_mcap(run: Run, folder: Path) -> None:
     Raises
     ------
     RecordError
-        When a line or picture of it is damaged, or its manifest does not say when it started.
+        When a line or picture is damaged, or the manifest has no start time.
     """
-    start_ns = _start_ns(run)
+    start_ns = _read_start_ns(run)
     with (folder / MCAP_FILE).open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="labrig")
@@ -52,7 +52,7 @@ def write_mcap(run: Run, folder: Path) -> None:
         _write_lines(writer, "/states", "labrig.State", run.lines("states"), start_ns)
         _write_lines(writer, "/events", "labrig.Event", events, start_ns)
         _write_lines(writer, "/frames", "labrig.Frame", run.lines("frames"), start_ns)
-        _write_all(writer, "/camera", _PICTURE, _pictures(run, start_ns))
+        _write_all(writer, "/camera", _PICTURE, _list_pictures(run, start_ns))
         writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -70,7 +70,7 @@ def _write_all(
 def _write_lines(
     writer: Writer, topic: str, title: str, lines: Sequence[Mapping[str, Any]], start_ns: int
 ) -> None:
-    """Write lines of a record, each at its time; what a line does not know is left out."""
+    """Write lines of a record, each at its time; unknown values are left out."""
     known = [{name: value for name, value in line.items() if value is not None} for line in lines]
     values: dict[str, list[object]] = {}
     for line in known:
@@ -84,7 +84,7 @@ def _write_lines(
     _write_all(writer, topic, {"title": title, "type": "object", "properties": kinds}, messages)
 
 
-def _pictures(run: Run, start_ns: int) -> Iterator[tuple[int, dict[str, Any]]]:
+def _list_pictures(run: Run, start_ns: int) -> Iterator[tuple[int, dict[str, Any]]]:
     for picture, t_s in zip(run.frames, (line.t_s for line in run.frame_lines), strict=True):
         time_ns = start_ns + round(_NS * t_s)
         _, png = cv2.imencode(".png", np.ascontiguousarray(picture))
@@ -99,7 +99,7 @@ def _pictures(run: Run, start_ns: int) -> Iterator[tuple[int, dict[str, Any]]]:
         )
 
 
-def _start_ns(run: Run) -> int:
+def _read_start_ns(run: Run) -> int:
     try:
         return round(datetime.fromisoformat(str(run.manifest["started"])).timestamp()) * _NS
     except (KeyError, ValueError) as error:

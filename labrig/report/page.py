@@ -1,4 +1,4 @@
-"""`RUN/report.html`: the page kit, which an experiment fills."""
+"""The page `RUN/report.html`, whose content comes from the experiment."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -13,9 +13,9 @@ from markupsafe import Markup
 from labrig.analysis.result import AnyResult
 from labrig.record.durable import write_atomically
 from labrig.record.reader import Run
+from labrig.report.formatting import Rows, count_of, interval, mark_breaks, number, signed
 from labrig.report.heading import make_heading
 from labrig.report.provenance import make_provenance
-from labrig.report.words import Rows, breakable, count_of, interval, number, signed
 
 REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -24,26 +24,26 @@ _FILTERS = {
     "signed": signed,
     "interval": interval,
     "count_of": count_of,
-    "breakable": breakable,
+    "breakable": mark_breaks,
 }
 
 
 @dataclass(frozen=True)
 class Page:
-    """What an experiment shows of a run.
+    """The content of a page, from an experiment.
 
     Attributes
     ----------
     facts : tuple
-        Of the protocol, a term and a value each; also for a run without a result.
+        Terms and values of the protocol; shown without a result too.
     template : Path or None
-        The experiment's own, which extends `base.html.jinja`; None shows the head alone.
+        The experiment's template, which extends `base.html.jinja`; None shows only the head.
     verdict : sequence of str
-        The page in a sentence or two.
+        The result in a sentence or two.
     calibration : tuple
-        How well lens and plane are known.
+        Accuracy of lens and plane.
     shown : Mapping
-        What the template needs, everything drawn.
+        Variables of the template, with all drawings.
     """
 
     facts: Rows = ()
@@ -61,27 +61,27 @@ def write_report(
     Parameters
     ----------
     run : Run
-        Of any experiment and any exit status.
+        A run of any experiment and exit status.
     page : Page
-        What its experiment shows.
+        The content from its experiment.
     result : AnyResult or None
-        What that rests on; None for a run without a result, whose page says so.
+        The result behind it; None for a run without a result, which the page states.
     created : datetime
         Calendar time, aware.
     kind : str
-        What the experiment is called.
+        Title of the experiment.
     can_resume : bool
         Whether an interrupted run of it can be continued.
 
     Raises
     ------
     RecordError
-        When the record or the result is damaged so that nothing can be shown.
+        When the record or the result is too damaged to show anything.
     DiskError
         When the page cannot be written; an older one is untouched.
     """
     path = run.path / REPORT_FILE
-    verdict = page.verdict if result is not None else [_nothing_measured(run)]
+    verdict = page.verdict if result is not None else [_state_no_result(run)]
     heading = make_heading(run, verdict, created, result, kind=kind, facts=page.facts, can_resume=can_resume)
     provenance = make_provenance(run, result, page.calibration)
     content = _render(page.template, {"heading": heading, "provenance": provenance, **page.shown})
@@ -89,7 +89,7 @@ def write_report(
     return path
 
 
-def _nothing_measured(run: Run) -> Markup:
+def _state_no_result(run: Run) -> Markup:
     nothing = Markup(
         "Nothing has been measured yet: there is no result. <code>labrig reanalyze {}</code> makes one."
     )

@@ -1,7 +1,7 @@
 """Colours and markers of gels, the same in every figure of a page.
 
-Okabe and Ito, "Color universal design" (2008): told apart with any colour vision. Yellow is left out, being
-too pale on white. The marker differs too, for print in grey.
+Okabe and Ito, "Color universal design" (2008): people with any colour vision tell them apart. Yellow is omitted because
+it is too pale on white. The marker differs too, for print in grey.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ DESIGN = "#444444"
 
 @dataclass(frozen=True)
 class Mark:
-    """How one group is drawn."""
+    """Colour and marker of a group."""
 
     colour: str
     marker: str
 
 
 def mark(index: int) -> Mark:
-    """Return the mark of the group with this number; they repeat after seven with other markers."""
+    """Return the mark of the group with this number; colours repeat after seven, with other markers."""
     return Mark(_COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)])

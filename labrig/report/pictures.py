@@ -1,4 +1,4 @@
-"""Pictures of a run as the page shows them: a JPEG, and the lines to be drawn over it in its own pixels."""
+"""Pictures of a run for the page: a JPEG, and lines over it in its own pixels."""
 
 import base64
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ Pixel = tuple[float, float]
 
 @dataclass(frozen=True)
 class JpegSize:
-    """How large a JPEG may be: its width, and the quality it is saved with."""
+    """The largest width of a JPEG, and its quality."""
 
     width_px: int
     quality: int
@@ -30,7 +30,7 @@ VIEW = JpegSize(1280, 85)
 
 @dataclass(frozen=True)
 class Arrow:
-    """An axis drawn in the picture: from, to, and where its name stands."""
+    """An axis drawn in the picture: its start, its end and the place of its name."""
 
     name: str
     start: Pixel
@@ -39,12 +39,12 @@ class Arrow:
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """Return bytes as an address that holds them."""
+    """Return bytes as a data URI."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def jpeg(image: Picture, size: JpegSize) -> bytes:
-    """Return a picture as JPEG, made smaller where it is wider than the size."""
+    """Return a picture as JPEG, reduced if it is wider than the size."""
     width, height = size_of(image)
     if width > size.width_px:
         smaller = (size.width_px, max(1, round(height * size.width_px / width)))
@@ -59,9 +59,9 @@ def polyline(px: FloatArray) -> str:
 
 
 def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixel, Pixel]]:
-    """Return a length of 1, 2, 5, 10 ... mm above a tenth of the picture's width, and the ends of a bar of it.
+    """Return a length of 1, 2, 5, 10 ... mm above a tenth of the picture's width, and the ends of its bar.
 
-    The bar stands near the lower left corner, along the axis that lies more level.
+    The bar is near the lower left corner, along the axis that is closer to horizontal.
     """
     width, height = size
     tenth_mm = width * plane.mm_per_px / 10.0
@@ -71,7 +71,7 @@ def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixe
     start_mm = plane.to_mm(corner)
     moves = plane.to_px(start_mm + length_mm * np.eye(2)) - corner
     level = int(np.argmax(np.abs(moves[:, 0])))
-    # An axis that points to the left would lead out of the picture.
+    # An axis that points left would lead out of the picture.
     direction = np.sign(moves[level, 0]) * np.eye(2)[level]
     return length_mm, (pixel(corner[0]), pixel(plane.to_px(start_mm + length_mm * direction)[0]))
 

@@ -1,4 +1,4 @@
-"""A plan as a figure of its own: path, obstacles and target, true to scale."""
+"""Draw a plan: path, obstacles and target, true to scale."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ _DOTS_PER_INCH = 150
 
 
 def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
-    """Draw a plan; without a path, what stands where.
+    """Draw a plan; without a path only obstacles, start and target.
 
     Parameters
     ----------
     path : Path
         `.svg` or `.png`.
     problem : PlanProblem
-        A planar one is drawn in the y-z plane, any other from the side too.
+        A planar problem is drawn in the y-z plane, any other also from the side.
     plan : Plan
 
     Raises

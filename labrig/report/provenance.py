@@ -1,4 +1,4 @@
-"""Where a page's numbers come from: code, inputs, settings, calibration, devices."""
+"""The provenance section of a page: code, inputs, settings, calibration, devices."""
 
 import shlex
 from collections.abc import Iterator, Mapping
@@ -6,21 +6,21 @@ from dataclasses import dataclass
 
 from labrig.analysis.result import AnyResult
 from labrig.record.reader import Run
-from labrig.report.words import UNKNOWN, Rows, flattened, moment
+from labrig.report.formatting import UNKNOWN, Rows, flatten, format_time
 
 _CAMERA_SETTINGS = ("camera.asked.", "camera.readback.")
 
 
 @dataclass(frozen=True)
 class Section:
-    """A headed table of keys and values."""
+    """A table of keys and values with a heading."""
 
     title: str
     rows: Rows
 
 
 def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
-    """Return every section that has something to say."""
+    """Return every section that is not empty."""
     devices = run.manifest.get("devices")
     measured = () if result is None else _code(result.content.provenance)
     sections = (
@@ -36,18 +36,18 @@ def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) 
 
 
 def _code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
-    """Return one section where the same command recorded and measured, else two."""
+    """Return one section if the same command recorded and measured, else two."""
     if recorded == measured:
         return (Section("Recorded and measured with", recorded),)
     return Section("Recorded with", recorded), Section("Measured with", measured)
 
 
 def _session_sections(run: Run) -> Iterator[Section]:
-    """Yield for each time that a run was resumed when that was, and the code that then ran."""
+    """Yield a section for each session after the first: its start and its code."""
     for number, session in enumerate(run.sessions, start=2):
         diff = session.get("code_diff")
         changes = () if diff is None else (("changes to the code", str(diff)),)
-        began = ("started", moment(session.get("started")))
+        began = ("started", format_time(session.get("started")))
         yield Section(f"Resumed with, session {number}", (began, *_code(session.get("provenance")), *changes))
 
 
@@ -55,10 +55,10 @@ def _analysis(result: AnyResult) -> Rows:
     content = result.content
     return (
         ("result", f"analysis/{result.path.name}"),
-        ("created", moment(content.created)),
+        ("created", format_time(content.created)),
         ("parent", "none" if content.parent is None else f"analysis/{content.parent:03d}"),
         ("changed after the run", ", ".join(content.overrides) or "nothing"),
-        *flattened(content.settings),
+        *flatten(content.settings),
     )
 
 
@@ -69,33 +69,33 @@ def _hashes(run: Run, result: AnyResult | None) -> Rows:
 
 
 def _camera(devices: object) -> Rows:
-    """Return each camera setting with what was asked for and what the camera said."""
-    said = dict(_rows(devices))
+    """Return each camera setting as asked for and as read back."""
+    values = dict(_rows(devices))
     asked, readback = _CAMERA_SETTINGS
     names = dict.fromkeys(
-        key.removeprefix(asked).removeprefix(readback) for key in said if key.startswith(_CAMERA_SETTINGS)
+        key.removeprefix(asked).removeprefix(readback) for key in values if key.startswith(_CAMERA_SETTINGS)
     )
     return tuple(
-        (name, f"{said.get(asked + name, UNKNOWN)}; {said.get(readback + name, UNKNOWN)} read back")
+        (name, f"{values.get(asked + name, UNKNOWN)}; {values.get(readback + name, UNKNOWN)} read back")
         for name in names
     )
 
 
 def _devices(devices: object) -> Rows:
-    """Return what is known of the rig but the camera's settings, in the units and notation of its manuals."""
-    said = dict(_rows(devices))
+    """Return the devices without the camera's settings, in the units and notation of their manuals."""
+    values = dict(_rows(devices))
     return tuple(
-        (key, _as_in_manuals(key, value, said))
-        for key, value in said.items()
+        (key, _format_device_value(key, value, values))
+        for key, value in values.items()
         if not key.startswith(_CAMERA_SETTINGS)
     )
 
 
-def _as_in_manuals(key: str, value: str, said: Mapping[str, str]) -> str:
+def _format_device_value(key: str, value: str, values: Mapping[str, str]) -> str:
     stem, _, name = key.rpartition(".")
-    unit = said.get(f"{stem}.unit", "unit")
+    unit = values.get(f"{stem}.unit", "unit")
     match name:
-        # maxon's tables list them by these: 0x6220 is an EPOS2 24/5.
+        # maxon's tables list versions in this form: 0x6220 is an EPOS2 24/5.
         case "hardware_version" | "software_version" if value.isdecimal():
             return f"0x{int(value):04X}"
         case "vendor_id" | "product_code" | "revision_number" if value.isdecimal():
@@ -108,17 +108,17 @@ def _as_in_manuals(key: str, value: str, said: Mapping[str, str]) -> str:
 
 
 def _rows(document: object) -> Rows:
-    return tuple(flattened(document)) if isinstance(document, Mapping) else ()
+    return tuple(flatten(document)) if isinstance(document, Mapping) else ()
 
 
 def _code(document: object) -> Rows:
-    """Return what `collect_provenance` noted; packages and command each on one line."""
+    """Return the provenance of a record or result; packages and command take one line each."""
     if not isinstance(document, Mapping):
         return ()
-    return _rows({key: _one_line(value) for key, value in document.items()})
+    return _rows({key: _join_line(value) for key, value in document.items()})
 
 
-def _one_line(value: object) -> object:
+def _join_line(value: object) -> object:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {version}" for name, version in value.items())
     return shlex.join(map(str, value)) if isinstance(value, list | tuple) else value

@@ -1,8 +1,8 @@
-"""`RUN/view.rrd`: the record on the time line of the rerun viewer. Made from the record, and thrown away at will.
+"""`RUN/view.rrd`: the record on the time line of the rerun viewer; it can be deleted and made again.
 
-rerun files are read by neighbouring versions of the viewer alone, so this is a view and never a record. Two
-time lines: `rig_time` [s] and `frame`. The pictures are JPEG here; the measured ones carry the shaft, those of an
-insertion obstacles, target, plan and path, with the estimate's curves beside them.
+Only neighbouring versions of the viewer read a rerun file, so this is a view and never a record. It has two time lines,
+`rig_time` [s] and `frame`. The pictures are JPEG; measured ones show the shaft, those of an insertion also obstacles,
+target, plan and path, with the curves of the estimate beside them.
 """
 
 import shutil
@@ -38,22 +38,22 @@ def write_view(run: Run, lines: CentreLines, view: View) -> Path:
     Parameters
     ----------
     run : Run
-        Of any experiment and any exit status.
+        A run of any experiment and exit status.
     lines : CentreLines
-        The shafts that were found.
+        The measured shafts.
     view : View
-        What its experiment adds.
+        The additions of its experiment.
 
     Raises
     ------
     RecordError
         When a picture of the record is missing or damaged.
     DiskError
-        When the file cannot be written, or the disk has no room for it.
+        When the file cannot be written, or does not fit on the disk.
     """
     path = run.path / VIEW_FILE
     unfinished = path.with_name(f".{VIEW_FILE}.tmp")
-    # rerun says nothing of a full disk; JPEG needs less than the lossless pictures do.
+    # rerun does not report a full disk. JPEG needs less space than the lossless pictures.
     files = {run.path / picture.file for picture in run.pictures}
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
     write_atomically(unfinished, b"")
@@ -67,7 +67,7 @@ def write_view(run: Run, lines: CentreLines, view: View) -> Path:
 
 def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
     stream = rr.RecordingStream("labrig", recording_id=run.path.name)
-    stream.save(file, default_blueprint=_blueprint(view))
+    stream.save(file, default_blueprint=_make_blueprint(view))
     try:
         _send_axes(stream, run.states)
         _send_events(stream, run)
@@ -78,7 +78,7 @@ def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
 
 
 def open_view(path: Path) -> None:
-    """Open a view in the viewer, in a process of its own that listens on this computer alone.
+    """Open a view in the viewer, a separate process that listens only on this computer.
 
     Raises
     ------
@@ -100,8 +100,8 @@ def open_view(path: Path) -> None:
     )
 
 
-def _blueprint(view: View) -> rrb.Blueprint:
-    """Return what stands where."""
+def _make_blueprint(view: View) -> rrb.Blueprint:
+    """Return the layout of the viewer."""
     curves = tuple(rrb.TimeSeriesView(origin=origin, name=name) for origin, name in view.curves)
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -119,7 +119,7 @@ def _blueprint(view: View) -> rrb.Blueprint:
 
 
 def _send_axes(stream: rr.RecordingStream, states: pd.DataFrame) -> None:
-    """Send what the axes read, a column an axis."""
+    """Send the readings of the axes, a column for each."""
     for name in _AXES:
         if name not in states or states.empty:
             continue
@@ -131,14 +131,14 @@ def _send_axes(stream: rr.RecordingStream, states: pd.DataFrame) -> None:
 def _send_events(stream: rr.RecordingStream, run: Run) -> None:
     for event in run.lines("events"):
         stream.set_time(_TIME, duration=event["t_s"])
-        stream.log("/events", rr.TextLog(_event_text(add_axis_units(event))))
+        stream.log("/events", rr.TextLog(_format_event(add_axis_units(event))))
 
 
-def _event_text(event: Mapping[str, object]) -> str:
-    said = [
+def _format_event(event: Mapping[str, object]) -> str:
+    fields = [
         f"{key}={value}" for key, value in event.items() if key not in {"kind", "t_s"} and value is not None
     ]
-    return f"{event['kind']}: {', '.join(said)}" if said else str(event["kind"])
+    return f"{event['kind']}: {', '.join(fields)}" if fields else str(event["kind"])
 
 
 def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines) -> None:
@@ -150,7 +150,7 @@ def _send_pictures(stream: rr.RecordingStream, run: Run, lines: CentreLines) -> 
         stream.log("/camera", picture)
         if lines.px:
             shaft = [lines.px[frame]] if frame in lines.px else []
-            # An empty one ends the line of the picture before.
+            # An empty strip ends the line of the previous picture.
             stream.log(
                 "/camera/shaft", rr.LineStrips2D(shaft, colors=[_SHAFT_COLOUR] * len(shaft), radii=1.0)
             )

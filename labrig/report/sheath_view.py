@@ -1,4 +1,4 @@
-"""The sheath's end, cut out of its picture and enlarged: where it was found beside where it was commanded to be."""
+"""The sheath's end, cut out of its picture and enlarged: its pose as found and as commanded."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from labrig.report.pictures import Arrow, JpegSize, data_uri, jpeg, pixel
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
-# What is shown to each side of the tip, and how long the arrows are; their names stand aside of their ends.
+# The range shown on each side of the tip, the lengths of the arrows, and the offset of their names from their ends.
 _AROUND_MM, _FOUND_MM, _COMMANDED_MM, _ASIDE_MM = 6.0, 4.6, 3.6, 0.8
 _CUT_OUT = JpegSize(1000, 88)
 
 
 @dataclass(frozen=True)
 class SheathView:
-    """A piece of a picture with two arrows in it, from the tip along the insertion; lines are in the piece's pixels.
+    """A cut-out of a picture with two arrows from the tip along the insertion, in pixels of the cut-out.
 
-    `commanded` is None where the protocol does not say what to expect.
+    `commanded` is None if the protocol has no expected pose.
     """
 
     origin: TrialOrigin
@@ -36,7 +36,7 @@ class SheathView:
 
 @dataclass(frozen=True)
 class _Ray:
-    """An arrow in the plane: from where, which way, how long, and how far aside of its end its name stands."""
+    """An arrow in the plane: start, heading, length, and the offset of its name from its end."""
 
     from_mm: tuple[float, float]
     heading_rad: float
@@ -45,21 +45,25 @@ class _Ray:
 
 
 def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathView | None:
-    """Return the sheath's end enlarged; None where it was not found or its picture cannot be read."""
+    """Return the sheath's end enlarged; None if it was not found or its picture cannot be read."""
     if origin.tip_mm is None or origin.tip_px is None or origin.heading_rad is None:
         return None
     try:
         image = run.read_frame(origin.frame)
     except RecordError:
         return None
-    corner, size = _piece(origin.tip_px, size_of(image), plane)
+    corner, size = _find_cut_out(origin.tip_px, size_of(image), plane)
     cut = image[corner[1] : corner[1] + size[1], corner[0] : corner[0] + size[0]]
     if not cut.size:
         return None
-    found = _arrow("found", _Ray(origin.tip_mm, origin.heading_rad, _FOUND_MM, -_ASIDE_MM), plane, corner)
+    found = _make_arrow(
+        "found", _Ray(origin.tip_mm, origin.heading_rad, _FOUND_MM, -_ASIDE_MM), plane, corner
+    )
     commanded = None
     if origin.expected_mm is not None:
-        commanded = _arrow("command", _Ray(origin.expected_mm, 0.0, _COMMANDED_MM, _ASIDE_MM), plane, corner)
+        commanded = _make_arrow(
+            "command", _Ray(origin.expected_mm, 0.0, _COMMANDED_MM, _ASIDE_MM), plane, corner
+        )
     return SheathView(
         origin=origin,
         href=data_uri(jpeg(cut, _CUT_OUT), "image/jpeg"),
@@ -74,28 +78,30 @@ def draw_sheath_view(run: Run, origin: TrialOrigin, plane: PlaneMap) -> SheathVi
 def draw_sheath_views(
     run: Run, origins: Sequence[TrialOrigin], plane: PlaneMap, most: int
 ) -> list[SheathView]:
-    """Return up to `most` sheaths in their order: refused ones first of all, then those furthest off."""
+    """Draw up to `most` sheaths, refused ones first, then the largest deviations; return them in their order."""
     found = [origin for origin in origins if origin.tip_mm is not None]
-    ranked = sorted(found, key=lambda it: (it.accepted, -(it.disagreement_mm or 0.0), it.trial))[:most]
-    views = (draw_sheath_view(run, origin, plane) for origin in sorted(ranked, key=lambda it: it.trial))
+    ranked = sorted(found, key=lambda item: (item.accepted, -(item.disagreement_mm or 0.0), item.trial))[
+        :most
+    ]
+    views = (draw_sheath_view(run, origin, plane) for origin in sorted(ranked, key=lambda item: item.trial))
     return [view for view in views if view is not None]
 
 
-def _piece(
+def _find_cut_out(
     tip_px: tuple[float, float], size: tuple[int, int], plane: PlaneMap
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the corner (u, v) and the size of the piece about the tip that lies in the picture."""
+    """Return the corner (u, v) and the size of the cut-out about the tip, clipped to the picture."""
     half = _AROUND_MM / plane.mm_per_px
     low = [max(0, round(middle - half)) for middle in tip_px]
     high = [min(most, round(middle + half)) for middle, most in zip(tip_px, size, strict=True)]
     return (low[0], low[1]), (max(0, high[0] - low[0]), max(0, high[1] - low[1]))
 
 
-def _arrow(name: str, ray: _Ray, plane: PlaneMap, corner: tuple[int, int]) -> Arrow:
-    """Return an arrow along a heading; its name stands aside of its end."""
+def _make_arrow(name: str, ray: _Ray, plane: PlaneMap, corner: tuple[int, int]) -> Arrow:
+    """Return an arrow along a heading, with its name beside its end."""
     along = np.array([np.sin(ray.heading_rad), np.cos(ray.heading_rad)])
     aside = np.array([np.cos(ray.heading_rad), -np.sin(ray.heading_rad)])
     start = np.asarray(ray.from_mm)
     end = start + ray.length_mm * along
     px: NDArray[np.float64] = plane.to_px(np.array([start, end, end + ray.name_aside_mm * aside])) - corner
-    return Arrow(name, *(pixel(one) for one in px))
+    return Arrow(name, *(pixel(point) for point in px))

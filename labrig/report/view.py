@@ -14,14 +14,14 @@ def _send_nothing(_stream: Any, _timeline: str) -> None:
 
 @dataclass(frozen=True)
 class View:
-    """Curves beside the axes, as the path of each and its heading, and what sends them with whatever else is drawn."""
+    """Curves beside the axes, each with its path and heading, and the call that sends them and all other drawings."""
 
     curves: tuple[tuple[str, str], ...] = ()
     send: Send = _send_nothing
 
 
 NO_VIEW = View()
-"""The record alone."""
+"""Only the record."""
 
 
 def show_record_alone(_run: object, _result: object) -> View:

@@ -3,7 +3,13 @@
 import matplotlib as mpl
 import numpy as np
 
-from labrig.report.figures import Design, GelSeries, coverage_figure, residual_figure, steerability_figure
+from labrig.report.figures import (
+    Design,
+    GelSeries,
+    draw_coverage_figure,
+    draw_residual_figure,
+    draw_steerability_figure,
+)
 from labrig.report.palette import mark
 
 DESIGN = Design(30.0, 40.0, -1)
@@ -18,12 +24,14 @@ def _series() -> list[GelSeries]:
 
 def test_the_same_data_give_the_same_bytes() -> None:
     """Drawn twice, the figure is the same, so that a page does not change when nothing has."""
-    assert steerability_figure(_series(), DESIGN, "a") == steerability_figure(_series(), DESIGN, "a")
+    assert draw_steerability_figure(_series(), DESIGN, "a") == draw_steerability_figure(
+        _series(), DESIGN, "a"
+    )
 
 
 def test_two_figures_of_a_page_share_no_identifier() -> None:
     """The figure's name stands before every identifier and every reference to one."""
-    figure = str(residual_figure([("0", 0.1), ("1", 0.2)], 0.15, "one"))
+    figure = str(draw_residual_figure([("0", 0.1), ("1", 0.2)], 0.15, "one"))
     assert 'id="one-' in figure
     assert 'id="' not in figure.replace('id="one-', "")
     assert 'href="#' not in figure.replace('href="#one-', "")
@@ -32,7 +40,7 @@ def test_two_figures_of_a_page_share_no_identifier() -> None:
 def test_a_figure_brings_no_address_and_no_settings() -> None:
     """No name space is left in the element, and matplotlib's settings are as they were."""
     before = dict(mpl.rcParams)
-    figure = str(coverage_figure({"a": np.array([[10.0, 20.0]])}, (640, 480), "c"))
+    figure = str(draw_coverage_figure({"a": np.array([[10.0, 20.0]])}, (640, 480), "c"))
     assert "http" not in figure
     assert figure.startswith("<svg")
     assert dict(mpl.rcParams) == before

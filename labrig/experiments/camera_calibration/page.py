@@ -9,7 +9,7 @@ from labrig.experiments.camera_calibration.events import CalibrationRole
 from labrig.experiments.camera_calibration.protocol import CameraCalibrationProtocol
 from labrig.experiments.camera_calibration.result import CalibrationResult
 from labrig.record.reader import Run
-from labrig.report.figures import coverage_figure, residual_figure
+from labrig.report.figures import draw_coverage_figure, draw_residual_figure
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, data_uri, jpeg
 
@@ -38,10 +38,12 @@ def _shown(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str,
         "content": content,
         "folder": f"analysis/{result.path.name}",
         "files": sorted(file.name for file in result.path.glob("*.json")),
-        "coverage": None if lens is None else coverage_figure(corners, tuple(lens["image_size"]), "coverage"),
+        "coverage": None
+        if lens is None
+        else draw_coverage_figure(corners, tuple(lens["image_size"]), "coverage"),
         "residuals": None
         if lens is None or not used
-        else residual_figure(
+        else draw_residual_figure(
             [(_short(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
         ),
         "paper": _paper_picture(run),

@@ -12,9 +12,9 @@ from labrig.experiments.hinge_design.study import design_basis
 from labrig.needle.design_search import STEEPEST_CUT_DEG, GridPoint
 from labrig.needle.equations import RotationPlane
 from labrig.record.reader import Run
+from labrig.report.formatting import Rows, count_of, interval, number
 from labrig.report.page import Page
 from labrig.report.pictures import data_uri
-from labrig.report.words import Rows, count_of, interval, number
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 

@@ -5,8 +5,8 @@ from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.shared.curvature_page import curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run
+from labrig.report.formatting import count_of
 from labrig.report.page import Page
-from labrig.report.words import count_of
 
 
 def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[CurvatureResult] | None) -> Page:

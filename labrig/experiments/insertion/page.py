@@ -17,12 +17,12 @@ from labrig.experiments.insertion.figure import insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
 from labrig.record.reader import Run
-from labrig.report.calibration_rows import calibration_rows
-from labrig.report.heading import trials_done
+from labrig.report.calibration_rows import describe_calibration
+from labrig.report.formatting import Rows, count_of, number
+from labrig.report.heading import count_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
-from labrig.report.words import Rows, count_of, number
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
@@ -88,7 +88,7 @@ def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[Inse
     if result is None:
         return Page(facts)
     content = result.content
-    return Page(facts, TEMPLATE, _verdict(content), calibration_rows(run), _content(run, result, content))
+    return Page(facts, TEMPLATE, _verdict(content), describe_calibration(run), _content(run, result, content))
 
 
 def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
@@ -99,7 +99,7 @@ def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
         ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
         ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
         ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
-        ("Insertions that arrived", trials_done(run)),
+        ("Insertions that arrived", count_trials_done(run)),
     )
 
 

@@ -15,7 +15,7 @@ from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
 from labrig.experiments.shared.roll_zero_events import RollZeroRole
 from labrig.record.reader import Run
-from labrig.report.calibration_rows import calibration_rows
+from labrig.report.calibration_rows import describe_calibration
 from labrig.report.figures import SETTINGS, svg
 from labrig.report.page import Page
 from labrig.report.palette import DESIGN, mark
@@ -56,7 +56,7 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
         return Page(facts)
     content = result.content
     shown = _shown(run, content, f"analysis/{result.path.name}")
-    return Page(facts, TEMPLATE, _verdict(content), calibration_rows(run), shown)
+    return Page(facts, TEMPLATE, _verdict(content), describe_calibration(run), shown)
 
 
 def _verdict(result: RollZeroResult) -> list[Markup]:

@@ -24,12 +24,12 @@ from labrig.experiments.shared.needle_pictures import (
 )
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM, PaperGel
 from labrig.record.reader import Run
-from labrig.report.calibration_rows import calibration_rows
-from labrig.report.figures import Design, GelSeries, steerability_figure
+from labrig.report.calibration_rows import describe_calibration
+from labrig.report.figures import Design, GelSeries, draw_steerability_figure
+from labrig.report.formatting import Rows, number
 from labrig.report.page import Page
 from labrig.report.palette import Mark, mark
 from labrig.report.sheath_view import draw_sheath_views
-from labrig.report.words import Rows, number
 from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("curvature.html.jinja")
@@ -98,7 +98,7 @@ def curvature_page(
         facts,
         TEMPLATE,
         verdict,
-        calibration_rows(run),
+        describe_calibration(run),
         {
             "content": content,
             "folder": f"analysis/{result.path.name}",
@@ -157,7 +157,7 @@ def _figure(
         return None
     bends = [each.bend for each in accepted]
     towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
-    return steerability_figure([_series(row, accepted, lines) for row in rows], towards, "paths")
+    return draw_steerability_figure([_series(row, accepted, lines) for row in rows], towards, "paths")
 
 
 def _series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) -> GelSeries:

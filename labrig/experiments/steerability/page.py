@@ -11,9 +11,9 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
-from labrig.report.heading import trials_done
+from labrig.report.formatting import UNKNOWN, Rows, count_of, interval, join_words, number
+from labrig.report.heading import count_trials_done
 from labrig.report.page import Page
-from labrig.report.words import UNKNOWN, Rows, count_of, interval, joined, number
 
 
 def make_page(
@@ -33,10 +33,10 @@ def _facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
     return (
         ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
         ("Design radius", _design_radius(protocol.needle)),
-        ("Gels", joined(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
+        ("Gels", join_words(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
-        ("Insertions made", trials_done(run)),
+        ("Insertions made", count_trials_done(run)),
         ("Repeated", "; ".join(_repetitions(run)) or UNKNOWN),
     )
 

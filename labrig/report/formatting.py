@@ -1,4 +1,4 @@
-"""Numbers and lists as the pages print them."""
+"""Text of numbers, times and lists on the pages."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -8,11 +8,11 @@ UNKNOWN = "–"
 _MINUS = "−"
 
 Rows = tuple[tuple[str, str], ...]
-"""Terms, and what is said of each."""
+"""Terms and their values."""
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number with its digits and a true minus sign, or a dash where it is unknown."""
+    """Return a number with its digits and a true minus sign; a dash if it is unknown."""
     return UNKNOWN if value is None else f"{value:.{digits}f}".replace("-", _MINUS)
 
 
@@ -21,9 +21,9 @@ def signed(value: float | None, digits: int = 3) -> str:
     return UNKNOWN if value is None else f"{value:+z.{digits}f}".replace("-", _MINUS)
 
 
-def moment(value: object) -> str:
-    """Return a recorded calendar time, `2026-11-21T09:30:00+00:00`, as people read it."""
-    return shown(value).replace("T", " ").replace("+00:00", " UTC")
+def format_time(value: object) -> str:
+    """Return a recorded time such as `2026-11-21T09:30:00+00:00` in a form for people."""
+    return format_value(value).replace("T", " ").replace("+00:00", " UTC")
 
 
 def interval(value: Sequence[float] | None, digits: int = 2) -> str:
@@ -32,38 +32,38 @@ def interval(value: Sequence[float] | None, digits: int = 2) -> str:
 
 
 def count_of(count: int, noun: str) -> str:
-    """Return a count with its noun, in the plural where it needs one."""
+    """Return a count with its noun, in the plural if needed."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def joined(words: Iterable[str]) -> str:
-    """Return words as people list them: `a, b and c`."""
+def join_words(words: Iterable[str]) -> str:
+    """Return words as a list in a sentence: `a, b and c`."""
     listed = list(words)
     return " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)
 
 
-def flattened(value: object, path: str = "") -> list[tuple[str, str]]:
-    """Return what a nested document says as rows: dotted key, value."""
+def flatten(value: object, path: str = "") -> list[tuple[str, str]]:
+    """Return a nested document as rows: dotted key, value."""
     if isinstance(value, Mapping):
         return [
             row
             for key, inner in value.items()
-            for row in flattened(inner, f"{path}.{key}" if path else str(key))
+            for row in flatten(inner, f"{path}.{key}" if path else str(key))
         ]
     if isinstance(value, list | tuple) and any(isinstance(item, Mapping | list | tuple) for item in value):
-        return [row for i, inner in enumerate(value) for row in flattened(inner, f"{path}[{i}]")]
+        return [row for i, inner in enumerate(value) for row in flatten(inner, f"{path}[{i}]")]
     if isinstance(value, list | tuple):
-        return [(path, ", ".join(map(shown, value)) or UNKNOWN)]
-    return [(path, shown(value))]
+        return [(path, ", ".join(map(format_value, value)) or UNKNOWN)]
+    return [(path, format_value(value))]
 
 
-def breakable(key: str) -> Markup:
-    """Return a dotted key as HTML in which a line may end after a dot or an underscore, and not in a word."""
+def mark_breaks(key: str) -> Markup:
+    """Return a dotted key as HTML that may wrap after a dot or an underscore, but not within a word."""
     return escape(key).replace(".", Markup(".<wbr>")).replace("_", Markup("_<wbr>"))
 
 
-def shown(value: object) -> str:
-    """Return one value as text: a dash for none, yes and no, six digits of a number."""
+def format_value(value: object) -> str:
+    """Return a value as text: a dash for None, yes or no, six digits of a number."""
     if value is None or value == "":
         return UNKNOWN
     if isinstance(value, bool):

@@ -1,6 +1,15 @@
 """Numbers and lists as the pages print them."""
 
-from labrig.report.words import count_of, flattened, interval, joined, moment, number, shown, signed
+from labrig.report.formatting import (
+    count_of,
+    flatten,
+    format_time,
+    format_value,
+    interval,
+    join_words,
+    number,
+    signed,
+)
 
 
 def test_numbers_keep_their_digits_and_have_a_true_minus() -> None:
@@ -22,13 +31,13 @@ def test_intervals_and_counts_read_as_text() -> None:
     """Both ends with the same digits; one insertion, two insertions."""
     assert (interval((1.0, 2.5)), interval(None)) == ("1.00 to 2.50", "–")
     assert (count_of(1, "gel"), count_of(0, "gel")) == ("1 gel", "0 gels")
-    assert (joined(["a", "b", "c"]), joined(["a"]), joined([])) == ("a, b and c", "a", "")
+    assert (join_words(["a", "b", "c"]), join_words(["a"]), join_words([])) == ("a, b and c", "a", "")
 
 
 def test_nested_documents_become_rows() -> None:
     """Keys are joined by dots, lists of numbers stay in one row, lists of sections are numbered."""
     document = {"a": {"b": 1.5, "c": [1, 2]}, "d": [{"e": True}, {"e": None}], "f": ""}
-    assert flattened(document) == [
+    assert flatten(document) == [
         ("a.b", "1.5"),
         ("a.c", "1, 2"),
         ("d[0].e", "yes"),
@@ -39,5 +48,5 @@ def test_nested_documents_become_rows() -> None:
 
 def test_times_and_values_are_readable() -> None:
     """A recorded time loses its T and says UTC; a float has six digits."""
-    assert moment("2026-11-21T09:30:00+00:00") == "2026-11-21 09:30:00 UTC"
-    assert (shown(-0.123456789), shown(None), shown(3)) == ("−0.123457", "–", "3")
+    assert format_time("2026-11-21T09:30:00+00:00") == "2026-11-21 09:30:00 UTC"
+    assert (format_value(-0.123456789), format_value(None), format_value(3)) == ("−0.123457", "–", "3")

@@ -147,7 +147,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
     make_sure_needle_is_out(rig)
     open_axes = {axis.name: axis for axis in rig.axes}
     findings = []
-    for name in (one for one in HOME_ORDER if one in open_axes):
+    for name in (candidate for candidate in HOME_ORDER if candidate in open_axes):
         axis = open_axes[name]
         way = axis.description.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)

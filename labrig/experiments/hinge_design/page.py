@@ -142,8 +142,8 @@ def _radius_interval(low_high: list[float | None]) -> str:
     return interval((low_mm, high_mm))
 
 
-def _pair(one: float | None, other: float | None) -> str:
-    return f"{number(one)}, {number(other)}"
+def _pair(first: float | None, second: float | None) -> str:
+    return f"{number(first)}, {number(second)}"
 
 
 def _grid_rows(cells: tuple[GridPoint, ...]) -> list[tuple[float, list[GridPoint]]]:

@@ -50,14 +50,14 @@ def aim_of(protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float,
 
 def obstacles_of(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
     """Return the obstacles in mm."""
-    return tuple(Obstacle(_point(one, plane), one.radius_mm) for one in protocol.obstacles)
+    return tuple(Obstacle(_point(obstacle, plane), obstacle.radius_mm) for obstacle in protocol.obstacles)
 
 
 def pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
     """Yield pixels that are none of the camera's picture."""
     places = [
         ("target", protocol.target),
-        *((f"obstacles.{n}", one) for n, one in enumerate(protocol.obstacles)),
+        *((f"obstacles.{n}", obstacle) for n, obstacle in enumerate(protocol.obstacles)),
     ]
     for where, place in places:
         if place.pixel is None or plane.image_size is None:

@@ -145,14 +145,14 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
             {"estimator": protocol.estimator.model_dump(), "planner": protocol.planner.model_dump()}
         ),
         made=len(insertions),
-        arrived=sum(one.reached for one in insertions),
-        causes=dict(Counter(one.stop for one in insertions if not one.reached)),
-        reached=bool(insertions) and all(one.reached for one in insertions),
-        target_error_mm=_worst([one.target_error_mm for one in insertions]),
-        true_target_error_mm=_worst([one.true_target_error_mm for one in insertions]),
-        true_min_clearance_mm=_least([one.true_min_clearance_mm for one in insertions]),
-        replans=sum(one.replans for one in insertions),
-        length_mm=_worst([one.length_mm for one in insertions]),
+        arrived=sum(trial.reached for trial in insertions),
+        causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
+        reached=bool(insertions) and all(trial.reached for trial in insertions),
+        target_error_mm=_worst([trial.target_error_mm for trial in insertions]),
+        true_target_error_mm=_worst([trial.true_target_error_mm for trial in insertions]),
+        true_min_clearance_mm=_least([trial.true_min_clearance_mm for trial in insertions]),
+        replans=sum(trial.replans for trial in insertions),
+        length_mm=_worst([trial.length_mm for trial in insertions]),
         insertions=tuple(insertions),
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
@@ -197,7 +197,8 @@ def _trial(events: _Events, source: _Source) -> InsertionTrial:
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
         obstacles=tuple(
-            AvoidedSphere(position_mm=one.position_mm, radius_mm=one.radius_mm) for one in start.obstacles
+            AvoidedSphere(position_mm=obstacle.position_mm, radius_mm=obstacle.radius_mm)
+            for obstacle in start.obstacles
         ),
         final_frame=None if stop is None else stop.final_frame,
         tip_mm=None if end is None else end.tip_mm,
@@ -211,11 +212,11 @@ def _trial(events: _Events, source: _Source) -> InsertionTrial:
         true_path_mm=_points(true.path_mm),
         replans=0 if stop is None else stop.replans,
         length_mm=None if stop is None else stop.depth_mm,
-        missed_sightings=sum(not one.believed for one in steps),
-        mean_nis=_mean([one.nis for one in steps if one.believed]),
+        missed_sightings=sum(not step.believed for step in steps),
+        mean_nis=_mean([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
         plans=tuple(_plan(event, settings) for event in events.plans),
-        as_recorded=[one.estimate_mm for one in steps] == recorded,
+        as_recorded=[step.estimate_mm for step in steps] == recorded,
         commands=tuple(commands),
     )
 
@@ -320,7 +321,9 @@ def _step(event: TipObserved, fix: TipFix, state: SteeringState, place: _Places)
 def _clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
     """Return how far the needle's surface is from the nearest obstacle's, at the tip."""
     problem = settings.problem
-    apart = [math.dist(position_mm, one.position_mm) - one.radius_mm for one in problem.obstacles]
+    apart = [
+        math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
+    ]
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 
@@ -407,14 +410,14 @@ def _point2(point: FloatArray) -> Point:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    known = [one for one in values if one is not None]
+    known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
 
 
 def _worst(values: Sequence[float | None]) -> float | None:
     """Return the largest value that is known."""
-    return max((one for one in values if one is not None), default=None)
+    return max((value for value in values if value is not None), default=None)
 
 
 def _least(values: Sequence[float | None]) -> float | None:
-    return min((one for one in values if one is not None), default=None)
+    return min((value for value in values if value is not None), default=None)

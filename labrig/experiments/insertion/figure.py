@@ -18,18 +18,18 @@ _SEEN, _TRUE = mark(0).colour, "#000000"
 _NIS_95 = float(chdtri(2, 0.05))
 
 
-def insertion_figure(one: InsertionTrial, name: str) -> Markup:
+def insertion_figure(trial: InsertionTrial, name: str) -> Markup:
     """Return four curves of an insertion over the inserted length, with the places where it was planned anew."""
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 7.2), layout="constrained")
         error, clearance, nis, heading = figure.subplots(4, 1, sharex=True)
-        _draw_error(error, one)
-        _draw_clearance(clearance, one)
-        _draw_nis(nis, one)
-        _draw_heading(heading, one)
+        _draw_error(error, trial)
+        _draw_clearance(clearance, trial)
+        _draw_nis(nis, trial)
+        _draw_heading(heading, trial)
         for axes in (error, clearance, nis, heading):
             axes.grid(visible=True)
-            for plan in one.plans:
+            for plan in trial.plans:
                 axes.axvline(plan.depth_mm, color="#c9cdd2", linewidth=0.8, zorder=0)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), borderaxespad=0.0)
@@ -37,49 +37,53 @@ def insertion_figure(one: InsertionTrial, name: str) -> Markup:
         return svg(figure, name)
 
 
-def _draw_error(axes: Axes, one: InsertionTrial) -> None:
-    axes.set_title("Tip: error of the estimate" if one.true_path_mm else "Tip: innovation")
-    seen = [(step.depth_mm, math.hypot(*step.innovation_mm)) for step in one.steps if step.innovation_mm]
+def _draw_error(axes: Axes, trial: InsertionTrial) -> None:
+    axes.set_title("Tip: error of the estimate" if trial.true_path_mm else "Tip: innovation")
+    seen = [(step.depth_mm, math.hypot(*step.innovation_mm)) for step in trial.steps if step.innovation_mm]
     axes.plot(*_columns(seen), ".", color=_SEEN, markersize=4, label="innovation")
-    true = [(step.depth_mm, math.dist(step.estimate_mm, step.true_mm)) for step in one.steps if step.true_mm]
+    true = [
+        (step.depth_mm, math.dist(step.estimate_mm, step.true_mm)) for step in trial.steps if step.true_mm
+    ]
     if true:
         axes.plot(*_columns(true), color=_TRUE, linewidth=1.3, label="estimate from truth")
-    missed = [(step.depth_mm, 0.0) for step in one.steps if not step.believed]
+    missed = [(step.depth_mm, 0.0) for step in trial.steps if not step.believed]
     if missed:
         axes.plot(*_columns(missed), "x", color=mark(1).colour, markersize=5, label="tip not seen")
     axes.set_ylabel("mm")
     axes.set_ylim(bottom=0.0)
 
 
-def _draw_clearance(axes: Axes, one: InsertionTrial) -> None:
+def _draw_clearance(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("Clearance: needle's surface to the nearest obstacle's")
-    known = [(step.depth_mm, step.clearance_mm) for step in one.steps if step.clearance_mm is not None]
+    known = [(step.depth_mm, step.clearance_mm) for step in trial.steps if step.clearance_mm is not None]
     axes.plot(*_columns(known), color=mark(2).colour, linewidth=1.3, label="at the tip")
     axes.axhline(0.0, color=mark(1).colour, linewidth=1.0, label="touching")
     axes.set_ylabel("mm")
 
 
-def _draw_nis(axes: Axes, one: InsertionTrial) -> None:
+def _draw_nis(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("NIS: normalised innovation squared")
-    known = [(step.depth_mm, max(step.nis, 1e-4)) for step in one.steps if step.nis is not None]
+    known = [(step.depth_mm, max(step.nis, 1e-4)) for step in trial.steps if step.nis is not None]
     axes.plot(*_columns(known), ".", color=_SEEN, markersize=4)
     axes.axhline(_NIS_95, color=DESIGN, linewidth=1.0, linestyle=(0, (4, 2.5)), label="95 % lie below")
-    if one.mean_nis is not None:
-        axes.axhline(one.mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {one.mean_nis:.2g}; 2 expected")
+    if trial.mean_nis is not None:
+        axes.axhline(
+            trial.mean_nis, color=_SEEN, linewidth=1.0, label=f"mean {trial.mean_nis:.2g}; 2 expected"
+        )
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
 
 
-def _draw_heading(axes: Axes, one: InsertionTrial) -> None:
+def _draw_heading(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("Heading, from the insertion towards +y")
-    depth = np.array([step.depth_mm for step in one.steps])
-    heading = np.degrees([step.heading_rad for step in one.steps])
-    spread = 2.0 * np.degrees([step.heading_sd_rad for step in one.steps])
+    depth = np.array([step.depth_mm for step in trial.steps])
+    heading = np.degrees([step.heading_rad for step in trial.steps])
+    spread = 2.0 * np.degrees([step.heading_sd_rad for step in trial.steps])
     axes.fill_between(depth, heading - spread, heading + spread, color=_SEEN, alpha=0.2, linewidth=0)
     axes.plot(depth, heading, color=_SEEN, linewidth=1.3, label="estimate, ± 2 SD")
     true = [
         (step.depth_mm, math.degrees(step.true_heading_rad))
-        for step in one.steps
+        for step in trial.steps
         if step.true_heading_rad is not None
     ]
     if true:

@@ -66,7 +66,7 @@ class Panel:
 class ShownInsertion:
     """One insertion, picture by picture, and its curves over the inserted length."""
 
-    one: InsertionTrial
+    trial: InsertionTrial
     panels: tuple[Panel, ...]
     figure: Markup | None
 
@@ -105,12 +105,12 @@ def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
 
 def _content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
     plane = load_plane_map(run)
-    shown = sorted(content.insertions, key=lambda one: (one.reached, one.trial))[:_SHOWN]
+    shown = sorted(content.insertions, key=lambda trial: (trial.reached, trial.trial))[:_SHOWN]
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",
-        "simulated": any(one.true_target_error_mm is not None for one in content.insertions),
-        "shown": [_shown(run, one, plane) for one in sorted(shown, key=lambda one: one.trial)],
+        "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
+        "shown": [_shown(run, trial, plane) for trial in sorted(shown, key=lambda trial: trial.trial)],
         "sheaths": draw_sheath_views(run, content.origins, plane, _SHOWN),
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
@@ -144,27 +144,35 @@ def _uncertainty(content: InsertionResult) -> str:
     return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
 
 
-def _shown(run: Run, one: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
-    drawn = (_panel(run, moment, one, plane) for moment in _moments(run, one))
+def _shown(run: Run, trial: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
+    drawn = (_panel(run, moment, trial, plane) for moment in _moments(run, trial))
     panels = tuple(panel for panel in drawn if panel is not None)
     lettered = tuple(
         Panel(**{**vars(panel), "letter": chr(ord("a") + index)}) for index, panel in enumerate(panels)
     )
-    return ShownInsertion(one, lettered, insertion_figure(one, f"trial{one.trial}") if one.steps else None)
+    return ShownInsertion(
+        trial, lettered, insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
+    )
 
 
-def _moments(run: Run, one: InsertionTrial) -> Iterator[_Moment]:
+def _moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
     """Yield the pictures of figure 9: at each replan, but of those near the target the first, and at the end."""
-    for index in _worth_showing(one.plans):
-        plan = one.plans[index]
-        frame = _scene(run, one.trial) if plan.frame is None else plan.frame
+    for index in _worth_showing(trial.plans):
+        plan = trial.plans[index]
+        frame = _scene(run, trial.trial) if plan.frame is None else plan.frame
         if frame is not None:
             occasion = _OCCASIONS.get(plan.because, plan.because)
-            yield _Moment(frame, plan.t_s - one.start_t_s, plan.depth_mm, occasion, one.plans[: index + 1])
-    if one.final_frame is not None:
-        t_s = run.frame_lines[one.final_frame].t_s
+            yield _Moment(
+                frame, plan.t_s - trial.start_t_s, plan.depth_mm, occasion, trial.plans[: index + 1]
+            )
+    if trial.final_frame is not None:
+        t_s = run.frame_lines[trial.final_frame].t_s
         yield _Moment(
-            one.final_frame, t_s - one.start_t_s, one.length_mm or 0.0, f"stopped, {one.cause}", one.plans
+            trial.final_frame,
+            t_s - trial.start_t_s,
+            trial.length_mm or 0.0,
+            f"stopped, {trial.cause}",
+            trial.plans,
         )
 
 
@@ -187,16 +195,16 @@ def _scene(run: Run, trial: int) -> int | None:
     return own[-1].frame if own else None
 
 
-def _panel(run: Run, moment: _Moment, one: InsertionTrial, plane: PlaneMap) -> Panel | None:
+def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) -> Panel | None:
     """Return a picture with what was planned and done until then; None where it cannot be read."""
     try:
         image = run.read_frame(moment.frame)
     except RecordError:
         return None
     width, height = size_of(image)
-    taken = [step.estimate_mm for step in one.steps if step.depth_mm <= moment.depth_mm + 1e-6]
-    target = np.array(one.target_mm[1:])
-    last = moment.frame == one.final_frame
+    taken = [step.estimate_mm for step in trial.steps if step.depth_mm <= moment.depth_mm + 1e-6]
+    target = np.array(trial.target_mm[1:])
+    last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(
         letter="",
@@ -208,10 +216,10 @@ def _panel(run: Run, moment: _Moment, one: InsertionTrial, plane: PlaneMap) -> P
         text_px=width / 40,
         plan="" if last or not moment.plans else _drawn(moment.plans[-1].path_mm, plane),
         former=tuple(_drawn(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
-        taken=_drawn(one.shaft_mm if last and one.shaft_mm else taken, plane),
-        truth=_drawn(one.true_path_mm, plane) if last else "",
-        obstacles=tuple(_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in one.obstacles),
-        tolerance=_ring((float(target[0]), float(target[1])), one.tolerance_mm, plane),
+        taken=_drawn(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
+        truth=_drawn(trial.true_path_mm, plane) if last else "",
+        obstacles=tuple(_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in trial.obstacles),
+        tolerance=_ring((float(target[0]), float(target[1])), trial.tolerance_mm, plane),
         target=pixel(plane.to_px(target[None])[0]),
         scale_mm=scale_mm,
         scale=scale,

@@ -159,7 +159,8 @@ def _aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: in
     """Have the block placed, and return target and obstacles, the target asked for where the protocol says so."""
     specimen = protocol.specimen
     obstacles = tuple(
-        (view.pixel_of(one.position_mm), one.radius_mm) for one in obstacles_of(protocol, view.plane)
+        (view.pixel_of(obstacle.position_mm), obstacle.radius_mm)
+        for obstacle in obstacles_of(protocol, view.plane)
     )
     name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
@@ -260,7 +261,7 @@ class _Insertion:
             path_mm=sample_path(problem, state.plan)[:, 1:],
             target_mm=aim.target_mm[1:],
             tolerance_mm=problem.tolerance_mm,
-            obstacles=tuple((one.position_mm[1:], one.radius_mm) for one in aim.obstacles),
+            obstacles=tuple((obstacle.position_mm[1:], obstacle.radius_mm) for obstacle in aim.obstacles),
             sheath=None
             if origin is None or origin.tip_mm is None
             else (origin.tip_mm, origin.heading_rad or 0.0),

@@ -123,7 +123,9 @@ def problem_of(scenario: Scenario) -> PlanProblem:
     start[:3, :3], start[:3, 3] = scenario.start.rotation, scenario.start.position_mm
     return PlanProblem(
         target_mm=scenario.target.position_mm,
-        obstacles=tuple(Obstacle(one.position_mm, one.radius_mm) for one in scenario.obstacles),
+        obstacles=tuple(
+            Obstacle(obstacle.position_mm, obstacle.radius_mm) for obstacle in scenario.obstacles
+        ),
         start=start,
         radius_mm=scenario.needle.radius_mm,
         radius_range_mm=scenario.needle.radius_range_mm,

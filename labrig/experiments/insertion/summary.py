@@ -85,9 +85,9 @@ def _first_divergence(
     for before, after in zip_longest(old, new):
         there = after or before
         for what in _COMMAND:
-            one, other = (before or nothing)[what], (after or nothing)[what]
-            if one != other:
-                return CommandDivergence(there["frame"], there["depth_mm"], what, one, other)
+            old_value, new_value = (before or nothing)[what], (after or nothing)[what]
+            if old_value != new_value:
+                return CommandDivergence(there["frame"], there["depth_mm"], what, old_value, new_value)
     return None
 
 

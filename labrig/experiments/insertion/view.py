@@ -27,29 +27,29 @@ def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
 
 def _send(content: InsertionResult, plane: PlaneMap, stream: rr.RecordingStream, timeline: str) -> None:
     """Send what was aimed at, planned, seen and estimated, at the rig times [s] at which it was."""
-    for one in content.insertions:
-        stream.set_time(timeline, duration=one.start_t_s)
-        _send_scene(stream, one, plane)
-        for plan in one.plans:
+    for trial in content.insertions:
+        stream.set_time(timeline, duration=trial.start_t_s)
+        _send_scene(stream, trial, plane)
+        for plan in trial.plans:
             stream.set_time(timeline, duration=plan.t_s)
             if plan.path_mm:
                 _send_line(stream, "plan", plan.path_mm, plane, _PLAN)
-        for number, step in enumerate(one.steps, start=1):
+        for number, step in enumerate(trial.steps, start=1):
             stream.set_time(timeline, duration=step.t_s)
-            _send_line(stream, "taken", [each.estimate_mm for each in one.steps[:number]], plane, _TAKEN)
+            _send_line(stream, "taken", [each.estimate_mm for each in trial.steps[:number]], plane, _TAKEN)
             _send_step(stream, step, plane)
-        if one.steps and one.final_frame is not None:
-            _send_end(stream, one)
+        if trial.steps and trial.final_frame is not None:
+            _send_end(stream, trial)
 
 
-def _send_scene(stream: rr.RecordingStream, one: InsertionTrial, plane: PlaneMap) -> None:
+def _send_scene(stream: rr.RecordingStream, trial: InsertionTrial, plane: PlaneMap) -> None:
     for name in _DRAWN:
         stream.log(f"/camera/{name}", rr.Clear(recursive=False))
-    rings = [_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in one.obstacles]
+    rings = [_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in trial.obstacles]
     if rings:
         stream.log("/camera/obstacles", rr.LineStrips2D(rings, colors=[_OBSTACLE] * len(rings), radii=1.0))
-    y, z = one.target_mm[1:]
-    target = _ring((y, z), one.tolerance_mm, plane)
+    y, z = trial.target_mm[1:]
+    target = _ring((y, z), trial.tolerance_mm, plane)
     stream.log("/camera/target", rr.LineStrips2D([target], colors=[_TARGET], radii=1.0))
 
 
@@ -69,9 +69,11 @@ def _send_step(stream: rr.RecordingStream, step: InsertionStep, plane: PlaneMap)
             stream.log(f"/estimate/{name}", rr.Scalars(value))
 
 
-def _send_end(stream: rr.RecordingStream, one: InsertionTrial) -> None:
-    error = "not measured" if one.target_error_mm is None else f"{one.target_error_mm:.2f} mm from the target"
-    stream.log("/events", rr.TextLog(f"insertion {one.trial + 1}: {one.outcome}, {error}"))
+def _send_end(stream: rr.RecordingStream, trial: InsertionTrial) -> None:
+    error = (
+        "not measured" if trial.target_error_mm is None else f"{trial.target_error_mm:.2f} mm from the target"
+    )
+    stream.log("/events", rr.TextLog(f"insertion {trial.trial + 1}: {trial.outcome}, {error}"))
 
 
 def _send_line(

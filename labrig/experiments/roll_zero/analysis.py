@@ -83,7 +83,7 @@ def _origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ..
 
 def _before(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
     """Return the sheath that was found last before a picture."""
-    return next((one for one in reversed(origins) if one.frame < frame), None)
+    return next((origin for origin in reversed(origins) if origin.frame < frame), None)
 
 
 def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:

@@ -131,7 +131,7 @@ def _origins(
 
 def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
     """Return what each imported picture was called, by its file's name in the record."""
-    return {Path(one.line.file).name: one.line.source for one in pictures if one.line.source}
+    return {Path(picture.line.file).name: picture.line.source for picture in pictures if picture.line.source}
 
 
 def _kept(mask: Mask | None) -> dict[str, str]:
@@ -141,8 +141,8 @@ def _kept(mask: Mask | None) -> dict[str, str]:
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
     """Return the pictures that are not as they were recorded: file, what is wrong."""
     return {
-        one.line.file: each.reason
-        for one, each in zip(pictures, measured, strict=True)
+        picture.line.file: each.reason
+        for picture, each in zip(pictures, measured, strict=True)
         if isinstance(each, Unreadable) and each.damaged
     }
 
@@ -185,8 +185,8 @@ def _result(picture: _Picture, measured: Measured) -> PictureResult:
 
 def _centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
     found = {
-        one.frame: each
-        for one, each in zip(results, measured, strict=True)
+        result.frame: each
+        for result, each in zip(results, measured, strict=True)
         if isinstance(each, CurvatureMeasurement) and len(each.centre_line_mm)
     }
     return CentreLines(

@@ -51,7 +51,7 @@ class GelRow:
 class Sheet:
     """One picture of the contact sheet; `picture` is None where it cannot be read."""
 
-    one: PictureResult
+    result: PictureResult
     picture: DrawnPicture | None
 
 
@@ -122,14 +122,20 @@ def curvature_page(
 def gel_rows(content: CurvatureResult) -> list[GelRow]:
     """Return the lines of the table, each gel with the paper's figures for its gelatin and its truth."""
     truths = (
-        {} if content.truth is None else {(one.needle_id, one.name): one for one in content.truth.specimens}
+        {}
+        if content.truth is None
+        else {(specimen.needle_id, specimen.name): specimen for specimen in content.truth.specimens}
     )
     labels = _labels(content.specimens)
     return [
         GelRow(
-            one, label, mark(index), _paper_gel(one.gelatin_percent), truths.get((one.needle_id, one.name))
+            specimen,
+            label,
+            mark(index),
+            _paper_gel(specimen.gelatin_percent),
+            truths.get((specimen.needle_id, specimen.name)),
         )
-        for index, (one, label) in enumerate(zip(content.specimens, labels, strict=True))
+        for index, (specimen, label) in enumerate(zip(content.specimens, labels, strict=True))
     ]
 
 
@@ -137,10 +143,10 @@ def _labels(specimens: Sequence[SpecimenResult]) -> list[str]:
     """Return a short label a group: its gelatin, numbered where two groups have the same."""
     seen: dict[float, int] = {}
     labels = []
-    for one in specimens:
-        seen[one.gelatin_percent] = seen.get(one.gelatin_percent, 0) + 1
-        again = seen[one.gelatin_percent]
-        labels.append(f"{one.gelatin_percent:g} %" + (f" ({again})" if again > 1 else ""))
+    for specimen in specimens:
+        seen[specimen.gelatin_percent] = seen.get(specimen.gelatin_percent, 0) + 1
+        again = seen[specimen.gelatin_percent]
+        labels.append(f"{specimen.gelatin_percent:g} %" + (f" ({again})" if again > 1 else ""))
     return labels
 
 
@@ -161,16 +167,16 @@ def _figure(
 
 
 def _series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) -> GelSeries:
-    own = [one for one in accepted if _belongs(one, row)]
+    own = [result for result in accepted if _belongs(result, row)]
     return GelSeries(
         label=row.label,
         mark=row.mark,
         paths_mm=tuple(
-            lines.mm[one.frame] - np.asarray(one.entry_mm)
-            for one in own
-            if one.frame in lines.mm and one.entry_mm is not None
+            lines.mm[result.frame] - np.asarray(result.entry_mm)
+            for result in own
+            if result.frame in lines.mm and result.entry_mm is not None
         ),
-        radii_mm=tuple(one.radius_mm for one in own if one.radius_mm is not None),
+        radii_mm=tuple(result.radius_mm for result in own if result.radius_mm is not None),
         mean_mm=row.measured.mean_radius_mm,
         ci95_mm=row.measured.ci95_mm,
         paper_mm=None if row.paper is None else (row.paper.mean_radius_mm, row.paper.sd_radius_mm),
@@ -184,37 +190,41 @@ def _camera_view(
     """Return the view of the last accepted final picture of the first gel, in which older tracks are seen."""
     first = content.specimens[0].name if content.specimens else None
     candidates = [
-        one
-        for one in content.measurements
-        if one.role == NeedleRole.FINAL and one.accepted and one.specimen == first
-    ] or [one for one in content.measurements if one.accepted]
+        result
+        for result in content.measurements
+        if result.role == NeedleRole.FINAL and result.accepted and result.specimen == first
+    ] or [result for result in content.measurements if result.accepted]
     if not candidates:
         return None
     shown = candidates[-1]
-    commanded_mm = next((one.expected_mm for one in content.origins if one.trial == shown.trial), None)
+    commanded_mm = next(
+        (origin.expected_mm for origin in content.origins if origin.trial == shown.trial), None
+    )
     return draw_camera_view(run, shown, lines, plane, commanded_mm)
 
 
 def _sheet_groups(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:
-    groups = [SheetGroup(row, tuple(sheet for sheet in sheets if _belongs(sheet.one, row))) for row in rows]
-    loose = tuple(sheet for sheet in sheets if sheet.one.trial is None)
+    groups = [
+        SheetGroup(row, tuple(sheet for sheet in sheets if _belongs(sheet.result, row))) for row in rows
+    ]
+    loose = tuple(sheet for sheet in sheets if sheet.result.trial is None)
     return [group for group in (*groups, SheetGroup(None, loose)) if group.sheets]
 
 
-def _belongs(one: PictureResult, row: GelRow) -> bool:
-    return (one.needle_id, one.specimen) == (row.measured.needle_id, row.measured.name)
+def _belongs(result: PictureResult, row: GelRow) -> bool:
+    return (result.needle_id, result.specimen) == (row.measured.needle_id, row.measured.name)
 
 
-def _stands_alone(one: PictureResult) -> bool:
+def _stands_alone(result: PictureResult) -> bool:
     """Return whether a refusal is listed by itself: every one but those of short insertions on the way."""
-    return not one.accepted and not (one.role == NeedleRole.ADVANCE and one.found)
+    return not result.accepted and not (result.role == NeedleRole.ADVANCE and result.found)
 
 
 def _expected_refusals(measurements: Sequence[PictureResult]) -> list[ExpectedRefusals]:
     by_length: dict[str, list[PictureResult]] = {}
-    for one in measurements:
-        if not one.accepted and not _stands_alone(one):
-            by_length.setdefault(number(one.insertion_mm, 0), []).append(one)
+    for result in measurements:
+        if not result.accepted and not _stands_alone(result):
+            by_length.setdefault(number(result.insertion_mm, 0), []).append(result)
     return [
         ExpectedRefusals(insertion, len(group), group[0].reason or "")
         for insertion, group in by_length.items()
@@ -222,4 +232,8 @@ def _expected_refusals(measurements: Sequence[PictureResult]) -> list[ExpectedRe
 
 
 def _without_final_picture(content: CurvatureResult) -> Mapping[str, int]:
-    return {one.name: one.without_final_picture for one in content.specimens if one.without_final_picture}
+    return {
+        specimen.name: specimen.without_final_picture
+        for specimen in content.specimens
+        if specimen.without_final_picture
+    }

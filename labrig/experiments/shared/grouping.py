@@ -20,7 +20,11 @@ def group_trials(trials: Sequence[SpecimenTrialStart]) -> dict[tuple[str, str], 
 
 def final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
     """Return the final picture of each trial that has one."""
-    return {one.trial: one for one in pictures if one.role == NeedleRole.FINAL and one.trial is not None}
+    return {
+        picture.trial: picture
+        for picture in pictures
+        if picture.role == NeedleRole.FINAL and picture.trial is not None
+    }
 
 
 def summarise_specimens(
@@ -34,8 +38,8 @@ def _summarise(
     group: Sequence[SpecimenTrialStart], finals: Mapping[int, PictureResult], roll_sd_deg: float
 ) -> SpecimenResult:
     pictures = [finals[trial.trial] for trial in group if trial.trial in finals]
-    radii = [one.radius_mm for one in pictures if one.accepted and one.radius_mm is not None]
-    reasons = Counter(one.reason or "no reason given" for one in pictures if not one.accepted)
+    radii = [picture.radius_mm for picture in pictures if picture.accepted and picture.radius_mm is not None]
+    reasons = Counter(picture.reason or "no reason given" for picture in pictures if not picture.accepted)
     summary = compute_spread(radii)
     return SpecimenResult(
         name=group[0].specimen,
@@ -54,5 +58,5 @@ def _summarise(
 
 def mean_of_means(specimens: Sequence[SpecimenResult]) -> float | None:
     """Return the mean of the groups' means, each group counting once however many insertions it has."""
-    means = [one.mean_radius_mm for one in specimens if one.mean_radius_mm is not None]
+    means = [group.mean_radius_mm for group in specimens if group.mean_radius_mm is not None]
     return float(np.mean(means)) if means else None

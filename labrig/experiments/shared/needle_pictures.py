@@ -62,14 +62,16 @@ class CameraView:
     text_px: float
 
 
-def draw_thumbnail(run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap) -> DrawnPicture | None:
+def draw_thumbnail(
+    run: Run, result: PictureResult, lines: CentreLines, plane: PlaneMap
+) -> DrawnPicture | None:
     """Return a small picture with shaft and circle; None where the picture cannot be read."""
-    return _draw(run, one, lines, plane, THUMBNAIL)
+    return _draw(run, result, lines, plane, THUMBNAIL)
 
 
 def draw_camera_view(
     run: Run,
-    one: PictureResult,
+    result: PictureResult,
     lines: CentreLines,
     plane: PlaneMap,
     commanded_mm: tuple[float, float] | None = None,
@@ -78,13 +80,13 @@ def draw_camera_view(
 
     The axes start where the sheath's tip was commanded to be, or, where that is not known, at its tip.
     """
-    picture = _draw(run, one, lines, plane, VIEW)
-    if picture is None or one.sheath_tip_mm is None:
+    picture = _draw(run, result, lines, plane, VIEW)
+    if picture is None or result.sheath_tip_mm is None:
         return None
-    origin = np.asarray(one.sheath_tip_mm if commanded_mm is None else commanded_mm)
+    origin = np.asarray(result.sheath_tip_mm if commanded_mm is None else commanded_mm)
     length_mm, bar = scale_bar((picture.width, picture.height), plane)
     text_px = picture.width / 48
-    u, v = pixel(plane.to_px([np.asarray(one.sheath_tip_mm) - (0.0, 0.6 * length_mm)])[0])
+    u, v = pixel(plane.to_px([np.asarray(result.sheath_tip_mm) - (0.0, 0.6 * length_mm)])[0])
     return CameraView(
         picture=picture,
         axes=tuple(
@@ -99,42 +101,42 @@ def draw_camera_view(
 
 
 def _draw(
-    run: Run, one: PictureResult, lines: CentreLines, plane: PlaneMap, size: JpegSize
+    run: Run, result: PictureResult, lines: CentreLines, plane: PlaneMap, size: JpegSize
 ) -> DrawnPicture | None:
     try:
-        image = run.read_frame(one.frame)
+        image = run.read_frame(result.frame)
     except RecordError:
         return None
     width, height = size_of(image)
-    shaft = lines.px.get(one.frame, np.empty((0, 2)))
-    window = shaft[slice(*lines.window.get(one.frame, (0, 0)))]
+    shaft = lines.px.get(result.frame, np.empty((0, 2)))
+    window = shaft[slice(*lines.window.get(result.frame, (0, 0)))]
     return DrawnPicture(
         href=data_uri(jpeg(image, size), "image/jpeg"),
         width=width,
         height=height,
         shaft=polyline(_thinned(shaft)),
         window=polyline(_thinned(window)),
-        circle=_circle(one, plane, (width, height)),
-        tip=one.tip_px,
-        found=_found(one, plane),
+        circle=_circle(result, plane, (width, height)),
+        tip=result.tip_px,
+        found=_found(result, plane),
     )
 
 
-def _found(one: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
+def _found(result: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
     """Return the line that shows the trial's origin and direction; None where they are not known."""
-    if one.origin_mm is None or one.origin_heading_rad is None:
+    if result.origin_mm is None or result.origin_heading_rad is None:
         return None
-    along = np.array([np.sin(one.origin_heading_rad), np.cos(one.origin_heading_rad)])
-    start, end = plane.to_px(np.asarray(one.origin_mm) + np.outer([0.0, _DIRECTION_MM], along))
+    along = np.array([np.sin(result.origin_heading_rad), np.cos(result.origin_heading_rad)])
+    start, end = plane.to_px(np.asarray(result.origin_mm) + np.outer([0.0, _DIRECTION_MM], along))
     return pixel(start), pixel(end)
 
 
-def _circle(one: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
+def _circle(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
     """Return the fitted circle as the polylines of it that lie in the picture."""
-    if not one.accepted or one.centre_mm is None or one.radius_mm is None:
+    if not result.accepted or result.centre_mm is None or result.radius_mm is None:
         return ()
     angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS)
-    mm = np.asarray(one.centre_mm) + one.radius_mm * np.column_stack((np.cos(angle), np.sin(angle)))
+    mm = np.asarray(result.centre_mm) + result.radius_mm * np.column_stack((np.cos(angle), np.sin(angle)))
     px = plane.to_px(mm)
     inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))

@@ -32,11 +32,11 @@ def compare_with_truth(
     if not drawn_mm:
         return None
     errors = {
-        trial: one.radius_mm - drawn_mm[trial]
-        for trial, one in finals.items()
-        if one.accepted and one.radius_mm is not None and trial in drawn_mm
+        trial: picture.radius_mm - drawn_mm[trial]
+        for trial, picture in finals.items()
+        if picture.accepted and picture.radius_mm is not None and trial in drawn_mm
     }
-    measured = {(one.needle_id, one.name): one.mean_radius_mm for one in specimens}
+    measured = {(specimen.needle_id, specimen.name): specimen.mean_radius_mm for specimen in specimens}
     compared = tuple(
         _compare(group, measured[pair], errors, drawn_mm)
         for pair, group in group_trials(trials).items()
@@ -44,9 +44,13 @@ def compare_with_truth(
     )
     return TruthComparison(
         specimens=compared,
-        mean_radius_mm=float(np.mean([one.drawn_mean_radius_mm for one in compared])),
+        mean_radius_mm=float(np.mean([comparison.drawn_mean_radius_mm for comparison in compared])),
         worst_error_of_mean_mm=_worst(
-            [one.error_of_mean_mm for one in compared if one.error_of_mean_mm is not None]
+            [
+                comparison.error_of_mean_mm
+                for comparison in compared
+                if comparison.error_of_mean_mm is not None
+            ]
         ),
         pictures=len(errors),
         worst_error_mm=_worst(list(errors.values())),

@@ -66,20 +66,22 @@ def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
     InputError
         When a block has no room for another entry point.
     """
-    numbers = {one.trial for one in begun}
-    left = [one for one in planned_trials(protocol) if one.trial not in numbers]
+    numbers = {trial.trial for trial in begun}
+    left = [trial for trial in planned_trials(protocol) if trial.trial not in numbers]
     left += _repeats(protocol, begun)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
-    return tuple(sorted(left, key=lambda one: (order[one.specimen.name], one.hole_position_mm)))
+    return tuple(sorted(left, key=lambda trial: (order[trial.specimen.name], trial.hole_position_mm)))
 
 
 def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
-    repeated = {one.repeats for one in begun}
+    repeated = {trial.repeats for trial in begun}
     specimens = {specimen.name: specimen for specimen in protocol.specimens}
     planned = planned_trials(protocol)
-    used = [(one.specimen.name, one.hole, one.hole_position_mm) for one in planned]
-    used += [(one.specimen, one.hole, one.hole_position_mm) for one in begun if one.repeats is not None]
-    number = max([len(planned) - 1, *(one.trial for one in begun)]) + 1
+    used = [(trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in planned]
+    used += [
+        (trial.specimen, trial.hole, trial.hole_position_mm) for trial in begun if trial.repeats is not None
+    ]
+    number = max([len(planned) - 1, *(trial.trial for trial in begun)]) + 1
     for lost in begun:
         if lost.finished or lost.trial in repeated:
             continue
@@ -100,7 +102,7 @@ def _free_place_mm(protocol: SteerabilityProtocol, lost: BegunTrial, places_mm: 
     if behind_mm <= last_mm:
         return behind_mm
     halfway_mm = [(hole + 0.5) * spacing_mm for hole in range(protocol.insertions_per_specimen - 1)]
-    for place_mm in sorted(halfway_mm, key=lambda one: abs(one - lost.hole_position_mm)):
+    for place_mm in sorted(halfway_mm, key=lambda candidate_mm: abs(candidate_mm - lost.hole_position_mm)):
         nearest_mm = min(abs(place_mm - other) for other in places_mm)
         if nearest_mm > protocol.needle.diameter_mm:
             return place_mm

@@ -53,27 +53,27 @@ def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[Wh
     Parameters
     ----------
     old, new : Mapping
-        Their documents. An insertion that one of them lacks, or of which an older labrig wrote no commands down, is
-        left out; so are results of other experiments.
+        Their documents. An insertion that is missing in one of them, or whose commands an older labrig did not
+        record, is left out; so are results of other experiments.
     """
-    before = {one["trial"]: one for one in old.get("insertions", ()) if one.get("commands")}
-    after = {one["trial"]: one for one in new.get("insertions", ()) if one.get("commands")}
-    return tuple(_compared(before[trial], after[trial]) for trial in after if trial in before)
+    before = {trial["trial"]: trial for trial in old.get("insertions", ()) if trial.get("commands")}
+    after = {trial["trial"]: trial for trial in new.get("insertions", ()) if trial.get("commands")}
+    return tuple(_compare_trials(before[trial], after[trial]) for trial in after if trial in before)
 
 
-def _compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
+def _compare_trials(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
     divergence = _first_divergence(old["commands"], new["commands"])
     return WhatIf(new["trial"], _summarise_steering(old), _summarise_steering(new), divergence)
 
 
 def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary | None:
-    """Return what was told in one insertion of a result; None where an older labrig wrote no commands down."""
+    """Return the commands of an insertion in brief; None if an older labrig did not record them."""
     return _summarise_steering(insertion) if insertion.get("commands") else None
 
 
 def _summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
     commands, steps = insertion["commands"], insertion["steps"]
-    turns = tuple(one["depth_mm"] for one in commands if one["roll_rad"] != 0.0)
+    turns = tuple(command["depth_mm"] for command in commands if command["roll_rad"] != 0.0)
     last, tip = commands[-1], steps[-1]["estimate_mm"] if steps else None
     return SteeringSummary(len(turns), last["replans"], last["stop"], tip and (tip[0], tip[1]), turns)
 

@@ -1,4 +1,4 @@
-"""The little language of `labrig runs --where`: comparisons of a run's fields, joined by and, or, not.
+"""The language of `labrig runs --where`: comparisons of a run's fields, joined by and, or, not.
 
 .. code-block:: text
 
@@ -9,11 +9,11 @@
     comparison = field ( "=" | "!=" | "<" | "<=" | ">" | ">=" | "~" ) value
     value      = a word, or any text in single or double quotes
 
-A field of which a run has several values, such as the gels of a sweep, fits when one of them does; `a != b` is
-`not a = b`. Numbers are compared as numbers where both sides are numbers, else both as text: ISO dates so sort as
-they should. `~` asks whether the text is contained, capitals aside. A run that lacks the field does not fit.
+A field with several values, such as the gels of a sweep, fits if one of them does; `a != b` is `not a = b`. If both
+sides are numbers they are compared as numbers, else as text, so that ISO dates sort correctly. `~` tests whether the
+text is contained, ignoring case. A run without the field does not fit.
 
-A condition becomes an SQL expression over the tables of `run_index`; what was typed goes into its parameters alone.
+A condition becomes an SQL expression over the tables of `run_index`; typed text goes only into its parameters.
 """
 
 import re
@@ -26,7 +26,7 @@ from labrig.record.json_lines import plain_text
 
 _MAX_DEPTH = 50
 _MAX_COMPARISONS = 1000
-# What people look for; a hint names these, of the two hundred fields that a run has.
+# The usual fields; a hint names these out of the two hundred that a run has.
 _USUAL = (
     "run",
     "protocol",
@@ -55,16 +55,16 @@ _SHOWN = "shown(each.value, each.type)"
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition that has been read.
+    """A parsed condition.
 
     Attributes
     ----------
     names : tuple of (str, int)
-        The fields that it asks for, and the columns at which they stand, from 1.
+        Its fields, and their columns in the text, from 1.
     sql : str
-        An expression of `run`, over the table `held` (run, name, leaf): the values of a run under each name, as JSON.
+        An expression in `run`, over the table `held` (run, name, leaf) of the values of a run under each name, as JSON.
     parameters : tuple of str, float or None
-        What stands for the question marks in it.
+        The values of its question marks.
     """
 
     names: tuple[tuple[str, int], ...]
@@ -77,14 +77,14 @@ class Condition:
         Raises
         ------
         InputError
-            Names the place, the name, and the fields that there are.
+            Names the place, the name, and the existing fields.
         """
         for name, column in self.names:
             require_field(name, known, f"--where, character {column}")
 
 
 def require_field(name: str, known: Collection[str], where: str) -> None:
-    """Refuse a name that stands for none of the known paths; `where` begins the message.
+    """Refuse a name that matches no known path; `where` begins the message.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def require_field(name: str, known: Collection[str], where: str) -> None:
 
 
 def find_paths(name: str, known: Collection[str]) -> tuple[str, ...]:
-    """Return the paths that a name may stand for in some run: those that are it, or end in it."""
+    """Return the paths that a name matches: those that are equal to it or end in it."""
     return tuple(path for path in known if path == name or path.endswith(f".{name}"))
 
 
@@ -116,10 +116,10 @@ def parse_condition(text: str) -> Condition:
     Raises
     ------
     InputError
-        Names the character where it stops making sense, and what was expected there.
+        Names the first invalid character, and what was expected there.
     """
     parser = _Parser(text)
-    sql = parser.choice(0)
+    sql = parser.parse_choice(0)
     parser.expect_end()
     return Condition(tuple(parser.names), sql, tuple(parser.parameters))
 
@@ -134,14 +134,14 @@ class _Token:
         return "the end" if self.kind == "end" else repr(self.text)
 
 
-def _tokens(text: str) -> list[_Token]:
+def _split_tokens(text: str) -> list[_Token]:
     tokens: list[_Token] = []
     position = 0
     end = len(text.rstrip())
     while position < end:
         match = _TOKEN.match(text, position)
         if match is None or match.lastgroup is None:
-            raise _fault(text, position + 1, "this cannot be read; is a quote open?")
+            raise _make_error(text, position + 1, "this cannot be read; is a quote open?")
         kind = match.lastgroup
         tokens.append(_Token(kind, match[kind], match.start(kind) + 1))
         position = match.end()
@@ -149,13 +149,13 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Parser:
-    """One pass from left to right; each method reads one rule of the grammar and returns its SQL."""
+    """A parser in one pass; each method reads one rule of the grammar and returns its SQL."""
 
     def __init__(self, text: str) -> None:
         self.names: list[tuple[str, int]] = []
         self.parameters: list[str | float | None] = []
         self._text = text
-        self._tokens = iter(_tokens(text))
+        self._tokens = iter(_split_tokens(text))
         self._next = next(self._tokens)
         self._after_number = False
 
@@ -163,71 +163,74 @@ class _Parser:
         if self._next.kind != "end":
             goes_alone = " (a number goes alone: its unit stands in the name of the field)"
             unit = goes_alone if self._after_number and self._next.kind == "word" else ""
-            raise self._unexpected(f"and, or, or the end{unit}")
+            raise self._refuse_token(f"and, or, or the end{unit}")
 
-    def choice(self, depth: int) -> str:
-        return self._joined("or", lambda: self._joined("and", lambda: self._negation(depth)))
+    def parse_choice(self, depth: int) -> str:
+        return self._parse_joined(
+            "or", lambda: self._parse_joined("and", lambda: self._parse_negation(depth))
+        )
 
-    def _joined(self, joint: str, part: Callable[[], str]) -> str:
+    def _parse_joined(self, joint: str, part: Callable[[], str]) -> str:
         parts = [part()]
-        while self._takes(joint):
+        while self._accept(joint):
             parts.append(part())
-        # In pairs, as SQLite limits how deep an expression may be.
+        # In pairs, because SQLite limits the depth of an expression.
         while len(parts) > 1:
-            parts = [f"({f' {joint} '.join(parts[each : each + 2])})" for each in range(0, len(parts), 2)]
+            pairs = (parts[start : start + 2] for start in range(0, len(parts), 2))
+            parts = [f"({f' {joint} '.join(pair)})" for pair in pairs]
         return parts[0]
 
-    def _negation(self, depth: int) -> str:
+    def _parse_negation(self, depth: int) -> str:
         if depth > _MAX_DEPTH:
-            raise _fault(self._text, self._next.column, f"more than {_MAX_DEPTH} levels")
-        if self._takes("not"):
-            return f"NOT {self._negation(depth + 1)}"
-        if self._takes("("):
-            inner = self.choice(depth + 1)
-            if not self._takes(")"):
-                raise self._unexpected("a closing bracket")
+            raise _make_error(self._text, self._next.column, f"more than {_MAX_DEPTH} levels")
+        if self._accept("not"):
+            return f"NOT {self._parse_negation(depth + 1)}"
+        if self._accept("("):
+            inner = self.parse_choice(depth + 1)
+            if not self._accept(")"):
+                raise self._refuse_token("a closing bracket")
             return f"({inner})"
-        return self._comparison()
+        return self._parse_comparison()
 
-    def _comparison(self) -> str:
+    def _parse_comparison(self) -> str:
         name = self._next
         if name.kind != "word" or name.text in _JOINTS:
-            raise self._unexpected("the name of a field")
+            raise self._refuse_token("the name of a field")
         if len(self.names) == _MAX_COMPARISONS:
-            raise _fault(self._text, name.column, f"more than {_MAX_COMPARISONS} comparisons")
+            raise _make_error(self._text, name.column, f"more than {_MAX_COMPARISONS} comparisons")
         self._advance()
         sign = self._next
         if sign.text not in _SIGNS or sign.kind != "symbol":
-            raise self._unexpected("one of = != < <= > >= ~")
+            raise self._refuse_token("one of = != < <= > >= ~")
         self._advance()
         value = self._next
         if value.kind not in {"word", "quoted"}:
-            raise self._unexpected("a value (equal is one =)" if value.text == "=" else "a value")
+            raise self._refuse_token("a value (equal is one =)" if value.text == "=" else "a value")
         self._advance()
-        number = _number(value.text) if value.kind == "word" else None
+        number = _parse_number(value.text) if value.kind == "word" else None
         self._after_number = number is not None
         self.names.append((name.text, name.column))
         text = plain_text(value.text[1:-1] if value.kind == "quoted" else value.text)
-        return self._compared(plain_text(name.text), sign.text, text, number)
+        return self._format_comparison(plain_text(name.text), sign.text, text, number)
 
-    def _compared(self, name: str, sign: str, text: str, number: float | None) -> str:
+    def _format_comparison(self, name: str, sign: str, text: str, number: float | None) -> str:
         if sign == "!=":
             self.parameters.append(name)
-            return f"({_HAS.format('')} AND NOT {self._compared(name, '=', text, number)})"
+            return f"({_HAS.format('')} AND NOT {self._format_comparison(name, '=', text, number)})"
         if sign == "~":
             self.parameters += [name, text.casefold()]
             return _HAS.format(f" AND instr(casefold({_SHOWN}), ?)")
         if sign == "=" and number is None:
             self.parameters += [name, text]
             return _HAS.format(f" AND {_SHOWN} = ?")
-        # A number and a word have no order, and null none with anything.
+        # A number and a word have no order, and null has none with any value.
         self.parameters += [name, number, text]
         return _HAS.format(
             f" AND CASE WHEN each.type IN ('integer', 'real') THEN each.value {sign} ?"
             f" ELSE each.type <> 'null' AND {_SHOWN} {sign} ? END"
         )
 
-    def _takes(self, text: str) -> bool:
+    def _accept(self, text: str) -> bool:
         if self._next.kind == "quoted" or self._next.text != text:
             return False
         self._advance()
@@ -236,18 +239,18 @@ class _Parser:
     def _advance(self) -> None:
         self._next = next(self._tokens)
 
-    def _unexpected(self, expected: str) -> InputError:
-        return _fault(self._text, self._next.column, f"expected {expected}, found {self._next}")
+    def _refuse_token(self, expected: str) -> InputError:
+        return _make_error(self._text, self._next.column, f"expected {expected}, found {self._next}")
 
 
-def _number(text: str) -> float | None:
+def _parse_number(text: str) -> float | None:
     try:
         return float(text)
     except ValueError:
         return None
 
 
-def _fault(text: str, column: int, what: str) -> InputError:
+def _make_error(text: str, column: int, what: str) -> InputError:
     return InputError(
         f"--where {text!r}, character {column}: {what}",
         'for example: --where "gelatin_percent=13 and exit_status=success"',

@@ -1,4 +1,4 @@
-"""What tells two runs apart: how they ended, protocol, rig, calibration, versions, devices and results."""
+"""Compare two runs: endings, protocols, rigs, calibrations, versions, devices and results."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -24,13 +24,13 @@ _RUN_KEYS = (
     "operator",
     "recording",
 )
-# When a result was made, and by what, is no part of what it says; versions have a section of their own.
+# Time and origin of a result are not compared; versions have a section of their own.
 _STAMP = frozenset({"created", "inputs", "parent", "provenance", "schema_version"})
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One value that two runs do not share.
+    """A value that differs between two runs.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Difference:
     key : str
         Dotted path in it; items of a list by their number.
     a, b : str, int, float, bool or None
-        The value in each; None also where it is absent.
+        The value in each; None also if it is absent.
     """
 
     section: str
@@ -49,14 +49,14 @@ class Difference:
 
 
 def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
-    """Compare two runs by what their records say, section after section.
+    """Compare the records of two runs section by section.
 
     Raises
     ------
     RecordError
-        When one is no run, or a file of it cannot be read.
+        When a folder is no run, or a file in it cannot be read.
     FileFormatError
-        When a protocol or rig file of them is no YAML.
+        When a protocol or rig file is no YAML.
     """
     sections_a, sections_b = _read_sections(a), _read_sections(b)
     return tuple(
@@ -67,15 +67,15 @@ def compare_runs(a: Path, b: Path) -> tuple[Difference, ...]:
 
 
 def find_differences(a: object, b: object) -> Iterator[tuple[str, Value, Value]]:
-    """Yield the dotted path and both values of each scalar in which two documents differ, in their order."""
+    """Yield the dotted path and both values of each scalar that differs between two documents, in their order."""
     ours, theirs = dict(_walk(a, "")), dict(_walk(b, ""))
     for key in dict.fromkeys((*ours, *theirs)):
-        if (one := ours.get(key)) != (other := theirs.get(key)):
-            yield key, one, other
+        if (before := ours.get(key)) != (after := theirs.get(key)):
+            yield key, before, after
 
 
 def _compare_section(section: str, a: object, b: object) -> Iterator[Difference]:
-    return (Difference(section, *each) for each in find_differences(a, b))
+    return (Difference(section, *found) for found in find_differences(a, b))
 
 
 def _read_sections(run: Path) -> dict[str, Mapping[str, object]]:
@@ -89,7 +89,7 @@ def _read_sections(run: Path) -> dict[str, Mapping[str, object]]:
         "calibration": _read_calibration(run, manifest),
         "versions": {
             **{key: value for key, value in provenance.items() if key != "command_line"},
-            # Of two changed checkouts of one commit this tells whether they were changed alike.
+            # Shows whether two modified checkouts of one commit were modified alike.
             "code_diff_sha256": _as_mapping(manifest.get("hashes")).get("code_diff_sha256"),
         },
         "devices": _as_mapping(manifest.get("devices")),
@@ -103,7 +103,7 @@ def _read_yaml(run: Path, name: str) -> Mapping[str, object]:
 
 
 def _read_calibration(run: Path, manifest: Mapping[str, object]) -> dict[str, object]:
-    """Return the SHA-256 of each calibration file, and what it says where it is JSON."""
+    """Return the SHA-256 of each calibration file, and its content if it is JSON."""
     hashes = _as_mapping(_as_mapping(manifest.get("hashes")).get("calibration"))
     return {name: {"sha256": sha256, **_read_document(run, name)} for name, sha256 in hashes.items()}
 

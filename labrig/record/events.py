@@ -1,13 +1,13 @@
-"""The events and lines of pictures that runs are made of, as frozen models that writer and readers share.
+"""The events and picture lines of every run, as frozen models that writer and readers share.
 
-What every run writes stands here. An experiment derives its own events from `Event`, or from `TrialStart` and
-`TrialStop` for its trials, and its roles of pictures from `PictureRole`:
+An experiment derives its own events from `Event`, those of its trials from `TrialStart` and `TrialStop`, and its roles
+of pictures from `PictureRole`:
 
 .. code-block:: python
 
     class GelStart(TrialStart):
         specimen: str
-        repeats: int | None = None  # has a default: stands in the line only where it differs from it
+        repeats: int | None = None  # has a default: written only if it differs
 
 
     class Flip(Event):
@@ -20,9 +20,9 @@ What every run writes stands here. An experiment derives its own events from `Ev
     run.read_events(Flip)  # reads those lines again
 
 A line is `kind`, `t_s`, then the fields in the order of the model. A field without a default is always written, None as
-null; so are infinite and undefined numbers, which a reader gets back as None. Where a reader's model lacks a field of
-the line, it is passed over, so that lines of later versions can be read. The lines of every kind, also of one that no
-model knows, are documents in `Run.lines("events")`.
+null; so are infinite and undefined numbers, which a reader gets back as None. A reader ignores fields that its model
+lacks, so that it can read lines of later versions. `Run.lines("events")` gives the lines of every kind as documents,
+even of kinds without a model.
 """
 
 import math
@@ -38,7 +38,7 @@ from labrig.errors import Fault, RecordError
 from labrig.record.layout import EVENT_LINES, FRAME_LINES, RUN_STOP, TRIAL_START, TRIAL_STOP, TRUTH_LINES
 
 INCOMPLETE = "incomplete"
-"""`exit_status` of a trial that has no stop."""
+"""`exit_status` of a trial without a stop."""
 INTERRUPTED = "interrupted"
 """`exit_status` of a trial that a later session found without a stop."""
 _HINT = "no labrig wrote it so; take the file from a copy of the run"
@@ -58,17 +58,17 @@ class Line(BaseModel):
 
 
 class Event(Line):
-    """Something that happened: its `kind`, and the fields that its model adds."""
+    """An event: its `kind`, and the fields that its model adds."""
 
     kind: ClassVar[str]
 
     def line_fields(self) -> dict[str, object]:
-        """Return what stands in the line behind `kind` and `t_s`."""
+        """Return the fields of the line behind `kind` and `t_s`."""
         return self.model_dump(exclude={"t_s"}, exclude_defaults=True)
 
 
 class RunStart(Event):
-    """The run begins, with the name of its experiment."""
+    """The run starts; names its experiment."""
 
     kind: ClassVar[str] = "run_start"
 
@@ -76,13 +76,13 @@ class RunStart(Event):
 
 
 class RunResume(RunStart):
-    """The run goes on after an interruption."""
+    """The run resumes after an interruption."""
 
     kind: ClassVar[str] = "run_resume"
 
 
 class RunStop(Event):
-    """The run has ended: how, why, and the fault of bus or drive that ended it."""
+    """The run has ended: its status, the reason, and the fault of bus or drive that ended it."""
 
     kind: ClassVar[str] = RUN_STOP
 
@@ -92,7 +92,7 @@ class RunStop(Event):
 
 
 class TrialStart(Event):
-    """A trial begins."""
+    """A trial starts."""
 
     kind: ClassVar[str] = TRIAL_START
 
@@ -100,7 +100,7 @@ class TrialStart(Event):
 
 
 class TrialStop(Event):
-    """A trial has ended: `success`, `failed`, or `interrupted` where a resumed run found it without an end."""
+    """A trial has ended: `success`, `failed`, or `interrupted` if a resumed run found it without a stop."""
 
     kind: ClassVar[str] = TRIAL_STOP
 
@@ -109,7 +109,7 @@ class TrialStop(Event):
 
 
 class OperatorQuestion(Event):
-    """What the operator was asked, by class and fields, and answered: yes or no, a note, a reading or a pixel."""
+    """A request to the operator, by class and fields, and the answer: yes or no, a note, a reading or a pixel."""
 
     kind: ClassVar[str] = "operator"
 
@@ -122,9 +122,9 @@ class OperatorQuestion(Event):
 
 
 class Move(Event):
-    """A move that an axis began: as it was asked [mm or rad, per s], as it was sent, and what that is.
+    """A move of an axis: as asked for [mm or rad, per s], as sent, and the sent values in the units of the axis.
 
-    What was sent stands in quadcounts and rpm where the drive has these, else in counts and speeds of the drive.
+    The sent values are in quadcounts and rpm if the drive has these, else in counts and speed units of the drive.
     """
 
     kind: ClassVar[str] = "move"
@@ -141,7 +141,7 @@ class Move(Event):
 
 
 class MoveDone(Event):
-    """An axis has arrived, and where it stands [mm or rad]."""
+    """An axis has arrived at this position [mm or rad]."""
 
     kind: ClassVar[str] = "move_done"
 
@@ -150,7 +150,7 @@ class MoveDone(Event):
 
 
 class WithdrawalStart(Event):
-    """The needle is taken out along its path, in so many moves."""
+    """The needle is withdrawn along its path in this many moves."""
 
     kind: ClassVar[str] = "withdrawal_start"
 
@@ -174,9 +174,9 @@ class TruthLine(Line):
 
 
 class FrameLine(Line):
-    """What a run says of a picture: number, file, trial, role, and where the axes stood at the exposure.
+    """The line of a picture: number, file, trial, role, and the positions of the axes at the exposure.
 
-    A picture that was drawn on is `drawn`; an imported one has its `source`. What a line does not say is None.
+    `drawn` marks a picture that was drawn on; an imported picture has its `source`. Missing fields are None.
     """
 
     frame: int
@@ -199,26 +199,26 @@ _Stop = TypeVar("_Stop", bound=TrialStop)
 
 @dataclass(frozen=True)
 class RecordedTrial(Generic[_Start, _Stop]):
-    """A trial as it was recorded: how it began, and how it ended; None where it has no end."""
+    """The start and stop of a recorded trial; `stop` is None if it has none."""
 
     start: _Start
     stop: _Stop | None
 
     @property
     def exit_status(self) -> str:
-        """Return how it ended; `incomplete` where it has not."""
+        """The status of its stop; `incomplete` without one."""
         return INCOMPLETE if self.stop is None else self.stop.exit_status
 
 
 def parse_events(
     run: Path, lines: Sequence[Mapping[str, object]], models: Iterable[type[_Event]]
 ) -> Iterator[_Event]:
-    """Yield the events of the models' kinds, in the order of the record; `run` is named where one cannot be read.
+    """Yield the events of the models' kinds, in the order of the record; errors name `run`.
 
     Raises
     ------
     RecordError
-        When a line of such a kind is not what its model says; names file, line and field.
+        When a line of such a kind does not fit its model; names file, line and field.
     """
     by_kind = {model.kind: model for model in models}
     for number, line in enumerate(lines, start=1):
@@ -228,7 +228,7 @@ def parse_events(
 
 
 def parse_frame_lines(run: Path, lines: Sequence[Mapping[str, object]]) -> Iterator[FrameLine]:
-    """Yield what a run says of each picture. Raises `RecordError` as `parse_events` does."""
+    """Yield the line of each picture. Raises `RecordError` as `parse_events` does."""
     for number, line in enumerate(lines, start=1):
         yield _parse(FrameLine, line, f"{run / FRAME_LINES}:{number}")
 
@@ -242,7 +242,7 @@ def parse_truth_lines(
 
 
 def join_trials(events: Iterable[_Start | _Stop]) -> tuple[RecordedTrial[_Start, _Stop], ...]:
-    """Return the trials of a run; of one that was begun again, the last beginning counts."""
+    """Return the trials of a run; the last start of a repeated trial counts."""
     trials: dict[int, RecordedTrial[_Start, _Stop]] = {}
     for event in events:
         if isinstance(event, TrialStart):

@@ -1,4 +1,4 @@
-"""What of a run can be asked for in the catalogue: each value of its manifest, protocol, newest result and notes."""
+"""The searchable fields of a run: the values of its manifest, protocol, newest result and annotations."""
 
 import math
 import re
@@ -20,7 +20,7 @@ _SECTION = re.compile(r"^(?=[A-Za-z_]\w*:\s)", re.MULTILINE)
 
 Leaves = dict[str, list[Value]]
 
-# Hashes and lists of every picture tell runs apart, and say nothing that anybody would ask for.
+# Hashes and lists of all pictures differ between runs, but nobody searches for them.
 _LEFT_OUT = frozenset(
     {
         "schema_version",
@@ -46,11 +46,11 @@ def manifest_fields(manifest: Mapping[str, object]) -> Leaves:
 
 
 ANNOTATION_FIELDS = frozenset({"tag", "verdict", "verdict_reason", "note"})
-"""What may be asked for also where nobody has said anything yet."""
+"""Fields that may be searched for even if no run has an annotation."""
 
 
 def annotation_fields(said: Annotations) -> Leaves:
-    """Return tags, verdict and notes; what nobody has said has no value, so that no other field answers for it."""
+    """Return tags, verdict and notes; an absent one has no value, so that no other field matches its name."""
     return {
         "tag": list(said.tags),
         "verdict": [] if said.verdict is None else [said.verdict],
@@ -60,7 +60,7 @@ def annotation_fields(said: Annotations) -> Leaves:
 
 
 def file_fields(run: Path) -> Leaves:
-    """Return the values of protocol.yaml and of the newest result; of a file that cannot be read none."""
+    """Return the values of protocol.yaml and of the newest result; a file that cannot be read gives none."""
     fields: Leaves = {}
     with suppress(FileFormatError, RecordError):
         fields |= _protocol_fields(inside(run, PROTOCOL))

@@ -1,4 +1,4 @@
-"""What code ran, with which packages, on which computer."""
+"""Collect the provenance of a run: code, packages and computer."""
 
 import getpass
 import os
@@ -17,19 +17,19 @@ _GIT_TIMEOUT_S = 10.0
 
 
 def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
-    """Return what is needed to run the same code again; no time of day and no folder of this computer.
+    """Return what is needed to run the same code again, without time of day or folders of this computer.
 
     Parameters
     ----------
     command_line : sequence of str
-        As in `sys.argv`; of the program only the name is kept.
+        As in `sys.argv`; only the name of the program is kept.
 
     Returns
     -------
     dict
-        `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None where it runs from no
-        checkout), `command_line`, `python`, `platform`, `host`, `account` (whose name the command ran under, None where
-        it has none), `packages` {name: version} of all that labrig depends on itself.
+        `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None outside a checkout),
+        `command_line`, `python`, `platform`, `host`, `account` (user name, None without one), `packages` {name:
+        version} of labrig's direct dependencies.
     """
     program = [Path(word).name for word in command_line[:1]]
     return {
@@ -52,7 +52,7 @@ def _read_account() -> str | None:
 
 
 def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
-    """Return what the package's source differs from its commit, as a patch that `git apply` takes; empty without.
+    """Return the changes of the package's source since its commit, as a patch for `git apply`; empty without any.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     Returns
     -------
     bytes
-        Changed files, then files that git does not know yet and does not ignore.
+        Changed files, then new files that git does not ignore.
     """
     changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
     unknown = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
@@ -71,7 +71,7 @@ def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
 
 
 def _diff_new_file(tree: Path, name: str) -> bytes:
-    # Files that differ are its exit code 1.
+    # git exits with 1 if the files differ.
     arguments = ("diff", "--binary", "--no-ext-diff", "--no-color", "--no-index", "--", os.devnull, name)
     return _run_git(tree, *arguments, succeeds=(0, 1)) or b""
 
@@ -86,7 +86,7 @@ def _read_git_state(tree: Path) -> dict[str, object]:
 
 
 def _run_git(tree: Path, *arguments: str, succeeds: tuple[int, ...] = (0,)) -> bytes | None:
-    """Return what git prints; None without git, without a checkout, or when git refuses."""
+    """Return the output of git; None without git, without a checkout, or when git refuses."""
     program = shutil.which("git")
     if program is None or not (tree / ".git").exists():
         return None

@@ -1,4 +1,4 @@
-"""Closes a run that was interrupted, as it stands."""
+"""Close an interrupted run as it is."""
 
 from datetime import datetime
 from pathlib import Path
@@ -12,10 +12,10 @@ _REASON = "interrupted: labrig ended without closing the run; closed by labrig r
 
 
 def repair_run(run: Path, ended: datetime) -> bool:
-    """Close an interrupted run without touching what is good: torn ends are moved aside, nothing is deleted.
+    """Close an interrupted run: torn ends are set aside, everything else stays, nothing is deleted.
 
-    Returns whether there was anything to do. A run that had written how it ended keeps that; any other is closed
-    as `aborted`.
+    Returns whether the run had to be closed. A run that had recorded its end keeps that status; any other is closed as
+    `aborted`.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def repair_run(run: Path, ended: datetime) -> bool:
 
 
 def _find_ending(run: Path) -> tuple[str, str]:
-    """Return what the last event says of the end, where the run was killed between that and its closing."""
+    """Return status and reason from the last event if the run was killed between its end and its closing."""
     last = (read_lines(run / EVENT_LINES) or [{}])[-1]
     exit_status = last.get("exit_status")
     if last.get("kind") == RUN_STOP and exit_status in EXIT_STATUSES:

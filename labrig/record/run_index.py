@@ -1,9 +1,9 @@
-"""A cache of what the runs of a folder say, in SQLite: lost, stale or corrupt, it is made again from the folders.
+"""A cache of the fields of all runs in a folder, in SQLite; if lost, stale or corrupt it is made again.
 
-`runs` has a row a run: a signature of the files that its summary was made from (time, size and inode), the summary as a
-CRC line, and the signature of the files that its leaves were made from. `leaves` has a row for each field of a run:
-its path, and its values as a JSON list. What does not fit its signature is read again; a file that is no database is
-replaced. Where the folder cannot be written, or another labrig writes it, a copy in memory gives the same answer.
+`runs` has a row for each run: the signature of the files behind its summary (time, size and inode), the summary as a
+CRC line, and the signature of the files behind its leaves. `leaves` has a row for each field of a run: its path, and
+its values as a JSON list. An entry whose signature does not fit is read again; a file that is no database is replaced.
+If the folder cannot be written, or another labrig writes it, a copy in memory gives the same answer.
 """
 
 import json
@@ -20,7 +20,7 @@ from labrig.record.json_lines import decode_line, encode_line
 
 INDEX_FILE = ".catalogue.sqlite3"
 NO_FILE = "-"
-"""Stands in a signature for a file that is not there."""
+"""The signature of a missing file."""
 
 _FORMAT = 4
 _BUSY_TIMEOUT_S = 1.0
@@ -33,7 +33,7 @@ CREATE TABLE leaves (path INTEGER, run INTEGER, leaf TEXT, PRIMARY KEY (path, ru
 PRAGMA user_version = {_FORMAT:d};
 """
 _KNOWN = "SELECT text, path FROM paths WHERE EXISTS (SELECT 1 FROM leaves WHERE leaves.path = paths.path)"
-# Of the paths that a name may stand for, those count that have the fewest parts in the run at hand.
+# Of the paths that a name matches, those with the fewest parts in the run count.
 _HELD = """
 CREATE TEMP TABLE held AS SELECT run, name, leaf FROM (
     SELECT run, path, name, leaf, rank() OVER (PARTITION BY run, name ORDER BY parts) AS place
@@ -49,7 +49,7 @@ _Answer = TypeVar("_Answer")
 
 
 class RunIndex:
-    """The open index of a folder of runs; made by `ask_index`."""
+    """The open index of a folder of runs, from `ask_index`."""
 
     def __init__(self, index: sqlite3.Connection) -> None:
         self._index = index
@@ -57,14 +57,14 @@ class RunIndex:
     def summaries(
         self, signatures: Mapping[str, str], read: Callable[[str], Mapping[str, object]]
     ) -> dict[str, Row]:
-        """Return the summary of each run, by `read` where its files have changed since.
+        """Return the summary of each run; those whose files have changed come from `read`.
 
         Parameters
         ----------
         signatures : Mapping
-            Name of the run's folder to the signature of the files that `read` looks at.
+            Name of the run's folder to the signature of the files that `read` reads.
         read : callable
-            Takes a name and returns what is to be kept, as JSON can say it.
+            Takes a name and returns the summary in types of JSON.
         """
         kept = {
             os.fsdecode(name): (signature, line)
@@ -91,7 +91,7 @@ class RunIndex:
         return rows
 
     def refresh_leaves(self, signatures: Mapping[str, str], read: Callable[[str], Fields]) -> None:
-        """Bring the leaves of runs up to date, whose summaries have been asked for; parameters as there."""
+        """Update the leaves of runs whose summaries have been read; parameters as for these."""
         kept = dict(self._index.execute("SELECT name, leaves_signature FROM runs"))
         names = {os.fsencode(name): name for name in signatures}
         stale = {key: name for key, name in names.items() if kept.get(key) != signatures[name]}
@@ -101,7 +101,7 @@ class RunIndex:
         paths = dict.fromkeys(path for leaves in fields.values() for path in leaves)
         with self._index:
             self._forget_leaves(key for key in stale if kept.get(key) is not None)
-            # Another labrig that found the run gone may have taken its row out.
+            # Another labrig may have deleted the row because the run was gone.
             self._index.executemany("INSERT OR IGNORE INTO runs (name) VALUES (?)", [(key,) for key in stale])
             self._index.executemany(
                 "INSERT OR IGNORE INTO paths (text) VALUES (?)", [(path,) for path in paths]
@@ -122,13 +122,13 @@ class RunIndex:
             )
 
     def known_paths(self) -> dict[str, int]:
-        """Return the paths of the fields that runs have, with their numbers."""
+        """Return the paths of all fields, with their numbers."""
         return dict(self._index.execute(_KNOWN))
 
     def find(
         self, names: Collection[str], condition: Condition | None
     ) -> dict[str, dict[str, tuple[Value, ...]]]:
-        """Return the runs that fit a condition, each with its values under each of the names; asked once an index."""
+        """Return the runs that fit a condition with their values under each name; call it once for an index."""
         known = self.known_paths()
         self._index.execute("CREATE TEMP TABLE asked (name TEXT, path INTEGER, parts INTEGER)")
         self._index.executemany(
@@ -145,7 +145,7 @@ class RunIndex:
         for run, name, leaf in self._index.execute("SELECT run, name, leaf FROM held"):
             held.setdefault(run, {}).setdefault(name, {}).update(dict.fromkeys(values(leaf)))
         sql, parameters = ("TRUE", ()) if condition is None else (condition.sql, condition.parameters)
-        # What was typed stands in the parameters; the expression is made of this package's own words.
+        # Typed text is only in the parameters; the expression consists of this package's own words.
         fitting = self._index.execute(f"SELECT run, name FROM runs WHERE {sql}", parameters)  # noqa: S608
         return {
             os.fsdecode(folder): {name: tuple(held.get(run, {}).get(name, ())) for name in names}
@@ -160,7 +160,7 @@ class RunIndex:
 
 
 def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
-    """Return what `ask` returns of the index of a folder; it is asked again where the index proves to be spoilt."""
+    """Return the answer of `ask` from the index of a folder; a corrupt index is made again and asked again."""
     path = runs_dir / INDEX_FILE
     places = () if path.is_symlink() else ((str(path), None), (str(path), None), (_MEMORY, path))
     for place, source in places:
@@ -168,10 +168,10 @@ def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
             with closing(_open_index(place, source)) as index:
                 return ask(RunIndex(index))
         except sqlite3.OperationalError:
-            # Another labrig writes it, or this account may not.
+            # Another labrig is writing it, or this account may not.
             continue
         except (sqlite3.DatabaseError, ValueError, TypeError):
-            # What SQLite says of a spoilt file may hold bytes of it that are no text, and so may the file.
+            # The file is corrupt; it, and a message of SQLite about it, may hold bytes that are no text.
             with suppress(OSError):
                 path.unlink()
     with closing(_open_index(_MEMORY)) as index:
@@ -179,16 +179,15 @@ def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
 
 
 def _open_index(place: str, source: Path | None = None) -> sqlite3.Connection:
-    """Open the index, made anew where it is of another format; with a source a copy of it. Raises `sqlite3.Error`."""
+    """Open the index, or a copy of a source; another format is replaced. Raises `sqlite3.Error`."""
     index = sqlite3.connect(place, timeout=_BUSY_TIMEOUT_S)
     try:
         if source is not None:
-            with closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", 0, uri=True)) as whole:
-                whole.executescript(
-                    "BEGIN; SELECT name FROM sqlite_master"
-                )  # backup would wait for a lock forever
-                whole.backup(index)
-        index.execute("PRAGMA synchronous = OFF")  # a power cut may spoil it; it is a cache
+            with closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", 0, uri=True)) as original:
+                # Without this, backup would wait for a lock forever.
+                original.executescript("BEGIN; SELECT name FROM sqlite_master")
+                original.backup(index)
+        index.execute("PRAGMA synchronous = OFF")  # a power cut may corrupt it; it is a cache
         if index.execute("PRAGMA user_version").fetchone()[0] != _FORMAT:
             index.executescript(_TABLES)
         index.create_function("shown", 2, _format_value, deterministic=True)
@@ -199,18 +198,18 @@ def _open_index(place: str, source: Path | None = None) -> sqlite3.Connection:
     return index
 
 
-@lru_cache(maxsize=100_000, typed=True)  # most values are those of other runs too
+@lru_cache(maxsize=100_000, typed=True)  # most values occur in other runs too
 def _encode_leaf(*values: Value) -> str:
     return json.dumps(values, ensure_ascii=False)
 
 
 def _format_value(value: Value, kind: str) -> str:
-    """Return a value of a leaf as it is written in a condition; `kind` as SQLite's json_each says it."""
+    """Return a value of a leaf as it is written in a condition; `kind` is the type from SQLite's json_each."""
     return kind if kind in {"null", "true", "false"} else str(value)
 
 
 def _read_intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | None:
-    """Return the summary of a row; None where there is none, or its signature or checksum does not fit."""
+    """Return the summary of a row; None if it is missing, or its signature or checksum does not fit."""
     if row is None or row[0] != signature:
         return None
     try:
@@ -220,7 +219,7 @@ def _read_intact_row(row: tuple[str, bytes] | None, signature: str) -> Row | Non
 
 
 def signature_of(run: str, files: Iterable[str]) -> str:
-    """Return what changes when one of the files of a run does; `run` is its folder."""
+    """Return a text that changes when one of the files of a run changes; `run` is its folder."""
     parts = []
     for file in files:
         try:

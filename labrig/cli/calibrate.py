@@ -1,4 +1,4 @@
-"""`labrig calibrate`: the camera's intrinsics, the plane map, and taking over what a calibration run found."""
+"""`labrig calibrate`: camera intrinsics, plane map and tip template, and adopting the result of a calibration run."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
 from labrig.cli.damage import require_undamaged
-from labrig.cli.options import InsertionOption, RigOption, RunArgument, rig_file
+from labrig.cli.options import InsertionOption, RigOption, RunArgument, find_rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.cli.template import template
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
@@ -17,14 +17,14 @@ from labrig.record.durable import write_atomically
 app = typer.Typer(no_args_is_help=True)
 
 
-app.command("template", help="A picture of the needle's tip, cut out of a recorded frame or a picture.")(
+app.command("template", help="Cut a template of the needle's tip out of a recorded frame or a picture.")(
     template
 )
 
 
 @app.command(
     "intrinsics",
-    help="Zhang's method: intrinsics and distortion from photographs of a chessboard or ChArUco board.",
+    help="Find intrinsics and distortion from photographs of a chessboard or ChArUco board.",
 )
 def intrinsics(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Photographs of the board.")],
@@ -33,20 +33,22 @@ def intrinsics(
     charuco: Annotated[
         str | None,
         typer.Option(
-            metavar="DICTIONARY", help="The board is a ChArUco board, e.g. DICT_5X5_100.", show_default=False
+            metavar="DICTIONARY", help="Dictionary of a ChArUco board, e.g. DICT_5X5_100.", show_default=False
         ),
     ] = None,
     marker_mm: Annotated[
         float | None, typer.Option(help="Side of a ChArUco board's marker.", show_default=False)
     ] = None,
-    partial: Annotated[bool, typer.Option("--partial", help="The frame may cut the chessboard.")] = False,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="The pictures may show only a part of the chessboard.")
+    ] = False,
     model: Annotated[
         Literal["brown", "zhang"],
-        typer.Option(help="Five distortion coefficients, or Zhang's two and a skew."),
+        typer.Option(help="brown: five distortion coefficients; zhang: two and a skew."),
     ] = "brown",
     window_px: Annotated[
         int | None,
-        typer.Option(help="Force the half side of the corner window.", show_default="a third of the spacing"),
+        typer.Option(help="Half side of the corner window.", show_default="a third of the spacing"),
     ] = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -84,17 +86,17 @@ def intrinsics(
 
 
 @app.command(
-    "plane", help="The map from pixels to mm in the steering plane, from one picture of graph paper."
+    "plane", help="Find the map from pixels to mm in the steering plane from a picture of graph paper."
 )
 def plane(
     image: Annotated[
-        Path, typer.Argument(metavar="IMAGE", help="Picture of ruled paper in the steering plane.")
+        Path, typer.Argument(metavar="IMAGE", help="Picture of graph paper in the steering plane.")
     ],
     origin_px: Annotated[
         tuple[float, float], typer.Option(metavar="U V", help="Pixel of the plane's origin.")
     ],
     insertion: InsertionOption,
-    pitch_mm: Annotated[float, typer.Option(help="Distance of the finest lines.")] = 1.0,
+    pitch_mm: Annotated[float, typer.Option(help="Distance between the finest lines.")] = 1.0,
     intrinsics: Annotated[
         Path | None,
         typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
@@ -108,7 +110,7 @@ def plane(
     ] = None,
     paper_at: Annotated[
         Literal["needle", "surface"],
-        typer.Option(help="Where the paper lay, in air: where the needle is to be, or on the gel's surface."),
+        typer.Option(help="Where the paper was, in air: in the needle's place, or on the gel's surface."),
     ] = "needle",
     out: OutOption = None,
     force: ForceOption = False,
@@ -148,9 +150,7 @@ def plane(
     return 0 if found.accepted else 1
 
 
-@app.command(
-    "adopt", help="Copy the calibration that a run of protocols/calibration.yaml found to the rig's files."
-)
+@app.command("adopt", help="Copy the calibration of a run of protocols/calibration.yaml to the rig's files.")
 def adopt(
     run_path: RunArgument,
     rig: RigOption = None,
@@ -174,7 +174,7 @@ def adopt(
             f"the calibration of {run_path.name} was refused: {'; '.join(result.document['reasons'])}",
             "calibrate again as the reasons say; --force takes it over all the same",
         )
-    targets = load_rig(rig_file(rig)).calibration_paths()
+    targets = load_rig(find_rig_file(rig)).calibration_paths()
     for path in targets.values():
         require_writable(
             path, force, "replace the old calibration with --force; the run that made it keeps it"

@@ -17,7 +17,7 @@ OutOption = Annotated[
 ForceOption = Annotated[
     bool,
     typer.Option(
-        "--force", help="Replace an existing file, and write a refused calibration, which then says so."
+        "--force", help="Replace an existing file; also write a refused calibration, marked as refused."
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""What commands do with a record that is damaged: tell it beside what could be done, or refuse it."""
+"""What commands do with a damaged record: report the damage beside their result, or refuse the record."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,23 +8,23 @@ from labrig.cli.output import say
 from labrig.errors import Problem, RecordError
 
 
-class Damaged(Protocol):
-    """A run that has been opened, as far as its damage goes."""
+class OpenedRun(Protocol):
+    """The path and the damage of an opened run."""
 
     path: Path
     damage: tuple[Problem, ...]
 
 
-def tell_damage(damage: Sequence[Problem | str]) -> str | None:
-    """Say each damaged place, and return all of them in a sentence for --json; None where there is none."""
-    places = [one if isinstance(one, str) else f"{one.where}: {one.message}" for one in damage]
+def report_damage(damage: Sequence[Problem | str]) -> str | None:
+    """Print each damaged place, and return all of them as a sentence for --json, or None."""
+    places = [place if isinstance(place, str) else f"{place.where}: {place.message}" for place in damage]
     for place in places:
         say(f"error: the record is damaged: {place}")
     return f"the record is damaged: {'; '.join(places)}" if places else None
 
 
-def require_undamaged(run: Damaged) -> None:
-    """Refuse a damaged run. Raises `RecordError`, which names the first place."""
+def require_undamaged(run: OpenedRun) -> None:
+    """Refuse a damaged run. Raises `RecordError`, which names the first damaged place."""
     if run.damage:
         first = run.damage[0]
         raise RecordError(f"{run.path} is damaged: {first.where}: {first.message}", "see: labrig runs check")

@@ -11,27 +11,25 @@ from labrig.needle.tube import Tube
 
 
 def design(
-    radius_mm: Annotated[float, typer.Option(help="Steering radius wanted.")] = 30.0,
-    clearance_mm: Annotated[float, typer.Option(help="Width that the laser cuts.")] = 0.025,
+    radius_mm: Annotated[float, typer.Option(help="Wanted steering radius.")] = 30.0,
+    clearance_mm: Annotated[float, typer.Option(help="Width of the laser's cut.")] = 0.025,
     outer_diameter_mm: Annotated[float, typer.Option(help="Outer diameter of the tube.")] = 1.2,
     inner_diameter_mm: Annotated[float, typer.Option(help="Inner diameter of the tube.")] = 0.7,
     link_length_mm: Annotated[float, typer.Option(help="Length of a link, from hinge to hinge.")] = 3.0,
-    clearance_tolerance_mm: Annotated[float, typer.Option(help="How sure the laser's width is.")] = 0.003,
-    cut_tolerance_deg: Annotated[float, typer.Option(help="How sure the inclination is.")] = 0.1,
+    clearance_tolerance_mm: Annotated[float, typer.Option(help="Tolerance of the laser's width.")] = 0.003,
+    cut_tolerance_deg: Annotated[float, typer.Option(help="Tolerance of the inclination.")] = 0.1,
     tip_length_mm: Annotated[
-        float | None, typer.Option(help="Length of the tip: how many links fit it.", show_default=False)
+        float | None, typer.Option(help="Length of the tip; states how many links fit.", show_default=False)
     ] = None,
     measured_radius_mm: Annotated[
         float | None,
-        typer.Option(
-            help="Radius that a needle was measured at: its effective clearance.", show_default=False
-        ),
+        typer.Option(help="Measured radius of a needle; states its effective clearance.", show_default=False),
     ] = None,
     from_run: Annotated[
         Path | None,
         typer.Option(
             metavar="RUN",
-            help="Take the measured radius from a run's result: its folder, or its name in --runs-dir.",
+            help="Take the measured radius from a run: its folder, or its name in --runs-dir.",
             show_default=False,
         ),
     ] = None,
@@ -39,18 +37,18 @@ def design(
     beta_cut_deg: Annotated[
         float | None,
         typer.Option(
-            help="Inclination that the measured needle was cut at. Default: table I's for its needle, else (3)'s.",
+            help="Inclination at which the measured needle was cut. Default: table I of the paper, else equation (3).",
             show_default=False,
         ),
     ] = None,
     grid_points: Annotated[
-        int, typer.Option(min=3, max=25, help="Points of the searched grid, along each of its two sides.")
+        int, typer.Option(min=3, max=25, help="Points along each side of the searched grid.")
     ] = 7,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write a design file (JSON), which protocols can name as needle.design_file.",
+            help="Write a design file (JSON), which protocols name as needle.design_file.",
             show_default=False,
         ),
     ] = None,
@@ -67,11 +65,11 @@ def design(
 ) -> int:
     """Print both answers; the search takes ten to thirty seconds.
 
-    Exit with 0 when equation (3) says what to cut, also where our contour cannot give the radius and says why; with 1
-    when neither gives it, or the tube is one that only our contour speaks of and it cannot.
+    Exit with 0 when equation (3) has an answer, even if our contour cannot give the radius, and says why; with 1 when
+    neither gives it, or when the tube is one for which only our contour is valid and it cannot.
     """
     from labrig.cli.design_study import Outputs, carry_out, measured_radius, run_by_name
-    from labrig.cli.finished import print_summary
+    from labrig.cli.finished_run import print_summary
     from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, Tolerances
     from labrig.experiments.hinge_design.summary import summarise
 

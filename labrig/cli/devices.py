@@ -1,4 +1,4 @@
-"""`labrig devices`: what the rig says of itself, moving it axis by axis, and stopping it."""
+"""`labrig devices`: checks the rig, moves it axis by axis, and stops it."""
 
 from dataclasses import asdict
 
@@ -6,8 +6,8 @@ import typer
 
 from labrig.cli.devices_motion import home, jog, withdraw
 from labrig.cli.devices_simulate import simulate
-from labrig.cli.options import RigOption, rig_file
-from labrig.cli.output import AsJson, print_json, say, tell_checks
+from labrig.cli.options import RigOption, find_rig_file
+from labrig.cli.output import AsJson, print_checks, print_json, say
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -21,32 +21,32 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     from labrig.devices.rig_file import load_rig
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
-    results = check_rig(load_rig(rig_file(rig)))
+    results = check_rig(load_rig(find_rig_file(rig)))
     results += [
         CheckResult("plugin", CheckStatus.WARN, fault.message, fault.hint)
         for fault in find_plugin_faults(DRIVES, CAMERAS, EXPERIMENTS)
     ]
-    return tell_checks([asdict(result) for result in results], as_json)
+    return print_checks([asdict(result) for result in results], as_json)
 
 
-@app.command("stop", help="Stop every axis of the rig now, through the labrig that has it or over the bus.")
+@app.command("stop", help="Stop every axis of the rig now, through the labrig that uses it or over the bus.")
 def stop(rig: RigOption = None, as_json: AsJson = False) -> None:
-    """Ask the run that has the rig; where nobody answers within a second, stop every node of the rig file."""
+    """Ask the labrig that uses the rig; if it does not answer within a second, stop every node of the rig file."""
     from labrig.devices.rig_file import load_rig
     from labrig.devices.stop import stop_rig
 
-    report = stop_rig(load_rig(rig_file(rig)))
+    report = stop_rig(load_rig(find_rig_file(rig)))
     if as_json:
         print_json({"by": report.by, "done": list(report.done)})
     for line in report.done:
         say(line)
 
 
-app.command("home", help="Give axes their reference, on confirmation; none with a needle in tissue.")(home)
+app.command("home", help="Home axes after confirmation; refused with a needle in tissue.")(home)
 app.command(
-    "jog", help="Move one axis slowly, on confirmation; verify direction, lead, backlash and limits."
+    "jog", help="Move one axis slowly after confirmation; verify direction, lead, backlash and limits."
 )(jog)
-app.command("withdraw", help="Take a needle that a run has left in tissue out along its path.")(withdraw)
+app.command("withdraw", help="Withdraw a needle that a run has left in tissue, along its path.")(withdraw)
 app.command(
     "simulate",
     help="Serve simulated EPOS2 drives on a CAN bus until interrupted, for any CANopen client.",

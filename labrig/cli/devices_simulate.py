@@ -15,18 +15,23 @@ _INTERRUPTED = 130
 def simulate(
     interface: Annotated[
         str,
-        typer.Option(help="Of python-can, such as socketcan or udp_multicast; slcan makes a serial port."),
+        typer.Option(
+            help="Interface of python-can, such as socketcan or udp_multicast; slcan makes a serial port."
+        ),
     ],
-    channel: Annotated[str, typer.Option(help="Of the interface, such as can0 or 239.74.163.2.")] = "",
+    channel: Annotated[
+        str, typer.Option(help="Channel of the interface, such as can0 or 239.74.163.2.")
+    ] = "",
     port: Annotated[int | None, typer.Option(help="UDP port, for udp_multicast.")] = None,
-    bitrate: Annotated[int, typer.Option(help="Of the bus, in bit/s.")] = 1_000_000,
+    bitrate: Annotated[int, typer.Option(help="Bitrate of the bus in bit/s.")] = 1_000_000,
     nodes: Annotated[str, typer.Option(help="Node ids, separated by commas.")] = "1,2,3",
     journal: Annotated[
-        Path | None, typer.Option(help="Write what the drives did here, a JSON line an event, when it ends.")
+        Path | None,
+        typer.Option(help="Write the events of the drives to this file at the end, one JSON line each."),
     ] = None,
     as_json: AsJson = False,
 ) -> int:
-    """Serve until a signal comes; leaves with 130, as whatever is interrupted does."""
+    """Serve until a signal comes, and exit with 130, as every interrupted command does."""
     from labrig.devices.simulated.serving import ServedBus, serve_drives
 
     node_ids = _node_ids(nodes)

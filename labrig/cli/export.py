@@ -1,11 +1,11 @@
-"""`labrig export`: a run as tables for other programs, or the run itself somewhere else."""
+"""`labrig export`: write a run as tables for other programs, or copy its record."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import tell_damage
+from labrig.cli.damage import report_damage
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, RecordError
 from labrig.record.durable import write_atomically
@@ -13,18 +13,18 @@ from labrig.record.durable import write_atomically
 
 def export(
     run: Annotated[str, typer.Argument(metavar="RUN", help="Folder of a run, or its URL (fsspec).")],
-    out: Annotated[str, typer.Option(metavar="DIR", help="Folder to write, or its URL.")],
-    csv: Annotated[bool, typer.Option("--csv", help="A CSV file a table.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file a table.")] = False,
+    out: Annotated[str, typer.Option(metavar="DIR", help="Folder to write to, or its URL.")],
+    csv: Annotated[bool, typer.Option("--csv", help="A CSV file for each table.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="A Parquet file for each table.")] = False,
     mat: Annotated[bool, typer.Option("--mat", help="run.mat, which data/read_run.m reads.")] = False,
     mcap: Annotated[
-        bool, typer.Option("--mcap", help="run.mcap, pictures included; needs the extra labrig[mcap].")
+        bool, typer.Option("--mcap", help="run.mcap, with the pictures; needs labrig's extra mcap.")
     ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 4 where the record is damaged; what of it could be read is written all the same."""
+    """Exit with 4 when the record is damaged; what can be read of it is written all the same."""
     from labrig.record.reader import open_run
     from labrig.record.urls import output_folder
 
@@ -47,7 +47,7 @@ def export(
     else:
         for file in files if not record else [""]:
             print_line(f"{out.rstrip('/')}/{file}")
-    return 0 if tell_damage(opened.damage) is None else RecordError.exit_code
+    return 0 if report_damage(opened.damage) is None else RecordError.exit_code
 
 
 def _write_tables(run: Path, formats: list[str], folder: Path) -> None:

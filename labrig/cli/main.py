@@ -1,4 +1,4 @@
-"""The `labrig` command: its commands, and how every failure leaves it."""
+"""The `labrig` command: its commands, and how every failure becomes an exit code."""
 
 import importlib
 import itertools
@@ -15,33 +15,39 @@ from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigErro
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "run": (
         "run.run",
-        "Run a protocol: move, record, measure, and write the report. A design moves nothing.",
+        "Run a protocol: move, record, measure and write the report. A design moves nothing.",
     ),
-    "resume": ("run.resume", "Go on with a sweep after a crash or a stop; finished insertions are kept."),
+    "resume": ("run.resume", "Continue a sweep after a crash or a stop; finished insertions are kept."),
     "replay": (
         "replay.replay",
-        "Drive a run's procedure with its recorded camera, drives, clock and operator.",
+        "Repeat a run's procedure with its recorded camera, drives, clock and operator.",
     ),
     "check": (
         "protocols.check",
-        "Say whether a protocol can run on a rig, how long it takes and how much disk it needs.",
+        "Check whether a protocol can run on a rig, how long it takes and how much disk it needs.",
     ),
-    "schema": ("protocols.schema", "Print the JSON Schema of protocol files, or of rig files."),
+    "schema": ("protocols.schema", "Print the JSON Schema of protocol files or of rig files."),
     "plan": ("plan.plan", "Plan a path to a target around obstacles, or say why there is none."),
-    "report": ("record.report", "Write the report page of runs again, from their newest result."),
+    "report": ("record.report", "Write the report page of runs again from their newest result."),
     "view": ("record.view", "Make view.rrd from the record and open it in the rerun viewer."),
-    "import": ("record.import_", "Turn folders of loose pictures into runs."),
-    "reanalyze": ("reanalyze.reanalyze", "Measure the pictures of runs again, into a new numbered result."),
+    "import": ("record.import_", "Turn folders of pictures into runs."),
+    "reanalyze": (
+        "reanalyze.reanalyze",
+        "Measure the pictures of runs again and write a new numbered result.",
+    ),
     "export": ("export.export", "Write a run as CSV, Parquet, MATLAB or MCAP, or copy its record."),
-    "design": ("design.design", "What to cut for a steering radius, by the paper and by our own search."),
-    "runs": ("runs.app", "List the runs, newest first; find, check, compare and annotate them."),
-    "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, template of the tip."),
-    "measure": ("measure.app", "Measure loose pictures."),
-    "devices": ("devices.app", "Look after the rig: check it, move its axes, stop it."),
+    "design": (
+        "design.design",
+        "Compute what to cut for a steering radius, by the paper and by our own search.",
+    ),
+    "runs": ("runs.app", "List the runs, newest first; search, check, compare and annotate them."),
+    "calibrate": ("calibrate.app", "Calibrate the camera: intrinsics, plane map, tip template."),
+    "measure": ("measure.app", "Measure pictures that belong to no run."),
+    "devices": ("devices.app", "Check the rig, move its axes, stop it."),
 }
-"""Each command: its file and function, or group of commands, and its help, in the order of the list of commands.
+"""Each command with its file and function (or group of commands) and its help, in the order of `labrig --help`.
 
-The file of the command that is asked for is imported alone, so that it starts sooner, and none for the list.
+Only the file of the given command is imported, so that it starts sooner; the list of commands imports none.
 """
 
 
@@ -54,16 +60,14 @@ def _print_version(wanted: bool) -> None:
 def _root(
     _version: Annotated[
         bool,
-        typer.Option(
-            "--version", help="Print the version and leave.", callback=_print_version, is_eager=True
-        ),
+        typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
     pass
 
 
-def _app(arguments: Sequence[str]) -> typer.Typer:
-    """Return `labrig` with the command that the arguments name; of the others their help is there."""
+def _make_app(arguments: Sequence[str]) -> typer.Typer:
+    """Return `labrig` with the command that the arguments name; of the other commands it has only the help."""
     app = typer.Typer(
         name="labrig",
         help="Run needle-steering experiments from protocol files, keep a record of everything, and write the report.",
@@ -76,7 +80,7 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
     app.callback()(_root)
     named = next((word for word in arguments if not word.startswith("-")), None)
     for name, (place, text) in COMMANDS.items():
-        command = _command(place) if name == named else _not_asked_for
+        command = _import_command(place) if name == named else _unused
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name, help=text)
         else:
@@ -84,54 +88,54 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
     return app
 
 
-def _command(place: str) -> Callable[..., object]:
+def _import_command(place: str) -> Callable[..., object]:
     file, name = place.split(".")
     command: Callable[..., object] = getattr(importlib.import_module(f"labrig.cli.{file}"), name)
     return command
 
 
-def _not_asked_for() -> None:
-    """Stand for a command in the list of commands."""
+def _unused() -> None:
+    """Take the place of a command that is not imported."""
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code: 0, 1, 2, 3, 4 or 130, as README lists them."""
+    """Run a command line and return its exit code: 0, 1, 2, 3, 4 or 130, as listed in README."""
     try:
         with raise_on_signals():
             return _invoke(arguments)
     except Interruption as interruption:
         failure: LabrigError = InterruptedRunError(f"interrupted by {interruption}")
     except typer.TyperException as error:
-        failure = InputError(error.format_message(), _help_of(arguments))
+        failure = InputError(error.format_message(), _hint_at_help(arguments))
     except LabrigError as error:
         failure = error
     except OSError as error:
-        failure = _machine_failure(error)
-    if failure.message:  # empty where no command was named: its help has been printed
+        failure = _make_disk_error(error)
+    if failure.message:  # empty if no command was given: its help has been printed
         print_failure(failure, "--json" in arguments)
     return failure.exit_code
 
 
 def _invoke(arguments: Sequence[str]) -> int:
     try:
-        status = _app(arguments)(args=list(arguments), standalone_mode=False)
+        status = _make_app(arguments)(args=list(arguments), standalone_mode=False)
     except typer.Exit as leaving:
         return leaving.exit_code
     except SystemExit:
-        # typer's answer to a reader of our output that has gone, as in `labrig runs | head`: nothing is wrong.
+        # typer exits if the reader of our output has gone, as in `labrig runs | head`: nothing is wrong.
         return 0
     return status if isinstance(status, int) else 0
 
 
-def _help_of(arguments: Sequence[str]) -> str:
-    """Return the command that shows how the one that was mistyped is used."""
+def _hint_at_help(arguments: Sequence[str]) -> str:
+    """Return the command that prints the help of the mistyped command."""
     words = list(itertools.takewhile(lambda word: not word.startswith("-"), arguments))
     place, _ = COMMANDS.get(words[0], ("", "")) if words else ("", "")
-    known = words[: 1 + place.endswith(".app")] if place else []
-    return " ".join(["see: labrig", *known, "--help"])
+    command = words[: 1 + place.endswith(".app")] if place else []
+    return " ".join(["see: labrig", *command, "--help"])
 
 
-def _machine_failure(error: OSError) -> DiskError:
-    """Turn what the operating system refused into a sentence; it names the file where there is one."""
+def _make_disk_error(error: OSError) -> DiskError:
+    """Return an error of the operating system as a sentence that names the file, if there is one."""
     what = f"{error.filename}: " if error.filename else ""
     return DiskError(f"{what}{error.strerror or error}", "check free space and permissions")

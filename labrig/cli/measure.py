@@ -1,4 +1,4 @@
-"""`labrig measure`: what loose pictures say."""
+"""`labrig measure`: measures pictures that belong to no run."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +29,7 @@ def _measure() -> None:
     pass
 
 
-@app.command("curvature", help="Shaft, tip and radius of curvature in each picture.")
+@app.command("curvature", help="Measure shaft, tip and radius of curvature in each picture.")
 def curvature(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures of a needle.")],
     intrinsics: IntrinsicsOption = None,
@@ -39,8 +39,8 @@ def curvature(
     insertion: OptionalInsertion = None,
     needle_diameter_mm: NeedleDiameterOption = DEFAULT_NEEDLE_DIAMETER_MM,
     sheath_diameter_mm: SheathDiameterOption = None,
-    window_start_mm: Annotated[float, typer.Option(help="Arc length left off behind the sheath.")] = 4.0,
-    window_end_mm: Annotated[float, typer.Option(help="Arc length left off at the tip.")] = 2.0,
+    window_start_mm: Annotated[float, typer.Option(help="Arc length left out behind the sheath.")] = 4.0,
+    window_end_mm: Annotated[float, typer.Option(help="Arc length left out before the tip.")] = 2.0,
     mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
@@ -72,23 +72,26 @@ def curvature(
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
-@app.command("tip", help="The needle's tip in each picture, by a template.")
+@app.command("tip", help="Find the needle's tip in each picture by a template.")
 def tip(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Pictures of a needle.")],
     template: Annotated[
-        Path, typer.Option(metavar="FILE", help="Picture of a tip, with a JSON of the same name beside it.")
+        Path,
+        typer.Option(metavar="FILE", help="Picture of a tip; a JSON file of the same name is beside it."),
     ],
     heading_deg: Annotated[
         float | None,
         typer.Option(
-            help="The needle's heading, within 7 degrees. Default: every heading is tried.",
+            help="Heading of the needle, within 7 degrees. Default: try all headings.",
             show_default=False,
         ),
     ] = None,
     near_px: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            metavar="U V", help="Where the tip is about. Default: the whole picture.", show_default=False
+            metavar="U V",
+            help="Approximate place of the tip. Default: search the whole picture.",
+            show_default=False,
         ),
     ] = None,
     region_px: Annotated[float, typer.Option(help="Side of the square around --near-px.")] = 120.0,
@@ -102,7 +105,7 @@ def tip(
 ) -> int:
     """Exit with 0 when the tip was found in every picture, 1 otherwise, 2 when no picture could be used."""
     from labrig.cli.mapping import plane_map
-    from labrig.cli.tips import TipSearch, search_tip
+    from labrig.cli.tip_search import TipSearch, search_tip
     from labrig.vision.mask import load_mask
     from labrig.vision.template_file import load_template
 

@@ -1,4 +1,4 @@
-"""What to do next about runs that were never closed, in a line each."""
+"""What to do about runs that were never closed."""
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,38 +12,38 @@ from labrig.record.lock import read_lock_owner
 from labrig.record.manifest import read_manifest
 
 MOST = 3
-"""How many are told; the others stand in the list as `incomplete`."""
+"""How many of them are explained; the others are only listed as `incomplete`."""
 
 _WITHDRAWAL = "withdrawal"
 
 
-def next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
-    """Yield for each run that was never closed who is writing it, or what goes on with it or closes it."""
-    open_runs = [one for one in listed if one.exit_status == "incomplete"]
-    yield from (_next_step(one) for one in open_runs[:MOST])
+def list_next_steps(listed: Sequence[RunSummary]) -> Iterator[str]:
+    """Yield for each run that was never closed who writes it, or the command that continues or closes it."""
+    open_runs = [run for run in listed if run.exit_status == "incomplete"]
+    yield from (_find_next_step(run) for run in open_runs[:MOST])
     if len(open_runs) > MOST:
         yield f"... and {len(open_runs) - MOST} more are incomplete: labrig runs --where exit_status=incomplete"
 
 
-def _next_step(one: RunSummary) -> str:
-    owner = read_lock_owner(run_lock(one.run))
+def _find_next_step(summary: RunSummary) -> str:
+    owner = read_lock_owner(run_lock(summary.run))
     if owner is not None:
-        return f"{one.run.name} is going on: {owner}"
-    place = shlex.quote(str(one.run))
-    if can_resume(one.protocol):
-        return f"{one.run.name} was interrupted; go on with it: labrig resume {place}"
+        return f"{summary.run.name} is going on: {owner}"
+    place = shlex.quote(str(summary.run))
+    if can_resume(summary.protocol):
+        return f"{summary.run.name} was interrupted; continue it: labrig resume {place}"
     close = f"labrig runs check {place} --repair"
-    if not _may_leave_a_needle(one.protocol) or _is_simulated(one.run):
-        return f"{one.run.name} was interrupted; close it: {close}"
+    if not _may_leave_a_needle(summary.protocol) or _is_simulated(summary.run):
+        return f"{summary.run.name} was interrupted; close it: {close}"
     withdraw = f"labrig devices withdraw --rig FILE --run {place}"
     return (
-        f"{one.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
+        f"{summary.run.name} was interrupted; take out a needle that is still in tissue: {withdraw}\n"
         f"  then close it: {close}"
     )
 
 
 def _is_simulated(run: Path) -> bool:
-    """Return whether a run was made on a simulated rig, whose gel is new whenever it is opened."""
+    """Return whether a run was made on a simulated rig, which has new gel whenever it is opened."""
     try:
         devices = read_manifest(run).get("devices")
     except RecordError:
@@ -52,18 +52,18 @@ def _is_simulated(run: Path) -> bool:
 
 
 def can_resume(experiment: str | None) -> bool:
-    """Return whether an interrupted run of an experiment can be continued; not where it is not installed."""
-    found = _installed(experiment)
+    """Return whether an interrupted run of an experiment can be continued; the experiment must be installed."""
+    found = _find_installed(experiment)
     return found is not None and found.declaration.resume is not None
 
 
 def _may_leave_a_needle(experiment: str | None) -> bool:
-    """Return whether a needle may be in tissue; of an experiment that is not installed nobody knows."""
-    found = _installed(experiment)
+    """Return whether a needle may be in tissue; it may if the experiment is not installed."""
+    found = _find_installed(experiment)
     return experiment == _WITHDRAWAL or found is None or found.declaration.puts_needle_in_tissue
 
 
-def _installed(experiment: str | None) -> Any:
+def _find_installed(experiment: str | None) -> Any:
     from labrig.experiments.declared import find_declared
 
     try:

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the files that they stand for."""
+"""Options that several commands share, and the files that they name."""
 
 import os
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ RigOption = Annotated[
 ]
 
 
-def _local(folder: Path) -> Path:
+def _require_local_folder(folder: Path) -> Path:
     """Refuse a URL: a live run writes on the local disk."""
     if ":" in str(folder):
         from labrig.record.urls import require_local
@@ -33,53 +33,55 @@ def _local(folder: Path) -> Path:
 
 RunsDirOption = Annotated[
     Path,
-    typer.Option("--runs-dir", metavar="DIR", help="Folder that holds the runs.", callback=_local),
+    typer.Option(
+        "--runs-dir", metavar="DIR", help="Folder that holds the runs.", callback=_require_local_folder
+    ),
 ]
 
 
-def _found(run: Path) -> Path:
-    """Return the folder of a run that is given as one, or by its name in data/runs, as `labrig runs` lists it."""
+def _find_run(run: Path) -> Path:
+    """Return the folder of a run that is given by its folder or by its name in data/runs."""
     named = DEFAULT_RUNS_DIR / run
     return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
 
 
-def _all_found(runs: list[Path]) -> list[Path]:
-    return [_found(run) for run in runs]
+def _find_all(runs: list[Path]) -> list[Path]:
+    return [_find_run(run) for run in runs]
 
 
-def _found_here(run: Path) -> Path:
+def _find_local(run: Path) -> Path:
     """Refuse a URL: this command writes into the run."""
     if ":" in str(run):
         from labrig.record.urls import require_local_run
 
         require_local_run(run)
-    return _found(run)
+    return _find_run(run)
 
 
-def _all_found_here(runs: list[Path]) -> list[Path]:
-    return [_found_here(run) for run in runs]
+def _find_all_local(runs: list[Path]) -> list[Path]:
+    return [_find_local(run) for run in runs]
 
 
 RunArgument = Annotated[
     Path,
     typer.Argument(
-        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_found
+        metavar="RUN", help="Folder of a run, its name in data/runs, or its URL.", callback=_find_run
     ),
 ]
 RunsArgument = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RUN...", help="Folders of runs, their names in data/runs, or URLs.", callback=_all_found
+        metavar="RUN...", help="Folders of runs, their names in data/runs, or URLs.", callback=_find_all
     ),
 ]
 LocalRunArgument = Annotated[
     Path,
-    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_found_here),
+    typer.Argument(metavar="RUN", help="Folder of a run, or its name in data/runs.", callback=_find_local),
 ]
 LocalRunsArgument = Annotated[
     list[Path],
     typer.Argument(
-        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_all_found_here
+        metavar="RUN...", help="Folders of runs, or their names in data/runs.", callback=_find_all_local
     ),
 ]
 SetOption = Annotated[
@@ -87,7 +89,7 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Override a value of the protocol, or with the prefix rig. of the rig file; repeatable.",
+        help="Override a value of the protocol, or of the rig file with the prefix rig.; repeatable.",
         show_default=False,
     ),
 ]
@@ -100,19 +102,19 @@ MaskOption = Annotated[
     typer.Option(
         "--mask",
         metavar="FILE",
-        help="Pixels that are not the needle: a picture, white there, or polygons as JSON.",
+        help="Pixels that are not the needle: a picture that is white there, or polygons as JSON.",
         show_default=False,
     ),
 ]
 
 InsertionOption = Annotated[
     Literal["right", "left", "up", "down"],
-    typer.Option("--insertion", help="Where the insertion points in the picture."),
+    typer.Option("--insertion", help="Direction of the insertion in the picture."),
 ]
 OptionalInsertion = Annotated[
     Literal["right", "left", "up", "down"] | None,
     typer.Option(
-        "--insertion", help="Where the insertion points in the picture; with --px-per-mm.", show_default=False
+        "--insertion", help="Direction of the insertion in the picture; with --px-per-mm.", show_default=False
     ),
 ]
 
@@ -137,7 +139,7 @@ SheathDiameterOption = Annotated[
     float | None,
     typer.Option(
         "--sheath-diameter-mm",
-        help="Outer diameter of the sheath, where one is in the picture.",
+        help="Outer diameter of the sheath, if it is in the picture.",
         show_default=False,
     ),
 ]
@@ -148,10 +150,10 @@ SIMULATED_RIG = Path("calibration/rig-simulated.yaml")
 _RIG_PREFIX = "rig."
 
 
-def rig_file(given: Path | None, protocol: Path | None = None) -> Path:
-    """Return the rig file: the one given, $LABRIG_RIG, or the simulated rig of this checkout.
+def find_rig_file(given: Path | None, protocol: Path | None = None) -> Path:
+    """Return the rig file: the given file, $LABRIG_RIG, or the simulated rig of this checkout.
 
-    The simulated rig is looked for below the working folder, then beside the folder of the protocol.
+    The simulated rig is searched for below the working folder, then beside the folder of the protocol.
     """
     if given is not None:
         return given
@@ -167,20 +169,20 @@ def rig_file(given: Path | None, protocol: Path | None = None) -> Path:
 
 
 @contextmanager
-def rig_settings_as_typed() -> Iterator[None]:
-    """Tell faults of rig overrides as they were typed, with the prefix that `split_overrides` took off."""
+def restore_rig_prefix() -> Iterator[None]:
+    """Report faults of rig overrides as they were typed, with the prefix that `split_overrides` removed."""
     try:
         yield
     except FileFormatError as error:
         typed = (
-            replace(one, where=one.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
-            for one in error.problems
+            replace(problem, where=problem.where.replace("--set ", f"--set {_RIG_PREFIX}", 1))
+            for problem in error.problems
         )
         raise FileFormatError(tuple(typed)) from error
 
 
 def split_overrides(settings: list[str] | None) -> tuple[list[str], list[str]]:
-    """Split `--set` values into those of the protocol and those of the rig file (prefix `rig.`, taken off)."""
+    """Split `--set` values into those of the protocol and those of the rig file, without the prefix `rig.`."""
     given = settings or []
     rig = [setting.removeprefix(_RIG_PREFIX) for setting in given if setting.startswith(_RIG_PREFIX)]
     return [setting for setting in given if not setting.startswith(_RIG_PREFIX)], rig

@@ -1,4 +1,4 @@
-"""How results and failures are printed: one JSON document or a text for people, and errors with their hints."""
+"""Prints results and failures: a JSON document or text for people, and errors with their hints."""
 
 import io
 import json
@@ -18,17 +18,17 @@ from labrig.errors import FileFormatError, LabrigError, fault_of
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 
 
-# What moves the cursor, colours, renames the window or turns the direction of writing, and half characters of names
-# that are no UTF-8. A tab and the end of a line stay.
+# Characters that move the cursor, change colours, rename the window or turn the direction of writing, and the halves
+# of characters in names that are not UTF-8. Tabs and line ends stay.
 _CONTROLS = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 
 
-def plain(text: str) -> str:
-    r"""Return a text as a terminal may have it: control characters are written out, as `\x1b`.
+def escape_controls(text: str) -> str:
+    r"""Return a text with its control characters written out, as `\x1b`.
 
-    Titles, notes, tags and the names of folders come from others, and would otherwise speak to the terminal.
+    Titles, notes, tags and names of folders come from other people and could otherwise control the terminal.
     """
     if text.isprintable():
         return text
@@ -36,12 +36,12 @@ def plain(text: str) -> str:
 
 
 def print_line(text: str) -> None:
-    """Print a line of an answer on standard output."""
-    typer.echo(plain(text))
+    """Print a line of a result on standard output."""
+    typer.echo(escape_controls(text))
 
 
 def print_json(document: object) -> None:
-    """Print one JSON document; what is unknown or infinite has been made null before."""
+    """Print one JSON document, in which unknown and infinite values are null already."""
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     typer.echo(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
@@ -50,11 +50,11 @@ _UNKNOWN = "-"
 _INDENT = "  "
 
 
-class Talk(io.TextIOBase):
-    """Standard error as far as it still has a reader.
+class SafeStandardError(io.TextIOBase):
+    """Standard error without errors if its reader has gone.
 
-    Progress and remarks must not end a run with a needle in tissue because a log, a pipe or a terminal has gone. It is
-    standard error as it stands now: a bar puts itself in its place, and what the bar writes must not come back to it.
+    A log, a pipe or a terminal that has gone must not end a run with a needle in tissue. The stream is fixed when this
+    is made: a progress bar takes the place of `sys.stderr`, and what the bar writes must not come back to it.
     """
 
     def __init__(self) -> None:
@@ -62,34 +62,34 @@ class Talk(io.TextIOBase):
         self._stream = sys.stderr
 
     def write(self, text: str) -> int:
-        """Write what can be written."""
+        """Write, and ignore errors."""
         with suppress(OSError):
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Flush what can be flushed."""
+        """Flush, and ignore errors."""
         with suppress(OSError):
             self._stream.flush()
 
     def isatty(self) -> bool:
-        """Return whether a person looks at it."""
+        """Return whether it is a terminal."""
         return self._stream.isatty()
 
     def fileno(self) -> int:
-        """Return the descriptor, by which a terminal's width is asked."""
+        """Return the descriptor, from which the width of a terminal is read."""
         return self._stream.fileno()
 
 
 def say(text: str) -> None:
-    """Say something to the person at the terminal, on standard error."""
-    talk = Talk()
-    talk.write(f"{plain(text)}\n")
-    talk.flush()
+    """Print a message for the person at the terminal on standard error."""
+    stream = SafeStandardError()
+    stream.write(f"{escape_controls(text)}\n")
+    stream.flush()
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
-    """Return the JSON form of a failure: type, message and hint; of bus and drives also what fault it is."""
+    """Return a failure as JSON: type, message and hint; for bus and drives also the fault."""
     document: dict[str, object] = {
         "type": type(error).__name__,
         "message": error.message,
@@ -100,9 +100,9 @@ def failure_document(error: LabrigError) -> dict[str, object]:
 
 
 def print_failure(error: LabrigError, as_json: bool) -> None:
-    """Print a failure: for people on standard error, and under --json as the document on standard output too."""
+    """Print a failure for people on standard error, and with --json also as a document on standard output."""
     if as_json:
-        # Where standard output is what failed, standard error says it alone.
+        # If standard output itself failed, standard error alone has the message.
         with suppress(OSError):
             print_json({"error": failure_document(error)})
     for line in failure_lines(error):
@@ -110,7 +110,7 @@ def print_failure(error: LabrigError, as_json: bool) -> None:
 
 
 def failure_lines(error: LabrigError) -> list[str]:
-    """Return the lines that tell a person of a failure: each problem, and under it what to do."""
+    """Return the lines that report a failure: each problem, and under it what to do."""
     if not isinstance(error, FileFormatError):
         return [f"error: {error.message}", *([f"hint: {error.hint}"] if error.hint else [])]
     lines = []
@@ -121,21 +121,21 @@ def failure_lines(error: LabrigError) -> list[str]:
     return lines
 
 
-def tell_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
-    """Print checks (`status`, `check`, `value`, `solution`, perhaps `axis`), and return 1 where one failed."""
+def print_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
+    """Print checks (`status`, `check`, `value`, `solution`, perhaps `axis`), and return 1 if a check failed."""
     if as_json:
         print_json(checks)
     else:
-        for one in checks:
-            axis = f"{one['axis']} " if "axis" in one else ""
-            tell(f"{one['status']:4}  {axis}{one['check']}: {one['value']}", 6)
-            if one["solution"]:
-                tell(f"      {one['solution']}", 6)
-    return 1 if any(one["status"] == "FAIL" for one in checks) else 0
+        for check in checks:
+            axis = f"{check['axis']} " if "axis" in check else ""
+            print_wrapped(f"{check['status']:4}  {axis}{check['check']}: {check['value']}", 6)
+            if check["solution"]:
+                print_wrapped(f"      {check['solution']}", 6)
+    return 1 if any(check["status"] == "FAIL" for check in checks) else 0
 
 
-def tell(text: str, indent: int = 2) -> None:
-    """Print a sentence; a terminal has it folded between words, with all lines but the first indented."""
+def print_wrapped(text: str, indent: int = 2) -> None:
+    """Print a sentence; on a terminal it is wrapped between words, with all lines but the first indented."""
     for line in text.splitlines() or [""]:
         wrapped = textwrap.wrap(
             line,
@@ -150,17 +150,17 @@ def tell(text: str, indent: int = 2) -> None:
 def print_table(
     heads: Sequence[str], rows: Sequence[Sequence[object]], under: Sequence[str] | None = None
 ) -> None:
-    """Print a table that fits the terminal; where it is too narrow, a block of `head: value` a row.
+    """Print a table; if the terminal is too narrow for it, print a block of `head: value` for each row.
 
     Parameters
     ----------
     under : sequence of str or None
-        A line to put below each row; an empty one is left out.
+        A line to put below each row; empty lines are left out.
     """
-    cells = [[_cell(value) for value in row] for row in rows]
+    cells = [[_format_cell(value) for value in row] for row in rows]
     below = under or [""] * len(rows)
-    widths = _widths(heads, cells)
-    if _wide(widths) > _terminal_columns():
+    widths = _measure_columns(heads, cells)
+    if _measure_table(widths) > _terminal_columns():
         for row, line in zip(cells, below, strict=True):
             _print_block(heads, row, line)
         return
@@ -171,46 +171,46 @@ def print_table(
     lines: list[str] = []
     for cells_of_row, line in zip((heads, *cells), ("", *below), strict=True):
         padded = [pad(cell, width) for pad, cell, width in zip(pads, cells_of_row, widths, strict=True)]
-        lines += ["  ".join(padded).rstrip(), *_under(line)]
-    print_line("\n".join(lines))  # at once: thousands of runs are listed
+        lines += ["  ".join(padded).rstrip(), *_wrap_remark(line)]
+    print_line("\n".join(lines))  # one call: there may be thousands of rows
 
 
-def fits(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
-    """Return whether a table is no wider than the terminal; what is no terminal takes every table."""
+def fits_terminal(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> bool:
+    """Return whether a table is no wider than the terminal; without a terminal every table fits."""
     if not sys.stdout.isatty():
         return True
-    cells = [[_cell(value) for value in row] for row in rows]
-    return _wide(_widths(heads, cells)) <= _terminal_columns()
+    cells = [[_format_cell(value) for value in row] for row in rows]
+    return _measure_table(_measure_columns(heads, cells)) <= _terminal_columns()
 
 
-def _widths(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
+def _measure_columns(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
     return [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
 
 
-def _wide(widths: Sequence[int]) -> int:
+def _measure_table(widths: Sequence[int]) -> int:
     return sum(widths) + 2 * (len(widths) - 1)
 
 
 def _print_block(heads: Sequence[str], row: Sequence[str], under: str) -> None:
-    """Print the first cell, and the others with their heads on as few lines as the terminal allows."""
+    """Print the first cell, then the others with their heads on as few lines as possible."""
     print_line(f"{heads[0]}: {row[0]}" if heads[0] else row[0])
     others = [f"{head}: {cell}" for head, cell in zip(heads[1:], row[1:], strict=True) if cell != _UNKNOWN]
     width = _terminal_columns() - len(_INDENT)
     line = ""
-    for one in others:
-        joined = f"{line}  {one}" if line else one
+    for cell in others:
+        joined = f"{line}  {cell}" if line else cell
         if line and len(joined) > width:
             print_line(_INDENT + line)
-            joined = one
+            joined = cell
         line = joined
     if line:
         print_line(_INDENT + line)
-    for line in _under(under):
+    for line in _wrap_remark(under):
         print_line(line)
 
 
-def _under(line: str) -> list[str]:
-    """Return a remark on a row as lines to put below it."""
+def _wrap_remark(line: str) -> list[str]:
+    """Return a remark on a row as the lines to print below it."""
     if not line:
         return []
     return [_INDENT + part for part in textwrap.wrap(line, max(_terminal_columns() - len(_INDENT), 20))]
@@ -220,16 +220,16 @@ def _terminal_columns() -> int:
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else 1_000_000
 
 
-def _cell(value: object) -> str:
+def _format_cell(value: object) -> str:
     if value is None:
         return _UNKNOWN
     return (
         f"{value:.3f}"
         if isinstance(value, float)
-        else plain(str(value)).replace("\n", " ").replace("\t", " ")
+        else escape_controls(str(value)).replace("\n", " ").replace("\t", " ")
     )
 
 
 def plural(count: int, noun: str) -> str:
-    """Return the count with its noun, in the plural where it needs one."""
+    """Return the count with its noun, in the plural if needed."""
     return f"{count} {noun}" + ("" if count == 1 else "s")

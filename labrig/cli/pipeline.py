@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig.cli.analyze import analyze
-from labrig.cli.finished import Finished
+from labrig.cli.finished_run import FinishedRun
 from labrig.cli.output import say
 from labrig.cli.progress import Reporter, progress
 from labrig.cli.rigs import rig_for_person
@@ -62,7 +62,7 @@ class Recorded:
     can_resume: bool = False
 
 
-def perform(order: Order) -> Finished:
+def perform(order: Order) -> FinishedRun:
     """Carry out an order.
 
     Raises
@@ -84,11 +84,11 @@ def perform(order: Order) -> Finished:
     return conclude(_record(order, plan, needs.work), order.command_line)
 
 
-def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
+def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> FinishedRun:
     """Measure what was recorded and write the report, where the run came to its end."""
     path, outcome = recorded.path, recorded.outcome
     if outcome.error is not None and not _has_an_answer(outcome.error):
-        return Finished(
+        return FinishedRun(
             path,
             outcome.exit_status,
             outcome.reason,
@@ -110,8 +110,8 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> Finished:
     except Interruption as interruption:
         return _unmeasured(path, str(interruption))
     except AnswerIsNoError as error:
-        return Finished(path, outcome.exit_status, error.message, None, None, error, "")
-    return Finished(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
+        return FinishedRun(path, outcome.exit_status, error.message, None, None, error, "")
+    return FinishedRun(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
 
 
 def _has_an_answer(error: LabrigError) -> bool:
@@ -119,10 +119,10 @@ def _has_an_answer(error: LabrigError) -> bool:
     return isinstance(error, TargetMissedError) and error.inserted
 
 
-def _unmeasured(path: Path, signal_name: str) -> Finished:
+def _unmeasured(path: Path, signal_name: str) -> FinishedRun:
     """Return what is known of a run that came to its end and was then interrupted."""
     message = f"interrupted by {signal_name} when the run had ended; it is recorded, and was not measured"
-    return Finished(path, "success", message, None, None, InterruptedRunError(message), "")
+    return FinishedRun(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
 def _record(order: Order, plan: RunPlan, work: float) -> Recorded:

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Protocol, cast
 
-from labrig.cli.output import Talk, plain, say
+from labrig.cli.output import SafeStandardError, escape_controls, say
 from labrig.devices.clocks import SystemClock
 
 
 class Reporter(Protocol):
-    """Takes how much is done of the total, and what is being done."""
+    """Takes how much of the total is done, and what is being done."""
 
     def __call__(self, done: float, doing: str) -> None:
         """Take `done`, in the unit of the total, and a short sentence."""
@@ -19,25 +19,25 @@ class Reporter(Protocol):
 
 @contextmanager
 def progress(title: str, total: float) -> Iterator[Reporter]:
-    """Show the progress of something that takes `total` (seconds of rig time, or pictures) on standard error."""
+    """Show progress on standard error; `total` is in seconds of rig time, or in pictures."""
     if sys.stderr.isatty():
-        with _bar(title, total) as reporter:
+        with _show_bar(title, total) as reporter:
             yield reporter
     else:
         yield _PlainLines(title, total)
 
 
-_ROOM_FOR_A_BAR = 70
-"""Columns of a terminal that hold bar, times and what is being done; narrower ones have no bar."""
+_LEAST_BAR_COLUMNS = 70
+"""Columns that bar, times and description need; a narrower terminal gets no bar."""
 
 
 @contextmanager
-def _bar(title: str, total: float) -> Iterator[Reporter]:
+def _show_bar(title: str, total: float) -> Iterator[Reporter]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
 
-    console = Console(file=cast("IO[str]", Talk()))
+    console = Console(file=cast("IO[str]", SafeStandardError()))
     columns = (
         (
             TextColumn(
@@ -46,7 +46,7 @@ def _bar(title: str, total: float) -> Iterator[Reporter]:
                 table_column=Column(no_wrap=True, overflow="ellipsis"),
             ),
         )
-        if console.width < _ROOM_FOR_A_BAR
+        if console.width < _LEAST_BAR_COLUMNS
         else (
             TextColumn("{task.percentage:>3.0f} %"),
             BarColumn(bar_width=None),
@@ -57,10 +57,10 @@ def _bar(title: str, total: float) -> Iterator[Reporter]:
         )
     )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task(plain(title), total=total)
+        task = bar.add_task(escape_controls(title), total=total)
 
         def report(done: float, doing: str) -> None:
-            bar.update(task, completed=done, description=plain(doing))
+            bar.update(task, completed=done, description=escape_controls(doing))
 
         yield report
 
@@ -69,21 +69,21 @@ LEAST_PAUSE_S = 2.0
 
 
 class _PlainLines:
-    """One line at each tenth of the way, two seconds apart or more, with elapsed and remaining time."""
+    """A line at each tenth of the total, at least two seconds apart, with elapsed and remaining time."""
 
     def __init__(self, title: str, total: float) -> None:
         self._title = title
         self._total = max(total, 1e-9)
         self._clock = SystemClock()
         self._tenths = 0
-        self._said_s = 0.0
+        self._printed_s = 0.0
 
     def __call__(self, done: float, doing: str) -> None:
         fraction = min(done / self._total, 1.0)
         elapsed_s = self._clock.now_s()
-        if int(10 * fraction) <= self._tenths or elapsed_s < self._said_s + LEAST_PAUSE_S:
+        if int(10 * fraction) <= self._tenths or elapsed_s < self._printed_s + LEAST_PAUSE_S:
             return
-        self._tenths, self._said_s = int(10 * fraction), elapsed_s
+        self._tenths, self._printed_s = int(10 * fraction), elapsed_s
         remaining_s = elapsed_s * (1 - fraction) / fraction
         times = f"{elapsed_s:.0f} s elapsed, about {remaining_s:.0f} s left"
         say(f"{self._title}: {100 * fraction:3.0f} %, {times} ({doing})")

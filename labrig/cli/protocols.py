@@ -1,4 +1,4 @@
-"""`labrig check` and `labrig schema`: what a protocol says, before anything moves."""
+"""`labrig check` and `labrig schema`: what protocol and rig file hold, before anything moves."""
 
 from dataclasses import asdict
 from enum import StrEnum
@@ -15,8 +15,8 @@ from labrig.cli.output import (
     plural,
     print_json,
     print_line,
+    print_wrapped,
     say,
-    tell,
 )
 from labrig.errors import FileFormatError, Problem
 
@@ -28,7 +28,7 @@ def check(
     settings: SetOption = None,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when it can run, 1 when this rig cannot do it, 2 when a file is malformed."""
+    """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.rigs import rig_for
     from labrig.experiments.declared import PROTOCOL_MODELS
     from labrig.experiments.registry import find_experiment
@@ -37,7 +37,7 @@ def check(
     from labrig.runner.plan import estimate
 
     protocol_settings, rig_settings = split_overrides(settings)
-    faults = _tell_plugin_faults(EXPERIMENTS)
+    faults = _report_plugin_faults(EXPERIMENTS)
     try:
         loaded = load_protocol(protocol, PROTOCOL_MODELS, protocol_settings, seed)
         description = rig_for(loaded, protocol, rig, rig_settings)
@@ -49,7 +49,7 @@ def check(
         _print_check(error.problems, None, None, faults)
         return error.exit_code
     if description is not None:
-        faults += _tell_plugin_faults(DRIVES, CAMERAS)
+        faults += _report_plugin_faults(DRIVES, CAMERAS)
     experiment = find_experiment(loaded.experiment)
     experiment.require_parts()
     plan = experiment.plan(loaded, description)
@@ -58,10 +58,10 @@ def check(
     if as_json:
         _print_check(problems, needs.duration_s, needs.disk_bytes, faults)
     else:
-        _tell_problems(problems)
+        _print_problems(problems)
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
-        tell(
+        print_wrapped(
             f"{protocol} {verdict} {where}: {needs.duration_s / 60:.0f} min of motion, "
             f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
             f"{needs.disk_bytes / 1e6:.0f} MB"
@@ -69,15 +69,15 @@ def check(
     return 1 if problems else 0
 
 
-def _tell_problems(problems: tuple[Problem, ...]) -> None:
+def _print_problems(problems: tuple[Problem, ...]) -> None:
     for problem in problems:
-        tell(f"{problem.where}: {problem.message}")
+        print_wrapped(f"{problem.where}: {problem.message}")
         if problem.hint:
-            tell(f"  hint: {problem.hint}", 4)
+            print_wrapped(f"  hint: {problem.hint}", 4)
 
 
-def _tell_plugin_faults(*groups: str) -> list[dict[str, object]]:
-    """Say which plugins of these groups cannot be used, and return that for JSON; nothing else depends on them."""
+def _report_plugin_faults(*groups: str) -> list[dict[str, object]]:
+    """Report the plugins of these groups that cannot be used, and return them for JSON; nothing else needs them."""
     from labrig.cli.plugin_faults import find_plugin_faults
 
     faults = list(find_plugin_faults(*groups))
@@ -103,28 +103,30 @@ def _print_check(
     )
 
 
-class Of(StrEnum):
-    """Which schema."""
+class SchemaKind(StrEnum):
+    """A kind of file with a schema."""
 
     PROTOCOL = "protocol"
     RIG = "rig"
 
 
 def schema(
-    of: Annotated[Of, typer.Argument(metavar="[protocol|rig]", help="Which files.")] = Of.PROTOCOL,
+    of: Annotated[
+        SchemaKind, typer.Argument(metavar="[protocol|rig]", help="Kind of file.")
+    ] = SchemaKind.PROTOCOL,
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
-    """Print the schema; editors that know it complete and check the YAML files."""
+    """Print the schema, with which editors complete and check the YAML files."""
     from labrig.experiments.declared import usable_models
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
-    if of is Of.PROTOCOL:
-        _tell_plugin_faults(EXPERIMENTS)
+    if of is SchemaKind.PROTOCOL:
+        _report_plugin_faults(EXPERIMENTS)
         print_line(schema_text(protocol_schema(usable_models())).rstrip())
         return
     from labrig.devices.rig_file import rig_schema
 
-    _tell_plugin_faults(DRIVES, CAMERAS)
+    _report_plugin_faults(DRIVES, CAMERAS)
     print_line(schema_text(rig_schema()).rstrip())

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.each_run import each_run, undamaged
 from labrig.cli.options import LocalRunsArgument, MaskOption
 from labrig.cli.output import AsJson, print_line, print_table, say
+from labrig.cli.several_runs import add_damage, do_for_each_run
 from labrig.errors import LabrigError, RecordError
 
 
@@ -21,7 +21,7 @@ def reanalyze(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Override analysis.* or, of an insertion, estimator.*, planner.*, policy.*",
+            help="Override analysis.*, or for an insertion estimator.*, planner.*, policy.*; repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -44,9 +44,9 @@ def reanalyze(
         if not as_json:
             _print_old_and_new(path, old, new)
         row: dict[str, object] = {"analysis": str(new.path), "reason": _nothing_found(new.document)}
-        return undamaged(row | _compared(path, old, new.document, as_json), new.document["damage"])
+        return add_damage(row | _compared(path, old, new.document, as_json), new.document["damage"])
 
-    return each_run(run_paths, one, as_json, key="analysis")
+    return do_for_each_run(run_paths, one, as_json, key="analysis")
 
 
 def _parent(path: Path, number: int | None) -> Any:

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import tell_damage
-from labrig.cli.each_run import each_run, undamaged
+from labrig.cli.damage import report_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
@@ -24,6 +23,7 @@ from labrig.cli.options import (
     SheathDiameterOption,
 )
 from labrig.cli.output import AsJson, print_json, print_line, say
+from labrig.cli.several_runs import add_damage, do_for_each_run
 from labrig.errors import InputError, RecordError
 
 
@@ -38,9 +38,9 @@ def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
         page = write_page(loaded, result_of(loaded))
         if not as_json:
             print_line(str(page))
-        return undamaged({"report": str(page), "reason": None}, loaded.damage)
+        return add_damage({"report": str(page), "reason": None}, loaded.damage)
 
-    return each_run(run_paths, one, as_json, key="report")
+    return do_for_each_run(run_paths, one, as_json, key="report")
 
 
 def view(
@@ -65,7 +65,7 @@ def view(
         say(f"note: {error.message}; the record is shown without what it adds")
         added = NO_VIEW
     path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), added)
-    damage = tell_damage(run.damage)
+    damage = report_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})
     else:

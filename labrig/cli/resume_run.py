@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from labrig.cli.finished import Finished
+from labrig.cli.finished_run import FinishedRun
 from labrig.cli.output import say
 from labrig.cli.pipeline import Recorded, conclude, record_on_rig
 from labrig.cli.progress import Reporter
@@ -51,7 +51,7 @@ class Continuation:
 
 def resume_run(
     path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...]
-) -> Finished:
+) -> FinishedRun:
     """Make the insertions that are left of a run, measure it and write its report.
 
     Raises

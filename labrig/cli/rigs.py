@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from labrig.cli.options import rig_file, rig_settings_as_typed
+from labrig.cli.options import find_rig_file, restore_rig_prefix
 from labrig.cli.output import say
-from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote, note_signals
+from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.rig import Opening, Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
@@ -89,7 +89,7 @@ def rig_for(
                 f"the experiment {experiment.name} moves no rig", "leave out --rig and --set rig.*"
             )
         return None
-    with rig_settings_as_typed():
-        rig = load_rig(rig_file(given, protocol_file), overrides)
+    with restore_rig_prefix():
+        rig = load_rig(find_rig_file(given, protocol_file), overrides)
     needle = getattr(protocol, "needle", None)
     return rig.with_needle(needle) if isinstance(needle, Needle) else rig

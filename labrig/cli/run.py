@@ -1,4 +1,4 @@
-"""`labrig run` and `labrig resume`: a protocol, on a rig where it needs one, from the file to the report."""
+"""`labrig run` and `labrig resume`: run a protocol, on a rig if it needs one, and write the report."""
 
 import sys
 from pathlib import Path
@@ -27,19 +27,19 @@ def run(
         typer.Option(
             "--run-name",
             metavar="NAME",
-            help="Folder of the run. Default: UTC time and experiment.",
+            help="Name of the run's folder. Default: UTC time and experiment.",
             show_default=False,
         ),
     ] = None,
     seed: SeedOption = None,
     settings: SetOption = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Ask nothing on a simulated rig; never answers on a real one.")
+        bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when it succeeded; the record is kept whatever happens."""
-    from labrig.cli.finished import tell
+    """Exit with 0 when the run succeeded; the record is kept whatever happens."""
+    from labrig.cli.finished_run import print_finished
     from labrig.cli.pipeline import Order, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
@@ -53,23 +53,23 @@ def run(
     command_line = tuple(map(mask_passwords, sys.argv))
     named = sources.named(loaded)
     order = Order(experiment, loaded, description, runs_dir, run_name, command_line, named)
-    return tell(perform(order), experiment, as_json)
+    return print_finished(perform(order), experiment, as_json)
 
 
 def resume(
     run_path: LocalRunArgument,
     protocol: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Protocol file, where it has moved since.", show_default=False),
+        typer.Option(metavar="FILE", help="Protocol file, if it has moved since.", show_default=False),
     ] = None,
     rig: RigOption = None,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than the run began with."""
-    from labrig.cli.finished import tell
+    """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
+    from labrig.cli.finished_run import print_finished
     from labrig.cli.resume_run import resume_run
     from labrig.experiments.registry import experiment_of
     from labrig.record.reader import open_run
 
     finished = resume_run(run_path, protocol, rig, tuple(sys.argv))
-    return tell(finished, experiment_of(open_run(run_path)), as_json)
+    return print_finished(finished, experiment_of(open_run(run_path)), as_json)

@@ -1,4 +1,4 @@
-"""`labrig runs`: the folder of runs as a catalogue; without a further word it lists them."""
+"""`labrig runs`: lists, searches, compares and annotates the runs of a folder."""
 
 import gc
 import getpass
@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.damage import Damaged, tell_damage
-from labrig.cli.next_steps import next_steps
+from labrig.cli.damage import OpenedRun, report_damage
+from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
     LocalRunArgument,
@@ -20,7 +20,7 @@ from labrig.cli.options import (
     RunArgument,
     RunsDirOption,
 )
-from labrig.cli.output import AsJson, fits, print_json, print_line, print_table, say
+from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.runs_check import check
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
@@ -30,12 +30,12 @@ from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 app = typer.Typer()
 
 
-app.command("check", help="Verify hashes, checksums and structure of runs, and say what is lost.")(check)
+app.command("check", help="Verify hashes, checksums and structure of runs, and report what is lost.")(check)
 
 ByOption = Annotated[
     str | None,
     typer.Option(
-        "--by", metavar="NAME", help="Who says so. Default: the account's name.", show_default=False
+        "--by", metavar="NAME", help="Name of the author. Default: the account's name.", show_default=False
     ),
 ]
 
@@ -52,15 +52,15 @@ def list_(
         str | None,
         typer.Option(
             metavar="CONDITION",
-            help='Only those that fit, such as "gelatin_percent=13 and exit_status=success"; = != < <= > >= ~ '
-            "(contains), and, or, not, brackets.",
+            help='List only runs that fit, such as "gelatin_percent=13 and exit_status=success". '
+            "Operators: = != < <= > >= ~ (contains), and, or, not, brackets.",
             show_default=False,
         ),
     ] = None,
     sort: Annotated[
         str | None, typer.Option(metavar="FIELD", help="Sort by a field, smallest first.", show_default=False)
     ] = None,
-    reverse: Annotated[bool, typer.Option("--reverse", help="Turn the order round.")] = False,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Reverse the order.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """List every run of a folder that fits, damaged ones too."""
@@ -74,7 +74,7 @@ def list_(
         print_json([_row(run) for run in found])
     elif found:
         _print_runs(found)
-        for line in next_steps([run.summary for run in found]):
+        for line in list_next_steps([run.summary for run in found]):
             say(line)
     elif where is not None and list_runs(runs_dir):
         say("no run fits")
@@ -112,7 +112,7 @@ def _print_runs(found: Sequence[FoundRun]) -> None:
     wanted = [column for column in range(len(_SAID)) if any(cells[column] for cells in said)]
     wide_heads = [*heads, *(_SAID[column] for column in wanted)]
     wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, said, strict=True)]
-    if not wanted or fits(wide_heads, wide):
+    if not wanted or fits_terminal(wide_heads, wide):
         print_table(wide_heads, wide)
     else:
         print_table(heads, rows, [_said_line(cells) for cells in said])
@@ -139,11 +139,11 @@ def _values(values: Sequence[object]) -> object:
     return values[0] if len(values) == 1 else ", ".join(str(value) for value in values) or None
 
 
-@app.command("tag", help="Put a tag on runs, or take it off with --remove.")
+@app.command("tag", help="Add a tag to runs, or remove it with --remove.")
 def tag(
     runs: LocalRunsArgument,
     tags: Annotated[list[str], typer.Option("--tag", "-t", metavar="TAG", help="The tag; repeatable.")],
-    remove: Annotated[bool, typer.Option("--remove", help="Take it off.")] = False,
+    remove: Annotated[bool, typer.Option("--remove", help="Remove the tag.")] = False,
     by: ByOption = None,
     as_json: AsJson = False,
 ) -> None:
@@ -161,7 +161,7 @@ def tag(
 
 @app.command(
     "note",
-    help="Add a note, revise one with --revise; without TEXT print all with their history.",
+    help="Add a note, or revise one with --revise; without TEXT print all notes with their history.",
 )
 def note(
     run: RunArgument,
@@ -169,7 +169,7 @@ def note(
         str | None, typer.Argument(metavar="[TEXT]", help="The note.", show_default=False)
     ] = None,
     revise: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of the note to write anew.", show_default=False)
+        int | None, typer.Option(metavar="N", help="Number of the note to revise.", show_default=False)
     ] = None,
     by: ByOption = None,
     as_json: AsJson = False,
@@ -193,13 +193,13 @@ def note(
         print_line(f"{one.note}.{one.revision}  {one.at}  {one.by}: {text}")
 
 
-@app.command("verdict", help="Say whether a run is to be trusted; the last word counts.")
+@app.command("verdict", help="State whether a run can be trusted; the last verdict counts.")
 def verdict(
     run: LocalRunArgument,
     judgement: Annotated[
         Literal["good", "doubtful", "bad"], typer.Argument(metavar="good|doubtful|bad", help="The verdict.")
     ],
-    reason: Annotated[str, typer.Option(help="Why.", show_default=False)] = "",
+    reason: Annotated[str, typer.Option(help="Reason for the verdict.", show_default=False)] = "",
     by: ByOption = None,
     as_json: AsJson = False,
 ) -> None:
@@ -215,7 +215,7 @@ def verdict(
 @app.command("diff", help="Compare two runs: protocol, rig, calibration, versions, devices and results.")
 def diff(
     a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or its URL.")],
-    b: Annotated[str, typer.Argument(metavar="B", help="Folder of another, or its URL.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="Folder of another run, or its URL.")],
     as_json: AsJson = False,
 ) -> int:
     """Say each value in which they differ; exit with 4 where a record is damaged."""
@@ -224,7 +224,7 @@ def diff(
 
     runs = open_run(a), open_run(b)
     differences = compare_runs(*(run.path for run in runs))
-    damage = tell_damage([*_damage_of(a, runs[0]), *_damage_of(b, runs[1])])
+    damage = report_damage([*_damage_of(a, runs[0]), *_damage_of(b, runs[1])])
     exit_code = 0 if damage is None else RecordError.exit_code
     if as_json:
         found = [asdict(each) for each in differences]
@@ -241,7 +241,7 @@ def diff(
     return exit_code
 
 
-def _damage_of(name: str, run: Damaged) -> list[str]:
+def _damage_of(name: str, run: OpenedRun) -> list[str]:
     return [f"{name}: {problem.where}: {problem.message}" for problem in run.damage]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.cli.options import rig_file, split_overrides
+from labrig.cli.options import find_rig_file, split_overrides
 from labrig.cli.rigs import rig_for
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -33,7 +33,7 @@ class Sources:
         """Return these with the rig file that stands for one that was not named."""
         if not find_experiment(protocol.experiment).moves_rig:
             return self
-        return Sources(self.protocol, rig_file(self.rig, self.protocol), self.settings, self.seed)
+        return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
 
     def document(self) -> dict[str, object]:
         """Return the form that the manifest keeps: names as typed, no folder of this computer, no password."""

@@ -22,7 +22,10 @@ from labrig.errors import InputError
 def template(
     source: Annotated[Path, typer.Argument(metavar="RUN|IMAGE", help="Folder of a run, or a picture.")],
     out: Annotated[
-        Path, typer.Option("--out", metavar="FILE.png", help="Template to write, with a JSON beside it.")
+        Path,
+        typer.Option(
+            "--out", metavar="FILE.png", help="Template to write; a JSON file is written beside it."
+        ),
     ],
     frame: Annotated[
         int | None,
@@ -30,16 +33,17 @@ def template(
     ] = None,
     tip_px: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="U V", help="The tip's pixel. Default: the shaft's end.", show_default=False),
+        typer.Option(
+            metavar="U V", help="Pixel of the tip. Default: the end of the shaft.", show_default=False
+        ),
     ] = None,
     heading_deg: Annotated[
-        float | None, typer.Option(help="The needle's heading. Default: the shaft's.", show_default=False)
+        float | None,
+        typer.Option(help="Heading of the needle. Default: that of the shaft.", show_default=False),
     ] = None,
     roll_deg: Annotated[
         float | None,
-        typer.Option(
-            help="Roll of the bevel. Default: as recorded with the frame, else 0.", show_default=False
-        ),
+        typer.Option(help="Roll of the bevel. Default: recorded with the frame, else 0.", show_default=False),
     ] = None,
     side_px: Annotated[
         int | None,
@@ -57,7 +61,7 @@ def template(
     sheath_diameter_mm: Annotated[
         float | None,
         typer.Option(
-            help="Outer diameter of the sheath. Default: the run's, else none is in the picture.",
+            help="Outer diameter of the sheath. Default: the run's, else no sheath.",
             show_default=False,
         ),
     ] = None,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from labrig.cli.options import rig_file
+from labrig.cli.options import find_rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
 from labrig.cli.pipeline import free_name
 from labrig.cli.progress import progress
@@ -25,7 +25,7 @@ from labrig.runner.session import Session
 from labrig.runner.withdrawal import recorded_path
 
 
-def withdraw_and_tell(
+def withdraw_and_print(
     rig: Path | None,
     run: Path | None,
     runs_dir: Path,
@@ -48,7 +48,7 @@ def withdraw_and_tell(
     InputError
         When no needle is in tissue, another run left it, or the record holds no path.
     """
-    description = load_rig(rig_file(rig))
+    description = load_rig(find_rig_file(rig))
     remark_on_yes(description, yes=yes)
     left = _run_with_needle(description, run, runs_dir)
     path = recorded_path(left)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labrig.cli.finished import print_summary
+from labrig.cli.finished_run import print_summary
 from labrig.cli.main import run_command
 from labrig.experiments.hinge_design.summary import summarise
 from labrig.needle.tube import TABLE_1, Tube

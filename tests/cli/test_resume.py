@@ -79,7 +79,7 @@ def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: P
     failed = labrig("run", SWEEP, "--rig", RIG, *words, "--set", one_gel, "--set", fault)
     assert failed.exit_code == 3
     assert "nothing is to be taken out" in failed.err
-    assert f"go on with it: labrig resume '{tmp_path}/a run'" in failed.err
+    assert f"continue it: labrig resume '{tmp_path}/a run'" in failed.err
     done = labrig("resume", tmp_path / "a run", "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
     run = open_run(tmp_path / "a run")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.output import plain
+from labrig.cli.output import escape_controls
 from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
@@ -131,4 +131,4 @@ def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> No
 
 def test_letters_of_any_language_and_line_ends_stay() -> None:
     """Only what controls a terminal is written out."""
-    assert plain("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"
+    assert escape_controls("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"

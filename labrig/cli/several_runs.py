@@ -1,21 +1,23 @@
-"""One thing done for each of several runs: a refusal or damage of one does not keep the others from theirs."""
+"""Does the same work for several runs; a refusal or damage of a run does not stop the others."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from labrig.cli.damage import tell_damage
+from labrig.cli.damage import report_damage
 from labrig.cli.output import failure_lines, print_json, say
 from labrig.errors import LabrigError, Problem, RecordError
 
 
-def undamaged(row: dict[str, object], damage: Sequence[Problem | str]) -> dict[str, object]:
-    """Return the row of a run, not ok where its record is damaged; what could be done has been done all the same."""
-    told = tell_damage(damage)
-    return row if told is None else {**row, "ok": False, "reason": told}
+def add_damage(row: dict[str, object], damage: Sequence[Problem | str]) -> dict[str, object]:
+    """Return the row of a run, not ok if its record is damaged; what could be done is done all the same."""
+    reason = report_damage(damage)
+    return row if reason is None else {**row, "ok": False, "reason": reason}
 
 
-def each_run(paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str) -> int:
-    """Do the work for each run and go on after a refusal; exit with the first failure's code."""
+def do_for_each_run(
+    paths: list[Path], work: Callable[[Path], dict[str, object]], as_json: bool, key: str
+) -> int:
+    """Do the work for each run, go on after a refusal, and return the exit code of the first failure."""
     rows: list[dict[str, object]] = []
     exit_code = 0
     for path in paths:

@@ -8,8 +8,8 @@ from typing import TextIO
 
 import pytest
 
-from labrig.cli.person import TerminalOperator
 from labrig.cli.signals import SignalNote
+from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.operator import OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 

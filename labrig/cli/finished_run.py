@@ -1,4 +1,4 @@
-"""How a run ended, and how that is told."""
+"""How a run ended, and how that is printed."""
 
 import shlex
 from collections.abc import Mapping
@@ -19,10 +19,10 @@ from labrig.runner.experiment import Experiment
 
 
 @dataclass(frozen=True)
-class Finished:
-    """How it ended; `result` and `report` are None where it was not measured, or the answer is no.
+class FinishedRun:
+    """How a run ended; `result` and `report` are None if it was not measured.
 
-    `needle` says where the needle was left, and is empty where it is out; `can_resume` whether it can be continued.
+    `needle` says where the needle was left, empty if it is out; `can_resume` says whether the run can be continued.
     """
 
     run: Path
@@ -35,7 +35,7 @@ class Finished:
     can_resume: bool = False
 
 
-def tell(finished: Finished, experiment: Experiment, as_json: bool) -> int:
+def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool) -> int:
     """Print how a run ended, and return the exit code."""
     document: dict[str, object] = {
         "run": str(finished.run),
@@ -54,7 +54,7 @@ def tell(finished: Finished, experiment: Experiment, as_json: bool) -> int:
         if finished.result is None:
             say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {place}")
         if finished.result is None and finished.exit_status != "success" and finished.can_resume:
-            say(f"go on with it: labrig resume {place}")
+            say(f"continue it: labrig resume {place}")
     if as_json:
         print_json(document)
     elif finished.result is not None:
@@ -62,12 +62,12 @@ def tell(finished: Finished, experiment: Experiment, as_json: bool) -> int:
         print_line(f"record  {finished.run}\nreport  {finished.report}")
     if finished.error is not None:
         return finished.error.exit_code
-    said = {} if finished.result is None else finished.result
-    return 1 if said.get("accepted") is False or said.get("reached") is False else 0
+    result = {} if finished.result is None else finished.result
+    return 1 if result.get("accepted") is False or result.get("reached") is False else 0
 
 
 def print_summary(summary: Summary) -> None:
-    """Print what an experiment says of a result."""
+    """Print an experiment's summary of a result."""
     for line in summary.lines:
         if isinstance(line, TextTable):
             print_table(line.heads, line.rows)

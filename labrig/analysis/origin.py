@@ -81,7 +81,7 @@ def compare_with_command(
     """
     beyond_mm = linear_mm - sheath.origin_depth_mm
     off = _Deviation(pose.tip_mm[1] - beyond_mm, pose.tip_mm[0], pose.heading_rad)
-    known = sheath.origin is not None
+    is_limited = sheath.origin is not None
     reasons = tuple(off.list_reasons(sheath.origin, _COMMAND)) if sheath.origin is not None else ()
     return TrialOrigin(
         trial=trial,
@@ -90,10 +90,10 @@ def compare_with_command(
         tip_px=pose.tip_px,
         heading_rad=pose.heading_rad,
         linear_mm=linear_mm,
-        expected_mm=(0.0, beyond_mm) if known else None,
-        along_mm=off.along_mm if known else None,
-        across_mm=off.across_mm if known else None,
-        disagreement_mm=math.hypot(off.along_mm, off.across_mm) if known else None,
+        expected_mm=(0.0, beyond_mm) if is_limited else None,
+        along_mm=off.along_mm if is_limited else None,
+        across_mm=off.across_mm if is_limited else None,
+        disagreement_mm=math.hypot(off.along_mm, off.across_mm) if is_limited else None,
         accepted=not reasons,
         reason=" ".join(reasons) or None,
     )

@@ -49,13 +49,13 @@ ANNOTATION_FIELDS = frozenset({"tag", "verdict", "verdict_reason", "note"})
 """Fields that may be searched for even if no run has an annotation."""
 
 
-def annotation_fields(said: Annotations) -> Leaves:
+def annotation_fields(annotations: Annotations) -> Leaves:
     """Return tags, verdict and notes; an absent one has no value, so that no other field matches its name."""
     return {
-        "tag": list(said.tags),
-        "verdict": [] if said.verdict is None else [said.verdict],
-        "verdict_reason": [] if said.verdict_reason is None else [said.verdict_reason],
-        "note": [note.text for note in said.notes],
+        "tag": list(annotations.tags),
+        "verdict": [] if annotations.verdict is None else [annotations.verdict],
+        "verdict_reason": [] if annotations.verdict_reason is None else [annotations.verdict_reason],
+        "note": [note.text for note in annotations.notes],
     }
 
 

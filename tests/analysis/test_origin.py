@@ -1,4 +1,4 @@
-"""Where the sheath stood in each trial, and trials in which it was somewhere else."""
+"""The sheath's pose in each trial, and trials in which it deviates."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -24,7 +24,7 @@ PLANE = PlaneMap.from_scale(PX_PER_MM, ORIGIN_PX, "right", SIZE)
 
 
 def sheath_picture(moved_px: int) -> NDArray[np.uint8]:
-    """Draw the sheath alone, its tip so many pixels further on than in the other pictures."""
+    """Draw the sheath alone, its tip shifted by this many pixels."""
     return np.roll(needle_picture(None), moved_px, axis=1)
 
 
@@ -34,7 +34,7 @@ def origins(
     limits: SheathOrigin | None = None,
     turned_deg: Sequence[float] | None = None,
 ) -> tuple[TrialOrigin, ...]:
-    """Return what is found in a trial for each of these."""
+    """Return the origin found for each of these trials."""
     lines = [
         FrameLine(frame=2 * trial, file="", trial=trial, linear_mm=travel)
         for trial, travel in enumerate(linear_mm)
@@ -49,7 +49,7 @@ def origins(
 
 
 def turned(image: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
-    """Return the picture as a camera sees it that is turned about the origin."""
+    """Return the picture from a camera that is turned about the origin."""
     if not degrees:
         return image
     about = cv2.getRotationMatrix2D(ORIGIN_PX, degrees, 1.0)
@@ -78,7 +78,7 @@ def test_sheath_is_found_where_it_stands() -> None:
 def test_the_first_trial_alone_can_be_refused_along_the_insertion(
     moved_px: int, words: Sequence[str]
 ) -> None:
-    """A millimetre of slip in a run of one trial: origin and encoder say where the tip has to be."""
+    """A slip of a millimetre is refused even in a run of one trial: origin and encoder give the expected tip."""
     (only,) = origins([moved_px], [15.0], SheathOrigin())
     assert not only.accepted
     assert only.along_mm == pytest.approx(0.1 * moved_px, abs=0.1)
@@ -98,7 +98,7 @@ def _show(picture: Picture, _frame: int) -> Picture:
 
 
 def test_play_across_the_sheath_is_no_disagreement_and_a_bump_is() -> None:
-    """Seven tenths aside are play, three millimetres are a bumped camera, each way; nothing is said of the encoder."""
+    """Across, 0.7 mm is play and 3 mm is a bumped camera, either way; the encoder is not mentioned."""
     for aside_px, fine in ((7, True), (-7, True), (30, False), (-30, False)):
         image = np.roll(sheath_picture(0), -aside_px, axis=0)
         line = FrameLine(frame=0, file="", trial=0, linear_mm=15.0)
@@ -111,7 +111,7 @@ def test_play_across_the_sheath_is_no_disagreement_and_a_bump_is() -> None:
 
 
 def test_turned_camera_is_refused() -> None:
-    """Four degrees are told in degrees, half a degree is play."""
+    """A turn of four degrees is refused in degrees, half a degree is play."""
     fine, refused = origins([0, 0], [15.0, 15.0], SheathOrigin(), turned_deg=[0.5, 4.0])
     assert fine.accepted
     assert fine.heading_rad == pytest.approx(np.radians(0.5), abs=0.005)
@@ -121,7 +121,7 @@ def test_turned_camera_is_refused() -> None:
 
 
 def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused() -> None:
-    """The trial is named with the distance, and its radii are refused with the reason; the others stand."""
+    """The trial is named with the distance, and its radii are refused with the reason; the others are kept."""
     found = origins([0, round(2.0 * PX_PER_MM), 0, 0], [15.0] * 4)
     assert [one.accepted for one in found] == [True, False, True, True]
     assert found[1].disagreement_mm == pytest.approx(2.0, abs=0.1)
@@ -139,7 +139,7 @@ def test_slip_that_a_zero_set_by_eye_hides_is_found_by_the_other_trials() -> Non
 
 
 def test_bump_that_stays_is_told_from_a_single_slip() -> None:
-    """A camera that moved stays moved: each trial from there on says so."""
+    """A camera that moved stays moved: the reason of each later trial states it."""
     found = origins([0, 0, 20, 20, 20], [15.0] * 5, SheathOrigin())
     assert [one.accepted for one in found] == [True, True, False, False, False]
     assert all("every trial from 2 on" in (one.reason or "") for one in found[2:])
@@ -148,13 +148,13 @@ def test_bump_that_stays_is_told_from_a_single_slip() -> None:
 
 
 def test_sheath_that_went_as_far_as_its_encoder_says_is_no_other() -> None:
-    """A trial with another travel stands where that travel puts it."""
+    """A trial with another travel is expected where that travel puts it."""
     found = origins([0, round(2.0 * PX_PER_MM), 0, 0], [15.0, 17.0, 15.0, 15.0], SheathOrigin())
     assert all(one.accepted for one in found)
 
 
 def test_sheath_that_is_not_seen_is_said_so() -> None:
-    """Such a trial has no origin, with the reason, and refuses nobody's radius."""
+    """A trial without a sheath has no origin but a reason, and its radius is not refused."""
     lines = [FrameLine(frame=0, file="", trial=0, linear_mm=15.0)]
     sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0)
     found = find_origins(lambda _: np.full(SIZE[::-1], 160, np.uint8), lines, PLANE, sheath)

@@ -1,4 +1,4 @@
-"""What people say of a run afterwards."""
+"""Annotations of a run: tags, notes and verdict."""
 
 from pathlib import Path
 

@@ -20,14 +20,14 @@ from tests.record.runs import ENDED, begin, closed_run, picture
 
 
 def edit_line(path: Path, number: int, **changes: object) -> None:
-    """Change what a line says, with a checksum that fits again."""
+    """Change a line and give it a checksum that fits."""
     lines = path.read_bytes().splitlines()
     lines[number - 1] = encode_line(decode_line(lines[number - 1]) | changes).rstrip(b"\n")
     path.write_bytes(b"\n".join(lines) + b"\n")
 
 
 def places(verdict: RunCheck) -> list[str]:
-    """Return where the damage is."""
+    """Return the places of the damage."""
     return [problem.where for problem in verdict.damage]
 
 
@@ -72,7 +72,7 @@ def test_every_changed_file_of_a_closed_run_is_found(tmp_path: Path) -> None:
 def test_lines_that_do_not_fit_together_are_named(
     tmp_path: Path, name: str, number: int, changes: dict[str, object], said: str
 ) -> None:
-    """Duplicate ids, missing frames, a clock that goes backwards and references to nothing have a place."""
+    """Duplicate numbers, missing frames, a clock that goes backwards and dangling references are named with place."""
     run = full_run(tmp_path, closed=False)
     edit_line(run / name, number, **changes)
     assert any(said in problem.message for problem in check_run(run).damage)
@@ -89,7 +89,7 @@ def test_an_event_of_a_trial_may_name_a_picture_of_none(tmp_path: Path) -> None:
 
 
 def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:
-    """A picture that is gone is missing; one whose line is gone is there, and its line is lost."""
+    """A deleted picture is reported as missing; a picture without its line is reported as a lost line."""
     run = full_run(tmp_path, closed=False)
     (run / "frames/000001.png").unlink()
     assert "it is missing, though frames.jsonl lists it" in [p.message for p in check_run(run).damage]
@@ -101,7 +101,7 @@ def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_a_damaged_remark_is_found(tmp_path: Path) -> None:
-    """Notes are no part of SHA256SUMS, but each carries its checksum; a torn last one is no damage."""
+    """SHA256SUMS does not cover notes, but each carries its checksum; a torn last note is no damage."""
     run = full_run(tmp_path, closed=True)
     whole = encode_line({"kind": "tag", "tag": "good"})
     (run / "notes.jsonl").write_bytes(whole + whole[:-9])
@@ -139,7 +139,7 @@ def test_what_is_no_run_or_newer_is_refused(tmp_path: Path) -> None:
 
 
 def test_repair_closes_a_killed_run_and_keeps_every_byte(tmp_path: Path) -> None:
-    """Torn ends and the unlisted picture are moved aside; what was whole stays as it was; sha256 sums hold."""
+    """Torn ends and the unlisted picture are set aside; everything else stays as it was; the SHA-256 sums fit."""
     run = killed_run(tmp_path)
     whole = {path: path.read_bytes() for path in run.rglob("*.jsonl")}
     for path, content in whole.items():
@@ -164,7 +164,7 @@ def test_repair_closes_a_killed_run_and_keeps_every_byte(tmp_path: Path) -> None
 
 
 def test_a_run_killed_while_it_was_being_closed_keeps_its_ending(tmp_path: Path) -> None:
-    """Where the last event says how the run ended, repairing says the same."""
+    """If the last event states how the run ended, repair keeps that status."""
     recorder = begin(tmp_path / "writing")
     recorder.event("run_stop", 1.0, exit_status="failed", reason="the drive is silent")
     run = Path(shutil.copytree(recorder.path, tmp_path / "run"))
@@ -186,7 +186,7 @@ def test_a_damaged_run_is_not_repaired(tmp_path: Path) -> None:
 
 
 def test_a_run_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
-    """While a writer lives, checking names it, and neither repairing nor continuing is possible."""
+    """While a writer is alive, a check names it, and the run can be neither repaired nor continued."""
     run = killed_run(tmp_path)
     with FileLock(run / ".lock").acquire("labrig run"):
         owner = check_run(run).writer
@@ -198,7 +198,7 @@ def test_a_run_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_a_continued_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    """Numbers and rig time go on, the earlier lines stay, and the closed record is whole."""
+    """Numbers and rig time continue, the earlier lines stay, and the closed record is sound."""
     run = killed_run(tmp_path)
     before = (run / "events.jsonl").read_bytes()
     recorder = Recorder.reopen(run, "test")
@@ -222,7 +222,7 @@ def test_a_continued_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
 
 
 def test_each_session_keeps_the_code_that_ran(tmp_path: Path) -> None:
-    """A resumed session's difference from its commit stands beside the first one's, hashed; a change is damage."""
+    """The code differences of a resumed session are stored and hashed like those of the first; a change is damage."""
     run = killed_run(tmp_path)
     (run / "code.002.diff").write_bytes(b"left by a process that was killed before its manifest named it")
     for number, diff in ((3, b"+1\n"), (4, b"+2\n")):
@@ -239,7 +239,7 @@ def test_each_session_keeps_the_code_that_ran(tmp_path: Path) -> None:
 
 
 def test_a_closed_run_that_is_continued_remembers_its_ending(tmp_path: Path) -> None:
-    """The earlier ending stays in the manifest, the earlier sums stay beside the new ones."""
+    """The manifest keeps the earlier ending, and the earlier sums stay beside the new ones."""
     recorder = begin(tmp_path)
     recorder.close("aborted", "interrupted by INT", ENDED)
     Recorder.reopen(recorder.path, "test").close("success", "", ENDED)
@@ -254,7 +254,7 @@ def test_a_closed_run_that_is_continued_remembers_its_ending(tmp_path: Path) -> 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("name", RAW_FILES)
 def test_a_file_cut_at_any_byte_is_opened_or_refused(tmp_path: Path, name: str, closed: bool) -> None:
-    """Cut at each byte of its last kilobyte (here every 83rd), a record never says what it did not say."""
+    """Cut at each byte of its last kilobyte (here every 83rd), a record never gives other values than before."""
     run = full_run(tmp_path, closed=closed)
     original, content = values(open_run(run)), (run / name).read_bytes()
     for kept in range(max(0, len(content) - 1024), len(content), 83):
@@ -266,7 +266,7 @@ def test_a_file_cut_at_any_byte_is_opened_or_refused(tmp_path: Path, name: str, 
 
 @pytest.mark.parametrize(("closed", "store"), [(True, "png"), (False, "png"), (True, "raw"), (False, "raw")])
 def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool, store: Store) -> None:
-    """Any bit of any file: refused with the place, told as damage, or of no consequence for what is read."""
+    """A flip of any bit of any file is refused with its place, reported as damage, or changes no value."""
     run = full_run(tmp_path, closed=closed, store=store)
     original = values(open_run(run))
     flip = random_flips(run, random.Random(6))
@@ -279,7 +279,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool, store: Store) ->
 
 
 def random_flips(run: Path, source: random.Random) -> Callable[[], tuple[Path, Callable[[], object]]]:
-    """Return what flips a random bit of a random file, and says how to undo it."""
+    """Flip a random bit of a random file, and return the call that undoes it."""
     files = sorted(path for path in run.rglob("*") if path.is_file() and path.stat().st_size)
 
     def flip() -> tuple[Path, Callable[[], object]]:

@@ -35,7 +35,7 @@ def held_by_another(path: Path) -> subprocess.Popen[str]:
 
 
 def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
-    """Another process, and another lock of this one, are told who holds it and what for."""
+    """Another process, and another lock of this process, get an error with the owner and its command."""
     path = tmp_path / "lock"
     with FileLock(path).acquire("labrig run"):
         owner = read_lock_owner(path)
@@ -48,7 +48,7 @@ def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
 
 
 def test_the_lock_of_a_killed_owner_is_stale(tmp_path: Path) -> None:
-    """After SIGKILL the file stands with the dead owner's text; nobody holds it, and it can be taken."""
+    """After SIGKILL the file keeps the dead owner's text; nobody holds the lock, and it can be acquired."""
     path = tmp_path / "lock"
     with held_by_another(path) as holder:
         with pytest.raises(LockedError, match=f"process {holder.pid} "):
@@ -72,7 +72,7 @@ def test_a_process_id_that_is_in_use_again_holds_nothing(tmp_path: Path) -> None
 
 
 def test_a_lock_that_cannot_be_written_is_not_kept(tmp_path: Path) -> None:
-    """On a full disk it is refused, and nobody holds it afterwards, this process neither."""
+    """On a full disk it is refused, and nobody holds it afterwards, not even this process."""
     path = tmp_path / "lock"
     _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     soft = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
@@ -100,7 +100,7 @@ def test_a_text_that_is_no_owner_does_not_hold_a_lock(tmp_path: Path) -> None:
 
 
 def test_a_lock_is_not_taken_through_a_link(tmp_path: Path) -> None:
-    """A link in the lock's place is not followed: what it points to stays as it was."""
+    """A link in place of the lock is not followed: its target stays as it was."""
     precious = tmp_path / "precious"
     precious.write_text("data")
     (tmp_path / "lock").symlink_to(precious)

@@ -25,7 +25,7 @@ RAW_FILES = [
 
 
 def everything(run: Run) -> dict[str, object]:
-    """Return every value that a run tells."""
+    """Return every value in a run."""
     tables = {name: getattr(run, name) for name in ("states", "events", "frame_table", "trials", "truth")}
     return {
         "manifest": run.manifest,
@@ -89,7 +89,7 @@ def test_trials_join_start_and_stop(tmp_path: Path) -> None:
 
 
 def test_a_trial_begun_again_counts_once(tmp_path: Path) -> None:
-    """Of a repeated trial the last beginning stands."""
+    """The last start of a repeated trial counts."""
     recorder = begin(tmp_path)
     for hole in (3, 4):
         recorder.event("trial_start", float(hole), trial=0, hole=hole)
@@ -134,7 +134,7 @@ def test_a_frame_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_run_opens(tmp_path: Path) -> None:
-    """A run that was never closed says incomplete and gives everything that was acknowledged."""
+    """A run that was never closed is incomplete and gives everything that was acknowledged."""
     run = open_run(interrupted_run(tmp_path))
     assert run.problems == ()
     assert run.manifest["exit_status"] == "incomplete"
@@ -144,7 +144,7 @@ def test_an_interrupted_run_opens(tmp_path: Path) -> None:
 @pytest.mark.parametrize("make", [closed_run, interrupted_run])
 @pytest.mark.parametrize("name", ["events.jsonl", "states.jsonl", "frames.jsonl", "truth.jsonl"])
 def test_a_record_cut_at_any_byte_opens(tmp_path: Path, name: str, make: Callable[[Path], Path]) -> None:
-    """Cut anywhere in its last 300 bytes, a run opens with the lines before the cut, and says so."""
+    """Cut anywhere in its last 300 bytes, a run opens with the lines before the cut and reports the cut."""
     run_path = make(tmp_path)
     path = run_path / name
     content = path.read_bytes()
@@ -162,7 +162,7 @@ def test_a_record_cut_at_any_byte_opens(tmp_path: Path, name: str, make: Callabl
 
 
 def test_no_flipped_bit_goes_unnoticed(tmp_path: Path) -> None:
-    """After a flip of a bit, a run is refused with the place, or has a problem, or tells the same."""
+    """After a bit flip a run is refused with the place, has a problem, or gives the same values."""
     run_path = closed_run(tmp_path)
     before = everything(open_run(run_path))
     flips = random.Random(20)
@@ -179,7 +179,7 @@ def test_no_flipped_bit_goes_unnoticed(tmp_path: Path) -> None:
 
 
 def test_a_changed_manifest_is_reported(tmp_path: Path) -> None:
-    """A manifest that was edited opens, and is said to be edited."""
+    """An edited manifest opens, and the edit is reported."""
     path = closed_run(tmp_path)
     manifest = json.loads((path / "manifest.json").read_text())
     (path / "manifest.json").write_bytes(encode_document(manifest | {"seed": 8}))
@@ -236,7 +236,7 @@ def test_what_went_missing_later_is_reported(tmp_path: Path, name: str) -> None:
 def test_a_torn_last_line_is_forgiven_only_where_the_run_was_never_closed(
     tmp_path: Path, make: Callable[[Path], Path], forgiven: bool
 ) -> None:
-    """Cut by ten bytes, the states of a killed run are as they may be, and those of a closed one damaged."""
+    """States cut by ten bytes are acceptable in a killed run and damage in a closed run."""
     path = make(tmp_path)
     states = path / "states.jsonl"
     states.write_bytes(states.read_bytes()[:-10])
@@ -259,7 +259,7 @@ def test_a_missing_picture_is_named(tmp_path: Path, make: Callable[[Path], Path]
 
 
 def test_a_changed_picture_is_refused(tmp_path: Path) -> None:
-    """A picture that is another one than was recorded is refused, though it is a picture."""
+    """A valid picture that is not the recorded one is refused."""
     path = closed_run(tmp_path)
     shutil.copy(path / "frames" / "000000.png", path / "frames" / "000001.png")
     with pytest.raises(RecordError, match=r"000001\.png is damaged"):
@@ -310,7 +310,7 @@ def test_a_whole_number_that_is_none_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_changed_protocol_or_calibration_is_not_used(tmp_path: Path) -> None:
-    """What the run began with is refused when it was changed since, and reported on opening."""
+    """A file that the run began with is refused if it was changed, and the change is reported on opening."""
     path = closed_run(tmp_path)
     for name in ("protocol.yaml", "calibration/plane.json"):
         (path / name).write_text("seed: 8\n")
@@ -323,7 +323,7 @@ def test_a_changed_protocol_or_calibration_is_not_used(tmp_path: Path) -> None:
 
 
 def test_a_calibration_that_a_run_has_not_is_no_fault(tmp_path: Path) -> None:
-    """Imported pictures have no intrinsics; asking for them gives a path where nothing stands."""
+    """Imported pictures have no intrinsics; their path does not exist."""
     run = open_run(closed_run(tmp_path))
     assert not run.calibration_path("undistorted.json").exists()
     with pytest.raises(InputError):
@@ -331,7 +331,7 @@ def test_a_calibration_that_a_run_has_not_is_no_fault(tmp_path: Path) -> None:
 
 
 def test_results_are_numbered_and_never_overwritten(tmp_path: Path) -> None:
-    """Each analysis gets a folder of its own, also after gaps; the newest finished one is the result."""
+    """Each analysis gets a folder of its own, even after gaps; the newest finished one is the result."""
     run = open_run(closed_run(tmp_path))
     assert run.latest_result() is None
     first, second = run.new_result_dir(), run.new_result_dir()

@@ -1,4 +1,4 @@
-"""Numbers and lists as the pages print them."""
+"""Text of numbers and lists on the pages."""
 
 from labrig.report.formatting import (
     count_of,

@@ -63,7 +63,7 @@ def _words(html: str) -> str:
 
 
 def test_the_page_is_well_formed(page: Page) -> None:
-    """Every element that is opened is closed, in order, and no identifier stands twice."""
+    """Every element that is opened is closed, in order, and no identifier occurs twice."""
     elements = _read(page.html)
     assert elements.open == []
     identifiers = [attributes["id"] for _, attributes in elements.elements if "id" in attributes]
@@ -71,7 +71,7 @@ def test_the_page_is_well_formed(page: Page) -> None:
 
 
 def test_nothing_is_fetched_from_anywhere(page: Page) -> None:
-    """No address of a network, no script, and each picture is in the page itself."""
+    """The page has no network address and no script, and contains its pictures."""
     elements = _read(page.html).elements
     links = [
         value or ""
@@ -93,7 +93,7 @@ def test_linked_files_are_there(page: Page) -> None:
 
 
 def test_what_people_wrote_is_text(hostile_page: Page) -> None:
-    """HTML in title, operator, notes and specimen is shown as it was written and is no element of the page."""
+    """HTML in title, operator, notes and specimen is shown as text and is no element of the page."""
     elements = _read(hostile_page.html)
     assert elements.open == []
     assert "script" not in {tag for tag, _ in elements.elements}
@@ -158,7 +158,7 @@ def test_the_camera_view_has_axes_scale_bar_and_sheath(page: Page) -> None:
 
 
 def test_provenance_names_code_settings_and_hashes(page: Page) -> None:
-    """Who reads the page can find the code, the settings and the very files that it came from."""
+    """The page names the code, the settings and the files behind its numbers."""
     assert page.result is not None
     words = _words(page.html)
     for hash_ in page.result.content.inputs.values():
@@ -191,14 +191,14 @@ def test_the_same_run_gives_the_same_page(page: Page) -> None:
 def test_a_run_that_did_not_end_has_a_page_that_says_so(
     folder: Path, sweep: Sweep, word: str, sentence: str
 ) -> None:
-    """The state stands beside the title, and the first sentence says what is missing."""
+    """The status is beside the title, and the first sentence states what is missing."""
     made = make_page(record_sweep(folder, sweep))
     assert f'<span class="pill {word}">{word}</span>' in made.html
     assert sentence in _words(made.html)
 
 
 def test_a_run_without_a_result_has_a_page(folder: Path) -> None:
-    """Before any analysis the page says that nothing has been measured, and the command that does it."""
+    """Before any analysis the page states that nothing has been measured, and the command that measures."""
     run = record_sweep(folder)
     made = make_page(run, analysed=False)
     assert f"<code>labrig reanalyze {run.path}</code>" in made.html
@@ -210,7 +210,7 @@ def test_a_run_without_a_result_has_a_page(folder: Path) -> None:
 def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
     folder: Path, exit_status: str | None
 ) -> None:
-    """The page says that the needle may be in tissue, and where insertion and linear axis stood."""
+    """The page warns that the needle may be in tissue, and gives the positions of insertion and linear axis."""
     sweep = Sweep(exit_status=exit_status, without_final=frozenset({3}))
     head = _words(make_page(record_sweep(folder, sweep)).html.split("</header>")[0])
     assert "The needle may still be in tissue: the run stopped within trial 3." in head

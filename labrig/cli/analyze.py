@@ -1,4 +1,4 @@
-"""Measuring runs, with progress: the run that has just ended, and old ones again."""
+"""Measures runs and shows progress: the run that has just ended, or old runs again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from labrig.vision.mask import load_mask
 def analyze_several(
     paths: Sequence[Path], command_line: tuple[str, ...], overrides: tuple[str, ...], mask: Path | None
 ) -> dict[Path, AnyResult | LabrigError]:
-    """Analyse several runs at once, with progress; a run that fails has its error in the place of a result."""
+    """Analyse several runs at once, with progress; a run that fails has its error in place of a result."""
     runs = list(dict.fromkeys(paths))
     excluded = None if mask is None else load_mask(mask)
     with progress(f"measuring {len(runs)} runs", 1.0) as reporter:
@@ -39,7 +39,7 @@ def analyze_several(
 def analyze(
     path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
 ) -> AnyResult:
-    """Measure every picture of a run, or study its design, with progress, into a new numbered result."""
+    """Analyse a run, with progress, and write a new numbered result."""
     run = open_run(path)
     experiment = experiment_of(run)
     with progress(f"measuring {path.name}", 1.0) as reporter:

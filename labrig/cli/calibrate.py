@@ -6,7 +6,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from labrig.cli.calibration_files import ForceOption, OutOption, provenance, require_writable
+from labrig.cli.calibration_files import (
+    ForceOption,
+    OutOption,
+    collect_calibration_provenance,
+    require_writable,
+)
 from labrig.cli.damage import require_undamaged
 from labrig.cli.options import InsertionOption, RigOption, RunArgument, find_rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
@@ -55,18 +60,18 @@ def intrinsics(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
-    from labrig.cli.lens import board_search, draw_beside, picture_beside, read_views
+    from labrig.cli.lens import draw_figure, make_board_search, name_figure, read_views
     from labrig.vision.calibration_file import save_intrinsics
     from labrig.vision.zhang import calibrate_from_pictures
 
     require_writable(out, force)
-    require_writable(picture_beside(out), force)
-    columns, rows = _board_size(board)
+    require_writable(name_figure(out), force)
+    columns, rows = _read_board_size(board)
     if not square_mm > 0:
         raise InputError(
             f"--square-mm is {square_mm:g}, and has to be above 0", "measure the side of a square"
         )
-    search = board_search(charuco, marker_mm, square_mm, partial, window_px)
+    search = make_board_search(charuco, marker_mm, square_mm, partial, window_px)
     pictures, unread = read_views(images)
     try:
         found = calibrate_from_pictures(pictures, columns, rows, square_mm, search=search, model=model)
@@ -74,14 +79,14 @@ def intrinsics(
         return _refuse(refusal, NO_INTRINSICS, as_json)
     found = replace(found, views=(*found.views, *unread))
     if out is not None and (found.accepted or force):
-        save_intrinsics(out, found, provenance(images))
-        draw_beside(out, found)
+        save_intrinsics(out, found, collect_calibration_provenance(images))
+        draw_figure(out, found)
     document = found.to_json()
     if as_json:
         print_json(document)
     else:
         _print_intrinsics(document)
-    _say_whether_written(out, found.accepted, force)
+    _report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
 
@@ -117,12 +122,12 @@ def plane(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 1 when the calibration is refused."""
-    from labrig.cli.lens import gel_above
+    from labrig.cli.lens import make_gel
     from labrig.vision.calibration_file import load_intrinsics, save_plane
     from labrig.vision.picture import read_picture
     from labrig.vision.plane_calibration import calibrate_plane
 
-    gel = gel_above(gel_index, gel_depth_mm, paper_at, intrinsics)
+    gel = make_gel(gel_index, gel_depth_mm, paper_at, intrinsics)
     require_writable(out, force)
     camera = None if intrinsics is None else load_intrinsics(intrinsics)
     try:
@@ -130,7 +135,7 @@ def plane(
     except CalibrationRefusedError as refusal:
         return _refuse(refusal, NO_PLANE, as_json)
     if out is not None and (found.accepted or force):
-        save_plane(out, found, provenance([image]))
+        save_plane(out, found, collect_calibration_provenance([image]))
     document = found.to_json()
     if as_json:
         print_json(document)
@@ -146,7 +151,7 @@ def plane(
             print_line(found.bend.sentence())
         for sentence in document["assumptions"]:
             print_line(f"assumed: {sentence}")
-    _say_whether_written(out, found.accepted, force)
+    _report_output(out, found.accepted, force)
     return 0 if found.accepted else 1
 
 
@@ -157,7 +162,7 @@ def adopt(
     force: ForceOption = False,
     as_json: AsJson = False,
 ) -> None:
-    """Refuse a calibration that was refused, and existing files, without --force."""
+    """Without --force, adopt no refused calibration and replace no file."""
     from labrig.devices.rig_file import load_rig
     from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
@@ -188,7 +193,7 @@ def adopt(
             print_line(str(path))
 
 
-def _board_size(board: str) -> tuple[int, int]:
+def _read_board_size(board: str) -> tuple[int, int]:
     """Read `9x6` as nine columns and six rows of inner corners."""
     columns, _, rows = board.lower().partition("x")
     if columns.isdigit() and rows.isdigit() and int(columns) >= 3 and int(rows) >= 3:
@@ -206,7 +211,7 @@ NO_PLANE: dict[str, object] = dict.fromkeys(("rms_mm", "holdout_rms_mm", "mm_per
 
 
 def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_json: bool) -> int:
-    """Tell a calibration of which there are not even numbers; what is unknown is null."""
+    """Report a calibration without any numbers; unknown values are null."""
     if as_json:
         print_json({"accepted": False, "reasons": [refusal.message], **nothing})
     for line in failure_lines(refusal):
@@ -214,7 +219,7 @@ def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_jso
     return refusal.exit_code
 
 
-def _say_whether_written(out: Path | None, accepted: bool, force: bool) -> None:
+def _report_output(out: Path | None, accepted: bool, force: bool) -> None:
     if out is not None and (accepted or force):
         say(f"written: {out}" + ("" if accepted else " (a refused calibration; the file says so)"))
     elif out is not None:

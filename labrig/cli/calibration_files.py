@@ -1,4 +1,4 @@
-"""Calibration files as the commands write them: where, whether at all, and how they were made."""
+"""What commands that write calibration files share: their options, checks and provenance."""
 
 import hashlib
 import sys
@@ -37,8 +37,8 @@ def require_writable(out: Path | None, force: bool, hint: str = _ANOTHER_NAME) -
         raise OutputExistsError(f"{out} exists", hint)
 
 
-def provenance(images: list[Path]) -> dict[str, object]:
-    """Return what a calibration file says of its making: code, command, time and the pictures' hashes."""
+def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
+    """Return how a calibration file was made: code, command, time and hashes of the pictures."""
     return {
         **collect_provenance(sys.argv),
         "created": SystemClock().utc().isoformat(timespec="seconds"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_checks
-from labrig.cli.rigs import remark_on_yes, rig_for_person
+from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.axis_description import AXES
 from labrig.devices.homing import HOME_ORDER
 from labrig.devices.rig import Opening, Rig
@@ -92,7 +92,7 @@ def _open_axes(options: CommissioningOptions, axes: tuple[str, ...], doing: str)
     description = load_rig(find_rig_file(options.rig))
     remark_on_yes(description, yes=options.yes)
     opening = Opening(axes, camera=False, max_current_ma=options.current_ma or None, reset_faults=True)
-    with rig_for_person(description, doing, opening=opening) as (rig, _):
+    with open_rig_for_person(description, doing, opening=opening) as (rig, _):
         yield rig
 
 

@@ -1,4 +1,4 @@
-"""A tip cut out of a recorded frame or a picture, as `labrig calibrate template` is told it."""
+"""Cuts a tip template out of a recorded frame or a picture, for `labrig calibrate template`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +14,13 @@ from labrig.vision.plane import Insertion, PlaneMap
 from labrig.vision.shaft_tip import ShaftTip, measure_shaft_tip
 from labrig.vision.tip_template import TipTemplate, cut_template
 
-# A template shows so many widths of the needle to each side of the tip, and is so large where no shaft was measured.
+# Needle widths that a template shows to each side of the tip, and its side if no shaft was measured.
 _WIDTHS, _SIDE_PX = 1.75, 41
 
 
 @dataclass(frozen=True)
 class TipSource:
-    """A picture with what is known of it: the map to mm, the bevel's roll, and what stands in it."""
+    """A picture with its map to mm, the roll of the bevel, and the diameters of needle and sheath."""
 
     file: Path
     image: Picture
@@ -29,7 +29,7 @@ class TipSource:
     needle_diameter_mm: float
     sheath_diameter_mm: float | None
 
-    def shaft_tip(self) -> ShaftTip:
+    def measure_tip(self) -> ShaftTip:
         """Measure tip and heading by the shaft."""
         if self.plane is None:
             raise InputError(
@@ -39,13 +39,13 @@ class TipSource:
         return measure_shaft_tip(self.image, self.plane, self.needle_diameter_mm, self.sheath_diameter_mm)
 
 
-def recorded_frame(folder: Path, frame: int | None) -> TipSource:
-    """Return a frame of a run, by default the last of a needle, with what the run knows of it.
+def read_recorded_frame(folder: Path, frame: int | None) -> TipSource:
+    """Return a frame of a run, by default the last frame of a needle, with what the record says of it.
 
     Raises
     ------
     InputError
-        When the run holds no such picture, or does not say how its pictures map to mm.
+        When the run holds no such picture, or no map of its pictures to mm.
     RecordError
         When the picture or the record is damaged.
     """
@@ -67,8 +67,8 @@ def recorded_frame(folder: Path, frame: int | None) -> TipSource:
     )
 
 
-def loose_picture(picture: Path) -> TipSource:
-    """Return a picture of which nothing else is known. Raises PictureError."""
+def read_single_picture(picture: Path) -> TipSource:
+    """Return a picture of which nothing else is known. Raises `PictureError`."""
     return TipSource(picture, read_picture(picture), None, 0.0, DEFAULT_NEEDLE_DIAMETER_MM, None)
 
 
@@ -79,17 +79,17 @@ def cut_tip(
     side_px: int | None,
     insertion: Insertion,
 ) -> TipTemplate:
-    """Return the template, what is not given of it measured by the shaft.
+    """Return the template; tip and heading that are not given are measured by the shaft.
 
     Raises
     ------
     InputError, PictureError
-        When something is missing or impossible, with its name.
+        When a value is missing or impossible; the message names it.
     MeasurementRefusedError
         When the picture does not show one shaft.
     """
     if tip_px is None or heading_rad is None:
-        shaft = found.shaft_tip()
+        shaft = found.measure_tip()
         tip_px = tip_px or shaft.tip_px
         heading_rad = shaft.heading_rad if heading_rad is None else heading_rad
         side_px = side_px or 2 * round(_WIDTHS * shaft.width_px) + 1

@@ -68,15 +68,15 @@ def design(
     Exit with 0 when equation (3) has an answer, even if our contour cannot give the radius, and says why; with 1 when
     neither gives it, or when the tube is one for which only our contour is valid and it cannot.
     """
-    from labrig.cli.design_study import Outputs, carry_out, measured_radius, run_by_name
+    from labrig.cli.design_study import Outputs, carry_out, find_measured_radius, find_run_folder
     from labrig.cli.finished_run import print_summary
     from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, Tolerances
     from labrig.experiments.hinge_design.summary import summarise
 
     outputs = Outputs(out, figure, csv)
     outputs.require_writable(force=force)
-    run = None if from_run is None else run_by_name(from_run, runs_dir)
-    radius = measured_radius(measured_radius_mm, run, beta_cut_deg)
+    run = None if from_run is None else find_run_folder(from_run, runs_dir)
+    radius = find_measured_radius(measured_radius_mm, run, beta_cut_deg)
     order = DesignOrder(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),
         radius_mm=radius_mm,

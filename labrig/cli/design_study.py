@@ -1,4 +1,4 @@
-"""The work behind `labrig design`: what it is given, the files that it writes, and the text for people."""
+"""The work of `labrig design`: reads the measured radius, studies the design, writes the files."""
 
 import sys
 from collections.abc import Mapping
@@ -28,21 +28,21 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files that were asked for, None where one was not."""
+    """The files to write; None for a file that was not asked for."""
 
     out: Path | None
     figure: Path | None
     csv: Path | None
 
     def require_writable(self, *, force: bool) -> None:
-        """Refuse files that exist, or that no picture format is known for, before half a minute is spent.
+        """Refuse existing files and unknown picture formats before half a minute of work.
 
         Raises
         ------
         OutputExistsError
-            When one exists and is not to be replaced.
+            When a file exists and must not be replaced.
         InputError
-            When the figure's name says no format, or a folder is missing.
+            When the figure's name has no known format, or a folder is missing.
         """
         if self.figure is not None and self.figure.suffix.lower() not in FIGURE_SUFFIXES:
             raise InputError(
@@ -76,14 +76,16 @@ def _require_writable(option: str, path: Path, *, force: bool) -> None:
         raise InputError(f"{option} {path}: there is no folder {path.parent}", "make the folder first")
 
 
-def run_by_name(given: Path, runs_dir: Path) -> Path:
-    """Return a run's folder: the one given, or the run of that name."""
+def find_run_folder(given: Path, runs_dir: Path) -> Path:
+    """Return a run's folder: the given folder, or the run of that name."""
     named = runs_dir / given
     return named if len(given.parts) == 1 and not given.exists() and named.is_dir() else given
 
 
-def measured_radius(radius_mm: float | None, run: Path | None, beta_cut_deg: float | None) -> float | None:
-    """Return the measured radius: the one given, or the mean of a run's newest result.
+def find_measured_radius(
+    radius_mm: float | None, run: Path | None, beta_cut_deg: float | None
+) -> float | None:
+    """Return the measured radius: the given radius, or the mean of a run's newest result.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""`labrig import`: folders of loose pictures become runs."""
+"""`labrig import`: turns folders of pictures into runs."""
 
 import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from labrig.cli.mapping import plane_map
+from labrig.cli.mapping import load_plane_map
 from labrig.cli.output import say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, PictureError
@@ -22,7 +22,7 @@ from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture
 
 @dataclass(frozen=True)
 class ImportOrder:
-    """What is known of the pictures, and where the runs go."""
+    """What is known of the pictures, and the folder for the runs."""
 
     px_per_mm: float | None
     origin_px: tuple[float, float] | None
@@ -37,8 +37,8 @@ class ImportOrder:
     command_line: tuple[str, ...]
 
 
-def picture_folders(folder: Path) -> list[Path]:
-    """Return the folder itself where it holds pictures, and each folder directly in it that does, in order.
+def find_picture_folders(folder: Path) -> list[Path]:
+    """Return the folder itself, if it holds pictures, and each folder directly in it that does, in order.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def picture_folders(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder", "name a folder of pictures")
     candidates = [folder, *sorted(path for path in folder.iterdir() if path.is_dir())]
-    found = [candidate for candidate in candidates if _pictures(candidate)]
+    found = [candidate for candidate in candidates if _find_pictures(candidate)]
     if not found:
         endings = " ".join(sorted(PICTURE_SUFFIXES))
         raise InputError(f"no picture in {folder} or in a folder of it", f"pictures end in {endings}")
@@ -67,12 +67,12 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
     OutputExistsError
         When a run of that name exists.
     """
-    plane_map(order.intrinsics, order.plane, order.px_per_mm, order.origin_px, order.insertion)
+    load_plane_map(order.intrinsics, order.plane, order.px_per_mm, order.origin_px, order.insertion)
     clock = SystemClock()
     started = clock.utc()
-    protocol = _protocol(folder, order)
-    name = f"{started:%Y%m%d-%H%M%S}-{_folder_name(folder)}"
-    pictures = _readable(folder)
+    protocol = _make_protocol(folder, order)
+    name = f"{started:%Y%m%d-%H%M%S}-{_make_run_name(folder)}"
+    pictures = _require_readable(folder)
     recorder = Recorder.create(
         order.runs_dir,
         name,
@@ -88,23 +88,23 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
         },
         dump_yaml(protocol),
         None,
-        _kept_files(order),
+        _find_kept_files(order),
     )
-    refused = _copy(pictures, recorder)
+    refused = _copy_pictures(pictures, recorder)
     reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
     recorder.close("success", reason, clock.utc())
     return {"run": str(recorder.path), "ok": not refused, "reason": reason or None}
 
 
-def _kept_files(order: ImportOrder) -> dict[str, Path]:
-    """Return the calibration and the mask by the names that they have in a record."""
+def _find_kept_files(order: ImportOrder) -> dict[str, Path]:
+    """Return the files of calibration and mask by their names in a record."""
     calibration = (("intrinsics.json", order.intrinsics), ("plane.json", order.plane))
     kept = {name: path for name, path in calibration if path is not None}
     return kept if order.mask is None else {**kept, load_mask(order.mask).kept_name: order.mask}
 
 
-def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:
-    """Record every picture that can be read, and an event for every one that cannot."""
+def _copy_pictures(pictures: list[Path], recorder: Recorder) -> list[Path]:
+    """Record every picture that can be read, and an event for every picture that cannot."""
     refused = []
     for number, path in enumerate(pictures):
         try:
@@ -125,9 +125,9 @@ def _copy(pictures: list[Path], recorder: Recorder) -> list[Path]:
     return refused
 
 
-def _readable(folder: Path) -> list[Path]:
-    """Return the pictures of a folder, refusing one of which nothing can be read."""
-    pictures = _pictures(folder)
+def _require_readable(folder: Path) -> list[Path]:
+    """Return the pictures of a folder, of which at least one can be read."""
+    pictures = _find_pictures(folder)
     refusals = []
     for path in pictures:
         try:
@@ -139,7 +139,7 @@ def _readable(folder: Path) -> list[Path]:
     raise InputError(f"no picture in {folder} can be read: {refusals[0].message}", refusals[0].hint)
 
 
-def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
+def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
     scale = None
     if order.px_per_mm is not None and order.origin_px is not None:
         scale = {
@@ -165,11 +165,11 @@ def _protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
     return validate_values(values, "labrig import", ImportProtocol)
 
 
-def _pictures(folder: Path) -> list[Path]:
+def _find_pictures(folder: Path) -> list[Path]:
     found = [path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES and path.is_file()]
     return sorted(found, key=number_order)
 
 
-def _folder_name(folder: Path) -> str:
-    """Return the folder's name with what a run's name may not hold replaced."""
+def _make_run_name(folder: Path) -> str:
+    """Return the folder's name without characters that are not allowed in a run's name."""
     return re.sub(r"[^\w.-]+", "-", folder.resolve().name).strip("-.") or "pictures"

@@ -1,4 +1,4 @@
-"""What `labrig calibrate` makes of its options, and the picture that it writes beside the lens's file."""
+"""Options of `labrig calibrate` as values, and the picture that it writes beside the calibration file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,10 +11,10 @@ from labrig.vision.picture import Picture, read_picture
 from labrig.vision.refraction import Gel, PaperPlace
 
 
-def board_search(
+def make_board_search(
     charuco: str | None, marker_mm: float | None, square_mm: float, partial: bool, window_px: int | None
 ) -> BoardSearch:
-    """Return how the board is looked for.
+    """Return how to search for the board.
 
     Raises
     ------
@@ -53,13 +53,13 @@ def read_views(images: Sequence[Path]) -> tuple[list[tuple[str, Picture]], list[
     return pictures, unread
 
 
-def picture_beside(out: Path | None) -> Path | None:
-    """Return the picture of residuals and coverage that stands beside a calibration file."""
+def name_figure(out: Path | None) -> Path | None:
+    """Return the file of the picture of residuals and coverage beside a calibration file."""
     return None if out is None else out.with_suffix(".png")
 
 
-def draw_beside(out: Path, lens: Intrinsics) -> None:
-    """Draw residuals and coverage beside the calibration file.
+def draw_figure(out: Path, lens: Intrinsics) -> None:
+    """Draw residuals and coverage into a picture beside the calibration file.
 
     Raises
     ------
@@ -75,10 +75,10 @@ def draw_beside(out: Path, lens: Intrinsics) -> None:
         ) from error
 
 
-def gel_above(
+def make_gel(
     index: float | None, depth_mm: float | None, paper_at: PaperPlace, intrinsics: Path | None
 ) -> Gel | None:
-    """Return the gel above the needle, None where none is stated.
+    """Return the gel above the needle, None if no option describes it.
 
     Raises
     ------

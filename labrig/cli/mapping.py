@@ -1,4 +1,4 @@
-"""From pixels to mm as the commands are told it: calibration files, or the scale of rectified pictures."""
+"""The map from pixels to mm by the options: calibration files, or the scale of rectified pictures."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.plane import PlaneMap
 
 
-def plane_map(
+def load_plane_map(
     intrinsics: Path | None,
     plane: Path | None,
     px_per_mm: float | None,
@@ -20,12 +20,12 @@ def plane_map(
     Raises
     ------
     InputError
-        When the options describe none, or two at once, or a calibration that was refused.
+        When the options describe no map, two maps, or a refused calibration.
     """
     if plane is not None and px_per_mm is not None:
         raise InputError("--plane and --px-per-mm both turn pixels into mm", "give one of them")
     if plane is not None:
-        return _calibrated(intrinsics, plane, insertion)
+        return _load_calibrated(intrinsics, plane, insertion)
     if px_per_mm is None:
         raise InputError(
             "pixels cannot be turned into mm: neither --plane nor --px-per-mm is given",
@@ -43,7 +43,7 @@ def plane_map(
     return PlaneMap.from_scale(px_per_mm, origin_px, insertion)
 
 
-def _calibrated(intrinsics: Path | None, plane: Path, insertion: Direction | None) -> PlaneMap:
+def _load_calibrated(intrinsics: Path | None, plane: Path, insertion: Direction | None) -> PlaneMap:
     lens = None if intrinsics is None else load_intrinsics(intrinsics)
     found = load_plane(plane, lens)
     for path, calibration in ((intrinsics, lens), (plane, found)):

@@ -44,13 +44,13 @@ def curvature(
     mask: MaskOption = None,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when a radius could be stated in every picture, 1 otherwise, 2 when no picture could be read."""
-    from labrig.cli.mapping import plane_map
+    """Exit with 0 when every picture has a radius, 1 otherwise, 2 when no picture could be read."""
+    from labrig.cli.mapping import load_plane_map
     from labrig.vision.curvature import CurvatureSettings, measure_curvature
     from labrig.vision.mask import load_mask
     from labrig.vision.picture import read_picture
 
-    mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
+    mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     settings = CurvatureSettings(
         needle_diameter_mm=needle_diameter_mm,
         sheath_diameter_mm=sheath_diameter_mm,
@@ -59,12 +59,12 @@ def curvature(
     )
     not_needle = None if mask is None else load_mask(mask)
 
-    def one(path: Path) -> dict[str, object]:
+    def measure(path: Path) -> dict[str, object]:
         image = read_picture(path)
         masked = None if not_needle is None else not_needle.masked(path.name, image)
         return measure_curvature(image, mapping, settings, masked=masked).to_json()
 
-    rows = _measured(images, one, NOTHING)
+    rows = _measure_each(images, measure, NOTHING)
     if as_json:
         print_json(rows)
     else:
@@ -103,13 +103,13 @@ def tip(
     insertion: OptionalInsertion = None,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when the tip was found in every picture, 1 otherwise, 2 when no picture could be used."""
-    from labrig.cli.mapping import plane_map
+    """Exit with 0 when every picture has a tip, 1 otherwise, 2 when no picture could be used."""
+    from labrig.cli.mapping import load_plane_map
     from labrig.cli.tip_search import TipSearch, search_tip
     from labrig.vision.mask import load_mask
     from labrig.vision.template_file import load_template
 
-    mapping = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
+    mapping = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion)
     search = TipSearch(
         load_template(template).relative_to(mapping.insertion),
         heading_deg,
@@ -117,7 +117,7 @@ def tip(
         region_px,
         None if mask is None else load_mask(mask),
     )
-    rows = _measured(images, lambda path: search_tip(path, mapping, search), NO_TIP)
+    rows = _measure_each(images, lambda path: search_tip(path, mapping, search), NO_TIP)
     if as_json:
         print_json(rows)
     else:
@@ -125,15 +125,15 @@ def tip(
     return 0 if all(row["accepted"] for row in rows) else 1
 
 
-def _measured(
+def _measure_each(
     images: list[Path], measure: Callable[[Path], dict[str, object]], nothing: dict[str, object]
 ) -> list[dict[str, object]]:
-    """Return a row for each picture; one that cannot be used is refused in its row.
+    """Return a row for each picture; the row of a picture that cannot be used has the reason.
 
     Raises
     ------
     InputError
-        When none can be used.
+        When no picture can be used.
     """
     rows: list[dict[str, object]] = []
     refusals: list[PictureError] = []
@@ -183,7 +183,7 @@ def _print(rows: list[dict[str, object]]) -> None:
                 radius,
                 ci95,
                 number(row["arc_length_mm"], 1),
-                _pair(row["tip_mm"]),
+                _format_pair(row["tip_mm"]),
             ]
         )
     print_table(heads, cells)
@@ -195,7 +195,12 @@ def _print(rows: list[dict[str, object]]) -> None:
 def _print_tips(rows: list[dict[str, object]]) -> None:
     heads = ("picture", "tip u, v px", "tip y, z mm", "score")
     cells = [
-        [Path(str(row["image"])).name, _pair(row["tip_px"]), _pair(row["tip_mm"]), number(row["score"], 3)]
+        [
+            Path(str(row["image"])).name,
+            _format_pair(row["tip_px"]),
+            _format_pair(row["tip_mm"]),
+            number(row["score"], 3),
+        ]
         for row in rows
     ]
     print_table(heads, cells)
@@ -204,5 +209,5 @@ def _print_tips(rows: list[dict[str, object]]) -> None:
             say(f"{Path(str(row['image'])).name}: {row['reason']}")
 
 
-def _pair(value: object) -> str:
+def _format_pair(value: object) -> str:
     return f"{value[0]:.2f}, {value[1]:.2f}" if isinstance(value, list | tuple) else "-"

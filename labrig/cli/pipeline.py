@@ -1,4 +1,4 @@
-"""The line of a run: protocol, rig opened, recorder, experiment, rig closed, run read, analysis, report."""
+"""The steps of a run: open rig and record, conduct the experiment, close both, analyse, write the report."""
 
 import shlex
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from labrig.cli.analyze import analyze
 from labrig.cli.finished_run import FinishedRun
 from labrig.cli.output import say
 from labrig.cli.progress import Reporter, progress
-from labrig.cli.rigs import rig_for_person
+from labrig.cli.rigs import open_rig_for_person
 from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
@@ -39,8 +39,8 @@ from labrig.runner.session import Session
 
 
 @dataclass(frozen=True)
-class Order:
-    """What is to be run: an experiment and its protocol, on which rig if any, into which record, by which command."""
+class RunOrder:
+    """What to run: an experiment and its protocol, the rig if it needs one, the record, and the command line."""
 
     experiment: Experiment
     protocol: ExperimentProtocol
@@ -52,8 +52,8 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """A run that has been recorded: how it ended, where the needle was left, and a signal that came too late."""
+class RecordedRun:
+    """A recorded run: how it ended, where the needle was left, and a signal that came after its end."""
 
     path: Path
     outcome: Outcome
@@ -62,8 +62,8 @@ class Recorded:
     can_resume: bool = False
 
 
-def perform(order: Order) -> FinishedRun:
-    """Carry out an order.
+def perform(order: RunOrder) -> FinishedRun:
+    """Record a run, measure it and write its report.
 
     Raises
     ------
@@ -81,13 +81,13 @@ def perform(order: Order) -> FinishedRun:
     needs = estimate(plan, order.rig)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
     require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
-    return conclude(_record(order, plan, needs.work), order.command_line)
+    return finish(_record(order, plan, needs.work), order.command_line)
 
 
-def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> FinishedRun:
-    """Measure what was recorded and write the report, where the run came to its end."""
+def finish(recorded: RecordedRun, command_line: tuple[str, ...]) -> FinishedRun:
+    """Measure a recorded run and write the report, if the run came to its end."""
     path, outcome = recorded.path, recorded.outcome
-    if outcome.error is not None and not _has_an_answer(outcome.error):
+    if outcome.error is not None and not _is_measurable(outcome.error):
         return FinishedRun(
             path,
             outcome.exit_status,
@@ -99,33 +99,33 @@ def conclude(recorded: Recorded, command_line: tuple[str, ...]) -> FinishedRun:
             recorded.can_resume,
         )
     if recorded.signal_name is not None:
-        return _unmeasured(path, recorded.signal_name)
+        return _make_unmeasured(path, recorded.signal_name)
     try:
         result = analyze(path, command_line)
-        # Not earlier: the processes that measure are forked before matplotlib is loaded, and stay small.
+        # Imported late: the processes that measure are forked before matplotlib is loaded, and stay small.
         from labrig.cli.reporting import write_page
 
         say("writing the report")
         report = write_page(open_run(path), result)
     except Interruption as interruption:
-        return _unmeasured(path, str(interruption))
+        return _make_unmeasured(path, str(interruption))
     except AnswerIsNoError as error:
         return FinishedRun(path, outcome.exit_status, error.message, None, None, error, "")
     return FinishedRun(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
 
 
-def _has_an_answer(error: LabrigError) -> bool:
-    """Tell whether a run that ended so came to an end that is worth measuring: needles were inserted and withdrawn."""
+def _is_measurable(error: LabrigError) -> bool:
+    """Return whether a run with this error can be measured: needles were inserted and withdrawn."""
     return isinstance(error, TargetMissedError) and error.inserted
 
 
-def _unmeasured(path: Path, signal_name: str) -> FinishedRun:
-    """Return what is known of a run that came to its end and was then interrupted."""
+def _make_unmeasured(path: Path, signal_name: str) -> FinishedRun:
+    """Return a run that came to its end and was interrupted before it was measured."""
     message = f"interrupted by {signal_name} when the run had ended; it is recorded, and was not measured"
     return FinishedRun(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
-def _record(order: Order, plan: RunPlan, work: float) -> Recorded:
+def _record(order: RunOrder, plan: RunPlan, work: float) -> RecordedRun:
     """Open the record, with a rig where the protocol needs one, conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
@@ -137,7 +137,7 @@ def _record(order: Order, plan: RunPlan, work: float) -> Recorded:
         return record_on_rig(experiment, protocol, order.rig, work, order.command_line, act)
     clock = SystemClock()
     recorder = _open_record(order, plan, clock, {})
-    return Recorded(recorder.path, conduct_without_rig(experiment, recorder, clock), "", None)
+    return RecordedRun(recorder.path, conduct_without_rig(experiment, recorder, clock), "", None)
 
 
 def record_on_rig(
@@ -147,20 +147,20 @@ def record_on_rig(
     work: float,
     command_line: tuple[str, ...],
     act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
-) -> Recorded:
+) -> RecordedRun:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
     doing = " ".join(("labrig", *command_line[1:]))
     with (
-        rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
+        open_rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
         progress(protocol.experiment, work) as reporter,
     ):
         path, outcome = act(rig, reporter)
-        needle = _needle_left(rig, path)
-    return Recorded(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
+        needle = _describe_needle(rig, path)
+    return RecordedRun(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
 
 
-def _needle_left(rig: Rig, run: Path) -> str:
-    """Say that the needle is in tissue, where and what to do; empty where it is known to be out."""
+def _describe_needle(rig: Rig, run: Path) -> str:
+    """Return where the needle is in tissue and what to do; empty if it is known to be out."""
     if rig.state.needle_in_tissue is False:
         return ""
     if rig.description.kind == "simulated":
@@ -178,7 +178,7 @@ def _needle_left(rig: Rig, run: Path) -> str:
     )
 
 
-def _open_record(order: Order, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
+def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
     started = clock.utc()
     manifest = {
         "experiment": order.protocol.experiment,
@@ -197,7 +197,7 @@ def _open_record(order: Order, plan: RunPlan, clock: Clock, devices: Mapping[str
     }
     name = order.run_name
     if name is None:
-        name = free_name(order.runs_dir, started, order.protocol.experiment)
+        name = find_free_name(order.runs_dir, started, order.protocol.experiment)
     protocol_yaml, rig = dump_yaml(order.protocol), order.rig
     if rig is None:
         return Recorder.create(
@@ -217,8 +217,8 @@ def _open_record(order: Order, plan: RunPlan, clock: Clock, devices: Mapping[str
     )
 
 
-def free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
-    """Return a name that no run has; two runs started in the same second get different ones."""
+def find_free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
+    """Return a name that no run has; runs that start in the same second get different names."""
     name = f"{started:%Y%m%d-%H%M%S}-{experiment}"
     number = 1
     while (runs_dir / name).exists():

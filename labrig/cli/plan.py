@@ -1,4 +1,4 @@
-"""`labrig plan`: a path for a scenario, without any rig."""
+"""`labrig plan`: plans a path for a scenario, without a rig."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -46,7 +46,7 @@ def plan(
 
 
 def _check_figure(figure: Path, force: bool) -> None:
-    """Refuse a figure that cannot be written before anything is planned."""
+    """Refuse a figure that cannot be written, before anything is planned."""
     if figure.suffix.lower() not in {".svg", ".png"}:
         raise InputError(f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example")
     if figure.exists() and not force:

@@ -29,7 +29,7 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
-    from labrig.cli.rigs import rig_for
+    from labrig.cli.rigs import load_rig_for
     from labrig.experiments.declared import PROTOCOL_MODELS
     from labrig.experiments.registry import find_experiment
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
@@ -40,7 +40,7 @@ def check(
     faults = _report_plugin_faults(EXPERIMENTS)
     try:
         loaded = load_protocol(protocol, PROTOCOL_MODELS, protocol_settings, seed)
-        description = rig_for(loaded, protocol, rig, rig_settings)
+        description = load_rig_for(loaded, protocol, rig, rig_settings)
     except FileFormatError as error:
         if not as_json:
             raise

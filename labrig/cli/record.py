@@ -1,4 +1,4 @@
-"""`labrig report`, `view` and `import`: what shows a run, or makes one of pictures."""
+"""`labrig report`, `view` and `import`: show a run, or make a run from pictures."""
 
 import sys
 from pathlib import Path
@@ -28,19 +28,19 @@ from labrig.errors import InputError, RecordError
 
 
 def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
-    """Write RUN/report.html of each run; a run without a result gets a page that says so."""
+    """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
     from labrig.cli.reporting import write_page
     from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
 
-    def one(path: Path) -> dict[str, object]:
+    def report_run(path: Path) -> dict[str, object]:
         loaded = open_run(path)
         page = write_page(loaded, result_of(loaded))
         if not as_json:
             print_line(str(page))
         return add_damage({"report": str(page), "reason": None}, loaded.damage)
 
-    return do_for_each_run(run_paths, one, as_json, key="report")
+    return do_for_each_run(run_paths, report_run, as_json, key="report")
 
 
 def view(
@@ -50,7 +50,7 @@ def view(
     ] = True,
     as_json: AsJson = False,
 ) -> int:
-    """Make RUN/view.rrd, which can be thrown away and made again, and open it."""
+    """Make RUN/view.rrd, which can be deleted and made again, and open it."""
     from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
     from labrig.experiments.registry import view_of
     from labrig.record.reader import open_run
@@ -93,8 +93,8 @@ def import_(
     runs_dir: RunsDirOption = DEFAULT_RUNS_DIR,
     as_json: AsJson = False,
 ) -> int:
-    """Copy the pictures into runs, one a folder, which reanalyze, report and view take like any other run."""
-    from labrig.cli.import_pictures import ImportOrder, import_folder, picture_folders
+    """Copy the pictures into runs, one for each folder; reanalyze, report and view take them like any other run."""
+    from labrig.cli.import_pictures import ImportOrder, find_picture_folders, import_folder
 
     order = ImportOrder(
         px_per_mm=px_per_mm,
@@ -110,7 +110,7 @@ def import_(
         command_line=tuple(sys.argv),
     )
     rows = []
-    for source in picture_folders(folder):
+    for source in find_picture_folders(folder):
         imported = import_folder(source, order)
         rows.append({"folder": str(source), **imported})
         if not as_json:

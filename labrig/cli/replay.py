@@ -1,4 +1,4 @@
-"""`labrig replay`: the same procedure on recorded devices, and whether it does what it did."""
+"""`labrig replay`: runs the procedure on recorded devices, and compares it with the record."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -16,7 +16,7 @@ def replay(
     run_path: RunArgument,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 0 when every command and every line is the recorded one, and with 1 at the first that differs."""
+    """Exit with 0 when every command and every line equals the record, and with 1 at the first difference."""
     from labrig.experiments.registry import experiment_of, protocol_of
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
@@ -44,15 +44,15 @@ def replay(
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    """Print whether all was the same, and what was compared; or the first difference with both values."""
-    one = document["first_difference"]
-    if one is None:
+    """Print that the replay is identical, or the first difference with both values, and what was compared."""
+    difference = document["first_difference"]
+    if difference is None:
         print_line("identical, to the last bit" if document["bit_exact"] else "identical")
     else:
-        place = f"after picture {_known(one['frame'])}, in trial {_known(one['trial'])}"
-        print_line(f"differs at t = {one['t_s']:.3f} s, {place}")
-        print_line(f"  {one['what']} in the record: {one['recorded']}")
-        print_line(f"  {one['what']} in the replay: {one['now']}")
+        place = f"after picture {_format(difference['frame'])}, in trial {_format(difference['trial'])}"
+        print_line(f"differs at t = {difference['t_s']:.3f} s, {place}")
+        print_line(f"  {difference['what']} in the record: {difference['recorded']}")
+        print_line(f"  {difference['what']} in the replay: {difference['now']}")
         _print_code(document["code"])
     if document["ended_early"]:
         print_line(f"  {document['ended_early']}; it is compared up to there")
@@ -61,22 +61,24 @@ def _print(document: Mapping[str, Any]) -> None:
 
 
 def _code(provenance: object) -> dict[str, object]:
-    """Return which code made a record, as far as its provenance says."""
-    said = provenance if isinstance(provenance, Mapping) else {}
-    return {key: said.get(key) for key in ("labrig", "git_commit", "git_dirty")}
+    """Return which code made a record, if its provenance holds that."""
+    values = provenance if isinstance(provenance, Mapping) else {}
+    return {key: values.get(key) for key in ("labrig", "git_commit", "git_dirty")}
 
 
 def _print_code(code: Mapping[str, Mapping[str, object]]) -> None:
-    """Say whose difference it is, where other code than this one made the record."""
+    """Print both versions, if other code than this made the record."""
     recorded, now = code["recorded"], code["now"]
     if recorded != now or now["git_dirty"]:
-        print_line(f"  other code made this record: {_named(recorded)}; this is {_named(now)}")
+        print_line(
+            f"  other code made this record: {_describe_code(recorded)}; this is {_describe_code(now)}"
+        )
 
 
-def _named(code: Mapping[str, object]) -> str:
+def _describe_code(code: Mapping[str, object]) -> str:
     commit = str(code["git_commit"] or "of no commit")[:12]
-    return f"labrig {_known(code['labrig'])}, {commit}{' with changes' if code['git_dirty'] else ''}"
+    return f"labrig {_format(code['labrig'])}, {commit}{' with changes' if code['git_dirty'] else ''}"
 
 
-def _known(number: object) -> str:
+def _format(number: object) -> str:
     return "none" if number is None else str(number)

@@ -1,4 +1,4 @@
-"""Writing the page of a run from its newest result, or from the one that was just made."""
+"""Writes the report page of a run."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def write_page(run: Run, result: AnyResult | None) -> Path:
     InputError
         When the experiment of the run is not installed.
     RecordError
-        When the record or the result is damaged so that nothing can be shown.
+        When record or result are so damaged that nothing can be shown.
     DiskError
         When the page cannot be written.
     """

@@ -1,4 +1,4 @@
-"""A sweep goes on after a crash, a power cut or a stop, on the rig and by the protocol that it had."""
+"""Continues a sweep after a crash, a power cut or a stop, on the same rig and with the same protocol."""
 
 import json
 import shlex
@@ -10,9 +10,9 @@ from typing import Any
 
 from labrig.cli.finished_run import FinishedRun
 from labrig.cli.output import say
-from labrig.cli.pipeline import Recorded, conclude, record_on_rig
+from labrig.cli.pipeline import RecordedRun, finish, record_on_rig
 from labrig.cli.progress import Reporter
-from labrig.cli.sources import Sources, recorded_sources
+from labrig.cli.sources import Sources, read_sources
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -34,12 +34,12 @@ from labrig.runner.session import Session
 from labrig.runner.withdrawal import recorded_path
 
 _NOT_THE_RIG = ("faults",)
-"""What a rig file holds beside how the rig stands: faults are scripted for one session of a simulated rig."""
+"""Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
 
 
 @dataclass(frozen=True)
 class Continuation:
-    """A run that can be continued: what is left of it, on which rig, and the command that said so."""
+    """A run to continue: what remains of it, its rig, and the command line."""
 
     run: Run
     experiment: Experiment
@@ -52,40 +52,40 @@ class Continuation:
 def resume_run(
     path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...]
 ) -> FinishedRun:
-    """Make the insertions that are left of a run, measure it and write its report.
+    """Make the remaining insertions of a run, measure it and write its report.
 
     Raises
     ------
     RecordError
-        When it is no run, or is damaged.
+        When it is not a run, or is damaged.
     FileFormatError
         When protocol, rig or calibration are not those of the run; each difference is a problem.
     InputError
         When nothing of such a run can be kept, or a block has no room for another entry point.
     LockedError, DiskError, BusError, DriveError, CameraError
-        When it cannot go on; the record is as it was.
+        When it cannot continue; the record is unchanged.
     """
-    run = _undamaged(path)
+    run = _open_undamaged(path)
     if run.withdraws is not None:
         raise InputError(
             f"{path} is the withdrawal of the needle of run {run.withdraws}; it is not resumed",
-            f"labrig devices withdraw goes on with it; labrig resume {path.parent / run.withdraws} with that run",
+            f"labrig devices withdraw continues it; labrig resume {path.parent / run.withdraws} continues that run",
         )
     if run.manifest.get("exit_status") == "success":
         say(f"{path} has come to its end; it is measured again")
-        return conclude(Recorded(path, Outcome("success", "", None), "", None), command_line)
+        return finish(RecordedRun(path, Outcome("success", "", None), "", None), command_line)
     experiment = experiment_of(run)
     if not experiment.can_resume:
         raise InputError(
             f"a run of the experiment {experiment.name} is not continued: nothing of it can be kept",
-            _instead(run, experiment),
+            _suggest_alternative(run, experiment),
         )
     experiment.require_parts()
     recorded = protocol_of(run)
-    description = _unchanged(run, recorded, _sources(run, protocol, rig))
+    description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig))
     remainder = experiment.resume(recorded, run)
     if not remainder.left:
-        return conclude(_closed_without_rig(path, command_line), command_line)
+        return finish(_close_without_rig(path, command_line), command_line)
     say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left")
     continuation = Continuation(run, experiment, recorded, remainder, description, command_line)
     plan = experiment.plan(recorded, description)
@@ -93,10 +93,10 @@ def resume_run(
     share = remainder.left / plan.trials
     least_free_mb = description.recording.least_free_mb
     require_free_bytes(path, int(share * needs.disk_bytes + 1e6 * least_free_mb))
-    return conclude(_record_rest(continuation, needs.work), command_line)
+    return finish(_record_rest(continuation, needs.work), command_line)
 
 
-def _instead(run: Run, experiment: Experiment) -> str:
+def _suggest_alternative(run: Run, experiment: Experiment) -> str:
     """Return what to do about a run that cannot be continued."""
     devices = run.manifest.get("devices")
     if not devices:
@@ -110,7 +110,7 @@ def _instead(run: Run, experiment: Experiment) -> str:
     )
 
 
-def _undamaged(path: Path) -> Run:
+def _open_undamaged(path: Path) -> Run:
     verdict = check_run(path)
     if verdict.damage:
         first, count = verdict.damage[0], len(verdict.damage)
@@ -120,31 +120,31 @@ def _undamaged(path: Path) -> Run:
     return open_run(path)
 
 
-def _sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
-    """Return where protocol and rig are read again: as named now, else as named when the run was started."""
-    kept = recorded_sources(run.manifest)
+def _find_sources(run: Run, protocol: Path | None, rig: Path | None) -> Sources:
+    """Return the sources of protocol and rig: those named now, else those named when the run was started."""
+    kept = read_sources(run.manifest)
     if kept is None:
         if rig is None:
             raise InputError(f"{run.path} does not say which rig file it had", "name it with --rig FILE")
         kept = Sources(run.path / "protocol.yaml", rig, (), None)
-    settings = tuple(one for one in kept.settings if not one.startswith("rig.faults"))
+    settings = tuple(setting for setting in kept.settings if not setting.startswith("rig.faults"))
     sources = replace(kept, protocol=protocol or kept.protocol, rig=rig or kept.rig, settings=settings)
     if not sources.protocol.exists() and protocol is None:
         say(f"note: {sources.protocol} is not here; the protocol of the record is taken")
-        seed_and_values = tuple(one for one in settings if one.startswith("rig."))
-        return replace(sources, protocol=run.path / "protocol.yaml", settings=seed_and_values, seed=None)
+        rig_settings = tuple(setting for setting in settings if setting.startswith("rig."))
+        return replace(sources, protocol=run.path / "protocol.yaml", settings=rig_settings, seed=None)
     return sources
 
 
-def _unchanged(run: Run, recorded: ExperimentProtocol, sources: Sources) -> RigDescription:
-    """Return the rig if it, the protocol and the calibration are what the run began with."""
+def _require_unchanged(run: Run, recorded: ExperimentProtocol, sources: Sources) -> RigDescription:
+    """Return the rig; refuse if it, the protocol or the calibration have changed since the run began."""
     protocol, description = sources.load()
     if description is None or run.rig_path is None:
         raise InputError(f"{run.path} moves no rig", "run its protocol again")
     problems = [
-        *_differences(str(sources.protocol), _values(recorded), _values(protocol)),
-        *_differences(str(sources.rig), _values(load_rig(run.rig_path)), _values(description)),
-        *_calibration_differences(run, description),
+        *_find_problems(str(sources.protocol), _values(recorded), _values(protocol)),
+        *_find_problems(str(sources.rig), _values(load_rig(run.rig_path)), _values(description)),
+        *_find_calibration_problems(run, description),
     ]
     if problems:
         raise FileFormatError(tuple(problems))
@@ -155,16 +155,16 @@ def _values(model: Model) -> dict[str, Any]:
     return {key: value for key, value in model.model_dump(mode="json").items() if key not in _NOT_THE_RIG}
 
 
-def _differences(where: str, recorded: object, now: object) -> Iterator[Problem]:
+def _find_problems(where: str, recorded: object, now: object) -> Iterator[Problem]:
     for key, before, after in find_differences(recorded, now):
         yield Problem(
             f"{where} {key}",
             f"the run began with {before}, now it is {after}",
-            "a run goes on with what it began with: restore that, or start a new run",
+            "a run continues with what it began with: restore that, or start a new run",
         )
 
 
-def _calibration_differences(run: Run, description: RigDescription) -> Iterator[Problem]:
+def _find_calibration_problems(run: Run, description: RigDescription) -> Iterator[Problem]:
     files = description.calibration_files()
     hashes = run.manifest.get("hashes")
     recorded = hashes.get("calibration", {}) if isinstance(hashes, Mapping) else {}
@@ -174,28 +174,28 @@ def _calibration_differences(run: Run, description: RigDescription) -> Iterator[
         if digest != recorded.get(name):
             yield Problem(
                 f"calibration {name}",
-                f"the run began with SHA-256 {_short(recorded.get(name))}, now it is {_short(digest)}",
-                "a run goes on with what it began with: restore that file, or start a new run",
+                f"the run began with SHA-256 {_shorten(recorded.get(name))}, now it is {_shorten(digest)}",
+                "a run continues with what it began with: restore that file, or start a new run",
             )
             if name in files and name in recorded and name.endswith(".json"):
                 before = run.calibration_path(name).read_bytes()
-                yield from _differences(f"calibration {name}", json.loads(before), json.loads(now))
+                yield from _find_problems(f"calibration {name}", json.loads(before), json.loads(now))
 
 
-def _short(digest: object) -> str:
+def _shorten(digest: object) -> str:
     return "none" if digest is None else f"{str(digest)[:12]}..."
 
 
-def _closed_without_rig(path: Path, command_line: tuple[str, ...]) -> Recorded:
-    """Close a run that was interrupted when every insertion had been made."""
+def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> RecordedRun:
+    """Close a run that was interrupted after its last insertion."""
     clock = SystemClock()
     recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
     recorder.record_event(RunStop(exit_status="success", reason=""), 0.0)
     recorder.close("success", "", clock.utc())
-    return Recorded(path, Outcome("success", "", None), "", None)
+    return RecordedRun(path, Outcome("success", "", None), "", None)
 
 
-def _record_rest(continuation: Continuation, work: float) -> Recorded:
+def _record_rest(continuation: Continuation, work: float) -> RecordedRun:
     command_line = continuation.command_line
 
     def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:

@@ -1,4 +1,4 @@
-"""Which rig a protocol runs on, if it needs one, and opening it for the person at the terminal."""
+"""Finds the rig that a protocol runs on, and opens it for the person at the terminal."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -17,30 +17,30 @@ from labrig.protocol.sections import ExperimentProtocol, Needle
 
 
 def remark_on_yes(description: RigDescription, *, yes: bool) -> None:
-    """Say that `--yes` does not answer where a person must."""
+    """Say that `--yes` answers no question on a real rig."""
     if yes and description.kind != "simulated":
         say("note: --yes does not answer on a real rig; every question is asked")
 
 
 @contextmanager
-def rig_for_person(
+def open_rig_for_person(
     description: RigDescription, doing: str, *, seed: int = 0, opening: Opening | None = None
 ) -> Iterator[tuple[Rig, SignalNote]]:
-    """Open a rig for the person at the terminal: questions are printed there, a signal stops the axes first.
+    """Open a rig for the person at the terminal, who is asked the questions; a signal stops the axes first.
 
     Parameters
     ----------
     doing : str
-        What the rig is used for, as another labrig that wants it is told.
+        What the rig is used for; another labrig that wants the rig prints it.
     seed : int
-        For every draw of a simulated world.
+        Seed of every random draw of a simulated world.
     opening : Opening or None
-        What of the rig is opened, and how; None for the whole of it.
+        What of the rig to open, and how; None: all of it.
 
     Yields
     ------
     Rig, SignalNote
-        The rig, and the note of a signal that has arrived; ask the note again afterwards.
+        The rig, and the note of a signal that has arrived; ask the note again after the block.
 
     Raises
     ------
@@ -61,26 +61,26 @@ def rig_for_person(
         yield rig, interrupted
 
 
-def rig_for(
+def load_rig_for(
     protocol: ExperimentProtocol, protocol_file: Path, given: Path | None, overrides: Sequence[str]
 ) -> RigDescription | None:
-    """Return the rig that the protocol runs on; None, and no file read, for a design.
+    """Return the rig that the protocol runs on; None for an experiment without a rig, for which no file is read.
 
-    It is as its file describes it; a simulated world has the needle of the protocol's design file in it.
+    A simulated world gets the needle of the protocol's design file.
 
     Parameters
     ----------
     given : Path or None
-        The rig file that was named, if one was.
+        The rig file that was named, if any.
     overrides : sequence of str
         `dotted.key=value` for the rig file.
 
     Raises
     ------
     InputError
-        When there is no rig file, or one is given to a protocol that moves nothing.
+        When there is no rig file, or one is given for a protocol that moves nothing.
     FileFormatError
-        With every fault of the rig file, or when the simulated world has no room for the protocol's needle.
+        With every problem of the rig file, or when the simulated world has no room for the protocol's needle.
     """
     experiment = find_experiment(protocol.experiment)
     if not experiment.moves_rig:

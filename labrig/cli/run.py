@@ -40,7 +40,7 @@ def run(
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""
     from labrig.cli.finished_run import print_finished
-    from labrig.cli.pipeline import Order, perform
+    from labrig.cli.pipeline import RunOrder, perform
     from labrig.cli.rigs import remark_on_yes
     from labrig.cli.sources import Sources
     from labrig.experiments.registry import find_experiment
@@ -51,8 +51,8 @@ def run(
         remark_on_yes(description, yes=yes)
     experiment = find_experiment(loaded.experiment)
     command_line = tuple(map(mask_passwords, sys.argv))
-    named = sources.named(loaded)
-    order = Order(experiment, loaded, description, runs_dir, run_name, command_line, named)
+    sources = sources.with_rig_file(loaded)
+    order = RunOrder(experiment, loaded, description, runs_dir, run_name, command_line, sources)
     return print_finished(perform(order), experiment, as_json)
 
 

@@ -41,7 +41,7 @@ ByOption = Annotated[
 
 LONGEST_CELL = 24
 LONGEST_SECTION = 15
-"""Lines of a section of differences that are printed; --json has all of them."""
+"""Lines printed of a section of differences; --json has all of them."""
 
 
 @app.callback(invoke_without_command=True)
@@ -63,7 +63,7 @@ def list_(
     reverse: Annotated[bool, typer.Option("--reverse", help="Reverse the order.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """List every run of a folder that fits, damaged ones too."""
+    """List every run of a folder that fits, damaged runs too."""
     if context.invoked_subcommand is not None:
         return
 
@@ -83,7 +83,7 @@ def list_(
 
 
 def _find(runs_dir: Path, where: str | None, sort: str | None, *, reverse: bool) -> list[FoundRun]:
-    """Find the runs that fit, or list all of them, for which no YAML is read and no reader of it imported."""
+    """Find the runs that fit, or list all runs, which needs no YAML reader."""
     if where is None and sort is None:
         return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse)]
     from labrig.record.search import find_runs
@@ -96,46 +96,48 @@ def _row(found: FoundRun) -> dict[str, object]:
     return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
 
-# Fields that have a column of their own, or are the run itself.
+# Fields that have a column of their own.
 _SHOWN = frozenset({"run", "exit_status", "experiment", "protocol", "tag", "verdict"})
 
 
 def _print_runs(found: Sequence[FoundRun]) -> None:
-    """Print a table, with a column for each field that was asked for and does not stand in it anyway.
+    """Print a table, with an additional column for each field that was searched or sorted by.
 
-    What people have said stands in columns too, or below each run where the terminal is too narrow for that.
+    Verdict, notes and tags have columns too, or lines below each run if the terminal is too narrow.
     """
     asked = [name for name in found[0].fields if name not in _SHOWN]
     heads = ["run", "experiment", "exit status", "trials", *asked]
-    rows = [[*_own_cells(one.summary), *(_values(one.fields[name]) for name in asked)] for one in found]
-    said = [_said_cells(one.summary) for one in found]
-    wanted = [column for column in range(len(_SAID)) if any(cells[column] for cells in said)]
-    wide_heads = [*heads, *(_SAID[column] for column in wanted)]
-    wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, said, strict=True)]
+    rows = [[*_summary_cells(run.summary), *(_join(run.fields[name]) for name in asked)] for run in found]
+    remarks = [_remark_cells(run.summary) for run in found]
+    wanted = [column for column in range(len(_REMARKS)) if any(cells[column] for cells in remarks)]
+    wide_heads = [*heads, *(_REMARKS[column] for column in wanted)]
+    wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, remarks, strict=True)]
     if not wanted or fits_terminal(wide_heads, wide):
         print_table(wide_heads, wide)
     else:
-        print_table(heads, rows, [_said_line(cells) for cells in said])
+        print_table(heads, rows, [_join_remarks(cells) for cells in remarks])
 
 
-def _own_cells(summary: RunSummary) -> list[object]:
+def _summary_cells(summary: RunSummary) -> list[object]:
     done, planned = summary.trials_done, summary.trials_planned
     trials = f"{done} of {planned}" if planned else None
     return [summary.run.name, summary.protocol, summary.exit_status, trials]
 
 
-_SAID = ("verdict", "notes", "tags")
+_REMARKS = ("verdict", "notes", "tags")
 
 
-def _said_cells(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
+def _remark_cells(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
     return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
 
 
-def _said_line(cells: tuple[str | None, int | None, str | None]) -> str:
-    return "  ".join(f"{name}: {cell}" for name, cell in zip(_SAID, cells, strict=True) if cell is not None)
+def _join_remarks(cells: tuple[str | None, int | None, str | None]) -> str:
+    return "  ".join(
+        f"{name}: {cell}" for name, cell in zip(_REMARKS, cells, strict=True) if cell is not None
+    )
 
 
-def _values(values: Sequence[object]) -> object:
+def _join(values: Sequence[object]) -> object:
     return values[0] if len(values) == 1 else ", ".join(str(value) for value in values) or None
 
 
@@ -147,15 +149,15 @@ def tag(
     by: ByOption = None,
     as_json: AsJson = False,
 ) -> None:
-    """Append to RUN/notes.jsonl; the record itself is not touched."""
+    """Append to RUN/notes.jsonl; the record itself is not changed."""
     at = _now()
-    said = [(run, tag_run(run, tags, remove=remove, by=_person(by), at=at)) for run in runs]
+    tagged = [(run, tag_run(run, tags, remove=remove, by=_find_author(by), at=at)) for run in runs]
     for run in runs:
-        _say_page_is_older(run)
+        _note_older_page(run)
     if as_json:
-        print_json([_said(run, annotations) for run, annotations in said])
+        print_json([_row_of_annotations(run, annotations) for run, annotations in tagged])
         return
-    for run, annotations in said:
+    for run, annotations in tagged:
         print_line(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
 
 
@@ -182,15 +184,15 @@ def note(
         annotations = open_run(run).annotations
     else:
         require_local_run(run)
-        annotations = note_on_run(run, text, revises=revise, by=_person(by), at=_now())
-        _say_page_is_older(run)
+        annotations = note_on_run(run, text, revises=revise, by=_find_author(by), at=_now())
+        _note_older_page(run)
     if as_json:
-        print_json(_said(run, annotations))
+        print_json(_row_of_annotations(run, annotations))
         return
-    for one in annotations.revisions if text is None else annotations.notes:
-        # What begins at the left is labrig's; a further line of a note cannot pass for it.
-        text = one.text.replace("\n", "\n    ")
-        print_line(f"{one.note}.{one.revision}  {one.at}  {one.by}: {text}")
+    for revision in annotations.revisions if text is None else annotations.notes:
+        # Further lines of a note are indented, so that they cannot pass for output of labrig.
+        text = revision.text.replace("\n", "\n    ")
+        print_line(f"{revision.note}.{revision.revision}  {revision.at}  {revision.by}: {text}")
 
 
 @app.command("verdict", help="State whether a run can be trusted; the last verdict counts.")
@@ -204,10 +206,10 @@ def verdict(
     as_json: AsJson = False,
 ) -> None:
     """Append to RUN/notes.jsonl; earlier verdicts are kept."""
-    annotations = judge_run(run, judgement, reason, by=_person(by), at=_now())
-    _say_page_is_older(run)
+    annotations = judge_run(run, judgement, reason, by=_find_author(by), at=_now())
+    _note_older_page(run)
     if as_json:
-        print_json(_said(run, annotations))
+        print_json(_row_of_annotations(run, annotations))
     else:
         print_line(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
 
@@ -218,22 +220,22 @@ def diff(
     b: Annotated[str, typer.Argument(metavar="B", help="Folder of another run, or its URL.")],
     as_json: AsJson = False,
 ) -> int:
-    """Say each value in which they differ; exit with 4 where a record is damaged."""
+    """Print each value in which they differ; exit with 4 when a record is damaged."""
     from labrig.record.difference import compare_runs
     from labrig.record.reader import open_run
 
     runs = open_run(a), open_run(b)
     differences = compare_runs(*(run.path for run in runs))
-    damage = report_damage([*_damage_of(a, runs[0]), *_damage_of(b, runs[1])])
+    damage = report_damage([*_list_damage(a, runs[0]), *_list_damage(b, runs[1])])
     exit_code = 0 if damage is None else RecordError.exit_code
     if as_json:
-        found = [asdict(each) for each in differences]
+        found = [asdict(difference) for difference in differences]
         print_json({"a": a, "b": b, "identical": not found, "differences": found, "reason": damage})
         return exit_code
     if not differences:
         print_line("no difference")
-    for section, group in groupby(differences, key=lambda each: each.section):
-        rows = [[each.key, _shortened(each.a), _shortened(each.b)] for each in group]
+    for section, group in groupby(differences, key=lambda difference: difference.section):
+        rows = [[value.key, _shorten(value.a), _shorten(value.b)] for value in group]
         print_table((section, "A", "B"), rows[:LONGEST_SECTION])
         if len(rows) > LONGEST_SECTION:
             print_line(f"... and {len(rows) - LONGEST_SECTION} more; --json prints all of them")
@@ -241,30 +243,29 @@ def diff(
     return exit_code
 
 
-def _damage_of(name: str, run: OpenedRun) -> list[str]:
+def _list_damage(name: str, run: OpenedRun) -> list[str]:
     return [f"{name}: {problem.where}: {problem.message}" for problem in run.damage]
 
 
-def _shortened(value: object) -> str | None:
-    """Return a value in few words, with the digits that tell it from another."""
+def _shorten(value: object) -> str | None:
+    """Return a value shortened, with enough digits to tell it from another."""
     if isinstance(value, float):
         return f"{value:.9g}"
     text = None if value is None else str(value)
     return text if text is None or len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 3]}..."
 
 
-def _said(run: Path, annotations: Annotations) -> dict[str, object]:
+def _row_of_annotations(run: Path, annotations: Annotations) -> dict[str, object]:
     return {"run": str(run), **asdict(annotations)}
 
 
-def _say_page_is_older(run: Path) -> None:
-    """Say that the page of a run, where it has one, does not show what has just been said."""
+def _note_older_page(run: Path) -> None:
+    """Say that the report page of a run, if it has one, does not show the new remark."""
     if (run / "report.html").exists():
-        say(f"note: {run}/report.html does not show this yet; written anew by: labrig report {run}")
+        say(f"note: {run}/report.html does not show this yet; write it again: labrig report {run}")
 
 
-def _person(by: str | None) -> str:
-
+def _find_author(by: str | None) -> str:
     try:
         return by or getpass.getuser()
     except (OSError, KeyError) as error:

@@ -1,9 +1,9 @@
-"""`labrig runs check`: whether records are whole, what is lost, and closing those that were interrupted."""
+"""`labrig runs check`: verifies records, reports what is lost, and closes runs that were interrupted."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, TypedDict
 
 import typer
 
@@ -12,6 +12,24 @@ from labrig.cli.options import RunsArgument
 from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError, Problem, RecordError
+
+
+class _CheckedRun(TypedDict):
+    """What was found of a run, as --json prints it."""
+
+    run: str
+    ok: bool
+    reason: str | None
+    protocol: str | None
+    exit_status: str | None
+    writer: str | None
+    repaired: bool
+    damage: list[dict[str, str]]
+    torn: list[dict[str, str]]
+    frames: int
+    states: int
+    events: int
+    trials_done: int
 
 
 def check(
@@ -25,27 +43,27 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every run is sound, and with 4 when one is damaged."""
-    rows = []
+    rows: list[Mapping[str, object]] = []
     exit_code = 0
     for path in run_paths:
         try:
-            row = _one(path, repair)
+            checked = _check_run(path, repair)
         except LabrigError as error:
-            row = {"run": str(path), "ok": False, "reason": error.message}
+            rows.append({"run": str(path), "ok": False, "reason": error.message})
             exit_code = exit_code or error.exit_code
             for line in failure_lines(error):
                 say(line)
         else:
-            exit_code = exit_code or (0 if row["ok"] else RecordError.exit_code)
+            rows.append(checked)
+            exit_code = exit_code or (0 if checked["ok"] else RecordError.exit_code)
             if not as_json:
-                _print(row)
-        rows.append(row)
+                _print(checked)
     if as_json:
         print_json(rows)
     return exit_code
 
 
-def _one(path: Path, repair: bool) -> dict[str, Any]:
+def _check_run(path: Path, repair: bool) -> _CheckedRun:
     from labrig.record.check import check_run
     from labrig.record.reader import fetch_folder
     from labrig.record.repair import repair_run
@@ -61,7 +79,7 @@ def _one(path: Path, repair: bool) -> dict[str, Any]:
     return {
         "run": restore_url(path),
         "ok": not verdict.damage,
-        "reason": _reason(verdict.damage),
+        "reason": _join(verdict.damage),
         "protocol": verdict.experiment,
         "exit_status": verdict.exit_status,
         "writer": None if verdict.writer is None else str(verdict.writer),
@@ -75,27 +93,27 @@ def _one(path: Path, repair: bool) -> dict[str, Any]:
     }
 
 
-def _reason(damage: Iterable[Problem]) -> str | None:
+def _join(damage: Iterable[Problem]) -> str | None:
     return "; ".join(f"{problem.where}: {problem.message}" for problem in damage) or None
 
 
-def _print(row: dict[str, Any]) -> None:
-    """Print what a run holds, and a line for each thing that is wrong with it."""
-    print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_state(row)}")
-    counts = (plural(row[key], key.removesuffix("s")) for key in ("frames", "states", "events"))
+def _print(row: _CheckedRun) -> None:
+    """Print what a run holds, and a line for each problem."""
+    print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
+    counts = (plural(row["frames"], "frame"), plural(row["states"], "state"), plural(row["events"], "event"))
     print_line(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
-    for name in ("damage", "torn"):
-        for problem in row[name]:
+    for name, problems in (("damage", row["damage"]), ("torn", row["torn"])):
+        for problem in problems:
             print_line(f"  {name}: {problem['where']}: {problem['message']}")
             print_line(f"    hint: {problem['hint']}")
 
 
-def _state(row: dict[str, Any]) -> str:
+def _describe_state(row: _CheckedRun) -> str:
     if row["repaired"]:
         return f"interrupted; now closed as {row['exit_status']}"
     if row["writer"] is not None:
         return f"being written by {row['writer']}"
     if row["exit_status"] == "incomplete":
-        goes_on = ", labrig resume goes on with it" if can_resume(row["protocol"]) else ""
-        return f"interrupted; --repair closes it{goes_on}"
+        resume = ", labrig resume continues it" if can_resume(row["protocol"]) else ""
+        return f"interrupted; --repair closes it{resume}"
     return f"closed as {row['exit_status']}"

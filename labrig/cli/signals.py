@@ -1,8 +1,8 @@
-"""INT, TERM and HUP: raised wherever the program stands, or noted while a rig is open so that its axes stop first.
+"""INT, TERM and HUP: raised wherever the program is, or noted while a rig is open so that its axes stop first.
 
-A shell starts background jobs with INT ignored, and `nohup` ignores HUP; both are taken here all the same, because a
-needle may be in tissue. While a rig is open the signal is only noted: the rig asks for it between two bus
-transactions, stops the axes and raises `InterruptedRunError` itself.
+A shell starts background jobs with INT ignored, and `nohup` ignores HUP. Both are handled here all the same, because a
+needle may be in tissue. While a rig is open, a signal is only noted: the rig checks for it between bus transactions,
+stops the axes and raises `InterruptedRunError` itself.
 """
 
 import signal
@@ -16,14 +16,14 @@ _Handler = Callable[[int, FrameType | None], None]
 
 
 class Interruption(BaseException):
-    """A signal, by name, raised where the program stood.
+    """A signal, by name, raised where the program was.
 
-    Not an `Exception`: libraries catch those around imports and go on, and the signal would be lost.
+    It is not an `Exception`: libraries catch those around imports and continue, and the signal would be lost.
     """
 
 
 class SignalNote:
-    """Holds the name of the signal that arrived, once one did."""
+    """Holds the name of the signal that arrived, if any."""
 
     def __init__(self) -> None:
         self._name: str | None = None
@@ -33,34 +33,34 @@ class SignalNote:
         return self._name
 
     def take(self, number: int, _frame: FrameType | None) -> None:
-        """Note a signal; the form of a signal handler."""
+        """Note a signal, as a signal handler."""
         self._name = signal.Signals(number).name
 
 
-def raise_from_now_on() -> None:
+def raise_until_exit() -> None:
     """Raise `Interruption` at every signal until the program ends."""
     for number in INTERRUPTING:
         signal.signal(number, _raise)
 
 
-def ignore_from_now_on() -> None:
-    """Take no more signals: everything is done and said, and the exit code stands."""
+def ignore_until_exit() -> None:
+    """Ignore signals: the work is done and the exit code is decided."""
     for number in INTERRUPTING:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def raise_on_signals() -> Iterator[None]:
-    """Raise `Interruption` wherever the program stands when a signal arrives."""
-    with _handlers(_raise):
+    """Raise `Interruption` wherever the program is when a signal arrives."""
+    with _install_handler(_raise):
         yield
 
 
 @contextmanager
 def note_signals() -> Iterator[SignalNote]:
-    """Note signals instead of raising, for as long as a rig is open; ask the note again afterwards."""
+    """Note signals instead of raising while a rig is open; ask the note again after the block."""
     note = SignalNote()
-    with _handlers(note.take):
+    with _install_handler(note.take):
         yield note
 
 
@@ -69,7 +69,7 @@ def _raise(number: int, _frame: FrameType | None) -> None:
 
 
 @contextmanager
-def _handlers(handler: _Handler) -> Iterator[None]:
+def _install_handler(handler: _Handler) -> Iterator[None]:
     before = {number: signal.signal(number, handler) for number in INTERRUPTING}
     try:
         yield

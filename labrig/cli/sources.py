@@ -1,11 +1,11 @@
-"""The files that a run is made from, as they were named: kept in its manifest, read again when it is continued."""
+"""The files that a run is made from: their names are kept in its manifest and used again when it is continued."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.cli.options import find_rig_file, split_overrides
-from labrig.cli.rigs import rig_for
+from labrig.cli.rigs import load_rig_for
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
@@ -16,7 +16,7 @@ from labrig.protocol.sections import ExperimentProtocol
 
 @dataclass(frozen=True)
 class Sources:
-    """Protocol file, rig file where one was named, overrides and seed."""
+    """Protocol file, rig file if one was named, overrides and seed."""
 
     protocol: Path
     rig: Path | None
@@ -27,16 +27,16 @@ class Sources:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
         protocol_settings, rig_settings = split_overrides(list(self.settings))
         protocol = load_protocol(self.protocol, PROTOCOL_MODELS, protocol_settings, self.seed)
-        return protocol, rig_for(protocol, self.protocol, self.rig, rig_settings)
+        return protocol, load_rig_for(protocol, self.protocol, self.rig, rig_settings)
 
-    def named(self, protocol: ExperimentProtocol) -> "Sources":
-        """Return these with the rig file that stands for one that was not named."""
+    def with_rig_file(self, protocol: ExperimentProtocol) -> "Sources":
+        """Return these with the default rig file, if none was named and the protocol needs one."""
         if not find_experiment(protocol.experiment).moves_rig:
             return self
         return Sources(self.protocol, find_rig_file(self.rig, self.protocol), self.settings, self.seed)
 
     def document(self) -> dict[str, object]:
-        """Return the form that the manifest keeps: names as typed, no folder of this computer, no password."""
+        """Return the form for the manifest: names as typed, without folders of this computer and passwords."""
         rig = None if self.rig is None else str(self.rig)
         return {
             "protocol": str(self.protocol),
@@ -46,8 +46,8 @@ class Sources:
         }
 
 
-def recorded_sources(manifest: Mapping[str, object]) -> Sources | None:
-    """Return what the manifest of a run keeps; None for a run of a labrig that kept none."""
+def read_sources(manifest: Mapping[str, object]) -> Sources | None:
+    """Return the sources in the manifest of a run; None for the run of an older labrig, which kept none."""
     kept = manifest.get("sources")
     if not isinstance(kept, Mapping):
         return None

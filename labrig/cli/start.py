@@ -1,4 +1,4 @@
-"""The entry point: takes signals and mends missing streams before anything slow is imported."""
+"""The entry point: handles signals and replaces missing streams before anything slow is imported."""
 
 import os
 import signal
@@ -8,21 +8,21 @@ INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run `labrig` with the arguments of the process and leave with the documented exit code."""
-    # Until labrig takes it, Ctrl+C ends the process without a traceback: nothing has begun.
+    """Run `labrig` with the arguments of the process and exit with the documented code."""
+    # Until labrig handles it, Ctrl+C ends the process without a traceback: nothing has begun.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from labrig.cli.signals import Interruption, ignore_from_now_on, raise_from_now_on
+    from labrig.cli.signals import Interruption, ignore_until_exit, raise_until_exit
 
     _replace_closed_streams()
     try:
-        raise_from_now_on()
+        raise_until_exit()
         from labrig.cli.main import run_command
 
         exit_code = run_command(sys.argv[1:])
     except Interruption as interruption:
         sys.stderr.write(f"error: interrupted by {interruption}\n")
         exit_code = INTERRUPTED
-    ignore_from_now_on()
+    ignore_until_exit()
     _flush()
     sys.exit(exit_code)
 
@@ -36,7 +36,7 @@ def _replace_closed_streams() -> None:
 
 
 def _flush() -> None:
-    """Flush what is printed; where the reader has gone, Python would complain of it while it ends."""
+    """Flush the output; if its reader has gone, Python would print an error at exit."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,4 +1,4 @@
-"""`labrig calibrate template`: a picture of the tip, by which runs and `labrig measure tip` find it."""
+"""`labrig calibrate template`: cuts the picture by which runs and `labrig measure tip` find the tip."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labrig.cli.calibration_files import ForceOption, provenance, require_writable
+from labrig.cli.calibration_files import ForceOption, collect_calibration_provenance, require_writable
 from labrig.cli.options import (
     IntrinsicsOption,
     OptionalInsertion,
@@ -69,17 +69,17 @@ def template(
     as_json: AsJson = False,
 ) -> None:
     """Cut the template out; tip and heading that are not given are measured by the shaft."""
-    from labrig.cli.cut_template import cut_tip, loose_picture, recorded_frame
-    from labrig.cli.mapping import plane_map
+    from labrig.cli.cut_template import cut_tip, read_recorded_frame, read_single_picture
+    from labrig.cli.mapping import load_plane_map
     from labrig.vision.template_file import save_template, template_files
 
     for file in template_files(out):
         require_writable(file, force)
     mapped = plane is not None or px_per_mm is not None
-    given = plane_map(intrinsics, plane, px_per_mm, origin_px, insertion) if mapped else None
+    given = load_plane_map(intrinsics, plane, px_per_mm, origin_px, insertion) if mapped else None
     if frame is not None and not source.is_dir():
-        raise InputError(f"--frame is for runs, and {source} is none", "leave it out, or name the run")
-    found = recorded_frame(source, frame) if source.is_dir() else loose_picture(source)
+        raise InputError(f"--frame is for runs, and {source} is not a run", "leave it out, or name the run")
+    found = read_recorded_frame(source, frame) if source.is_dir() else read_single_picture(source)
     found = replace(
         found,
         plane=given or found.plane,
@@ -89,7 +89,7 @@ def template(
     )
     heading_rad = None if heading_deg is None else math.radians(heading_deg)
     cut = cut_tip(found, tip_px, heading_rad, side_px, insertion or "right")
-    save_template(out, cut, provenance([found.file]))
+    save_template(out, cut, collect_calibration_provenance([found.file]))
     document = {
         "template": str(out),
         "side_px": cut.picture.shape[0],

@@ -1,4 +1,4 @@
-"""The person at the bench, asked at the terminal."""
+"""Asks the person at the rig, at the terminal."""
 
 import math
 from collections.abc import Callable
@@ -13,19 +13,19 @@ from labrig.posix import wait_for_input
 
 
 class TerminalOperator:
-    """Prints what is to be done and waits for yes or no; the axes hold still meanwhile."""
+    """Prints what is to be done and waits for the answer; the axes hold still meanwhile."""
 
     def __init__(self, interrupted: SignalNote, terminal: TextIO) -> None:
         self._interrupted = interrupted
         self._terminal = terminal
 
     def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
-        """Ask until the answer is yes or no.
+        """Ask until the answer is understood.
 
         Raises
         ------
         SafetyStopError
-            When nobody can answer: standard input is closed or no terminal.
+            When nobody can answer: standard input is closed or is not a terminal.
         InterruptedRunError
             When a signal arrives during the prompt.
         """
@@ -36,32 +36,32 @@ class TerminalOperator:
             )
         match request:
             case ReadScale():
-                return self._ask(request, meanwhile, "a number such as 12.5", _number)
+                return self._ask(request, meanwhile, "a number such as 12.5", _read_number)
             case PickTarget():
-                return self._ask(request, meanwhile, "two numbers such as 640 290.5", _pixel)
+                return self._ask(request, meanwhile, "two numbers such as 640 290.5", _read_pixel)
             case _:
-                return self._ask(request, meanwhile, "yes", _consent)
+                return self._ask(request, meanwhile, "yes", _read_consent)
 
     def _ask(
         self,
         request: OperatorRequest,
         meanwhile: Callable[[], None],
         wanted: str,
-        understand: Callable[[str], Answer | None],
+        read_answer: Callable[[str], Answer | None],
     ) -> Answer:
-        """Ask until the answer is understood or no; say what is wanted where it is neither."""
+        """Ask until the answer is understood or no; say what is wanted if it is neither."""
         remark = ""
         while True:
             say(f"\n>> {request.text}\n   {remark}{wanted}, or no to stop: ")
             typed = self._read_line(meanwhile).strip().lower()
             if typed in {"n", "no"}:
                 return Answer(confirmed=False, note=typed)
-            if (answer := understand(typed)) is not None:
+            if (answer := read_answer(typed)) is not None:
                 return answer
             remark = f"{typed!r} is not understood: " if typed else ""
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
-        """Wait for a line, looking for signals and after the rig twenty times a second."""
+        """Wait for a line; check for signals and look after the rig twenty times a second."""
         while not wait_for_input(self._terminal, 0.05):
             meanwhile()
             if self._interrupted() is not None:
@@ -74,22 +74,22 @@ class TerminalOperator:
         return line
 
 
-def _consent(typed: str) -> Answer | None:
+def _read_consent(typed: str) -> Answer | None:
     return Answer(confirmed=True, note=typed) if typed in {"y", "yes"} else None
 
 
-def _number(typed: str) -> Answer | None:
-    numbers = _finite(typed.replace(",", ".").split())
+def _read_number(typed: str) -> Answer | None:
+    numbers = _read_finite(typed.replace(",", ".").split())
     return Answer(confirmed=True, note=typed, reading=numbers[0]) if len(numbers) == 1 else None
 
 
-def _pixel(typed: str) -> Answer | None:
-    numbers = _finite(typed.split())
+def _read_pixel(typed: str) -> Answer | None:
+    numbers = _read_finite(typed.split())
     return Answer(confirmed=True, note=typed, pixel=(numbers[0], numbers[1])) if len(numbers) == 2 else None
 
 
-def _finite(words: list[str]) -> list[float]:
-    """Return the numbers of an answer; none where one of its words is not a finite number."""
+def _read_finite(words: list[str]) -> list[float]:
+    """Return the numbers of an answer; none if a word is not a finite number."""
     with suppress(ValueError):
         numbers = [float(word) for word in words]
         return numbers if all(map(math.isfinite, numbers)) else []

@@ -1,4 +1,4 @@
-"""The tip in one picture, as `labrig measure tip` tells it."""
+"""Finds the tip in a picture, for `labrig measure tip`."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from labrig.vision.tip_template import TipTemplate
 
 @dataclass(frozen=True)
 class TipSearch:
-    """What is known of the tip beforehand: its looks, perhaps heading and place, and where it is not."""
+    """What is known of the tip: its template, perhaps heading and place, and a mask of pixels without it."""
 
     template: TipTemplate
     heading_deg: float | None
@@ -25,14 +25,14 @@ class TipSearch:
 
 
 def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, object]:
-    """Return what a picture says of the tip, in pixels and mm.
+    """Return the tip in a picture, in pixels and mm.
 
     Raises
     ------
     PictureError
         When the picture cannot be read, is smaller than the template, or not of the plane map's size.
     InputError
-        When what is known beforehand is no number.
+        When heading or place is not a number.
     """
     image = read_picture(path)
     if plane.image_size is not None:

@@ -1,4 +1,4 @@
-"""Taking out, from the command line, a needle that a run has left in tissue."""
+"""Withdraws a needle that a run has left in tissue, from the command line."""
 
 import sys
 from collections.abc import Mapping
@@ -7,9 +7,9 @@ from pathlib import Path
 
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
-from labrig.cli.pipeline import free_name
+from labrig.cli.pipeline import find_free_name
 from labrig.cli.progress import progress
-from labrig.cli.rigs import remark_on_yes, rig_for_person
+from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -34,12 +34,12 @@ def withdraw_and_print(
     yes: bool,
     as_json: bool,
 ) -> int:
-    """Withdraw and print how it ended.
+    """Withdraw the needle and print how it ended.
 
     Parameters
     ----------
     run : Path or None
-        The run that left the needle; None for the one that the rig remembers, in `runs_dir`.
+        The run that left the needle; None: the run that the rig remembers, in `runs_dir`.
     standing : mapping
         Field of `AxisPositions` to where that axis stands, where the record's end is not right.
 
@@ -50,7 +50,7 @@ def withdraw_and_print(
     """
     description = load_rig(find_rig_file(rig))
     remark_on_yes(description, yes=yes)
-    left = _run_with_needle(description, run, runs_dir)
+    left = _open_run_with_needle(description, run, runs_dir)
     path = recorded_path(left)
     if not path:
         raise InputError(
@@ -67,7 +67,9 @@ def withdraw_and_print(
         document["error"] = failure_document(outcome.error)
         for line in failure_lines(outcome.error):
             say(line)
-        say(f"note: the needle still counts as in tissue\nagain: {_again(description, runs_dir, recorded)}")
+        say(
+            f"note: the needle still counts as in tissue\nagain: {_make_retry_command(description, runs_dir, recorded)}"
+        )
     if as_json:
         print_json(document)
     elif outcome.error is None:
@@ -75,14 +77,14 @@ def withdraw_and_print(
     return 0 if outcome.error is None else outcome.error.exit_code
 
 
-def _again(description: RigDescription, runs_dir: Path, recorded: Path) -> str:
-    """Return the command that goes on with a withdrawal, from the run in which the rig remembers the needle."""
+def _make_retry_command(description: RigDescription, runs_dir: Path, recorded: Path) -> str:
+    """Return the command that continues a withdrawal, with the run that the rig remembers."""
     since = NeedleState(description.state_path).state.since_run
     folder = recorded.parent if recorded.parent != Path() else runs_dir
     return f"labrig devices withdraw --rig FILE --run {folder / str(since)}"
 
 
-def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
+def _open_run_with_needle(description: RigDescription, given: Path | None, runs_dir: Path) -> Run:
     """Return the run that left the needle in tissue."""
     state = NeedleState(description.state_path).state
     if state.needle_in_tissue is False:
@@ -100,7 +102,7 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
             f"which run left a needle is not known, if one did: {state.doubt}",
             "name the run with --run RUN; where no needle is in tissue, labrig devices jog and home move the axes",
         )
-    found = open_run(_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
+    found = open_run(_find_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
     folder = found.path.resolve()
     if state.since_run not in {None, folder.name}:
         raise InputError(
@@ -110,8 +112,8 @@ def _run_with_needle(description: RigDescription, given: Path | None, runs_dir: 
     return found
 
 
-def _folder(given: Path, runs_dir: Path) -> Path:
-    """Return the folder of a run that is given as one, or by its name in `runs_dir`, as hints name it."""
+def _find_folder(given: Path, runs_dir: Path) -> Path:
+    """Return the folder of a run that is given by its folder or, as in hints, by its name in `runs_dir`."""
     return given if given.exists() else runs_dir / given
 
 
@@ -120,16 +122,16 @@ def _withdraw(
 ) -> tuple[Path, Outcome]:
     opening = Opening(camera=False, reset_faults=True)
     with (
-        rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
+        open_rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
         progress("withdrawal", 1.0) as reporter,
     ):
-        recorder = _record(rig, left)
+        recorder = _begin_record(rig, left)
         outcome = conduct_withdrawal(Session(rig, recorder, reporter), left.path.name, path, standing)
     return recorder.path, outcome
 
 
-def _record(rig: Rig, left: Run) -> Recorder:
-    """Begin the record of a withdrawal, beside the run whose needle is withdrawn."""
+def _begin_record(rig: Rig, left: Run) -> Recorder:
+    """Begin the record of a withdrawal beside the run whose needle is withdrawn."""
     started = rig.clock.utc()
     folder = left.path.resolve()
     manifest = {
@@ -143,7 +145,7 @@ def _record(rig: Rig, left: Run) -> Recorder:
     }
     return Recorder.create(
         folder.parent,
-        free_name(folder.parent, started, "withdrawal"),
+        find_free_name(folder.parent, started, "withdrawal"),
         manifest,
         left.protocol_path.read_text(encoding="utf-8"),
         dump_yaml(rig.description),

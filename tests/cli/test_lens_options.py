@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labrig.cli.lens import board_search, draw_beside, gel_above, picture_beside
+from labrig.cli.lens import draw_figure, make_board_search, make_gel, name_figure
 from labrig.errors import DiskError, InputError
 from labrig.vision.boards import BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics
@@ -13,35 +13,35 @@ from labrig.vision.refraction import Gel
 
 def test_charuco_board_is_described_by_dictionary_and_marker() -> None:
     """The marker's side becomes a share of the square's; a plain chessboard has neither."""
-    found = board_search("DICT_5X5_100", 12.0, 16.0, partial=False, window_px=None)
+    found = make_board_search("DICT_5X5_100", 12.0, 16.0, partial=False, window_px=None)
     assert found == BoardSearch(charuco=Charuco("DICT_5X5_100", 0.75))
-    assert board_search(None, None, 16.0, partial=True, window_px=4) == BoardSearch(True, None, 4)
+    assert make_board_search(None, None, 16.0, partial=True, window_px=4) == BoardSearch(True, None, 4)
 
 
 @pytest.mark.parametrize(("charuco", "marker_mm"), [("DICT_5X5_100", None), (None, 12.0)])
 def test_dictionary_and_marker_belong_together(charuco: str | None, marker_mm: float | None) -> None:
     """One without the other is wrong input, with an example."""
     with pytest.raises(InputError, match="belong together") as caught:
-        board_search(charuco, marker_mm, 16.0, partial=False, window_px=None)
+        make_board_search(charuco, marker_mm, 16.0, partial=False, window_px=None)
     assert "DICT_" in caught.value.hint
 
 
 def test_gel_takes_index_depth_and_a_calibrated_camera() -> None:
     """All three make a gel; none of them none; a part of them is wrong input that says what is missing."""
     lens = Path("intrinsics.json")
-    assert gel_above(1.35, 10.0, "surface", lens) == Gel(1.35, 10.0, "surface")
-    assert gel_above(None, None, "needle", None) is None
+    assert make_gel(1.35, 10.0, "surface", lens) == Gel(1.35, 10.0, "surface")
+    assert make_gel(None, None, "needle", None) is None
     with pytest.raises(InputError, match="belong together"):
-        gel_above(1.35, None, "needle", lens)
+        make_gel(1.35, None, "needle", lens)
     with pytest.raises(InputError, match="needs the camera's intrinsics"):
-        gel_above(1.35, 10.0, "needle", None)
+        make_gel(1.35, 10.0, "needle", None)
 
 
 def test_picture_that_cannot_be_written_is_a_fault_of_the_machine(tmp_path: Path) -> None:
     """The picture stands beside the file under the same name; where that is a folder, it is named."""
     lens = Intrinsics((640, 480), 600.0, 600.0, 320.0, 240.0, (0.0,) * 5, {}, 0.1, None, (), False, ())
-    assert picture_beside(tmp_path / "lens.json") == tmp_path / "lens.png"
-    assert picture_beside(None) is None
+    assert name_figure(tmp_path / "lens.json") == tmp_path / "lens.png"
+    assert name_figure(None) is None
     (tmp_path / "lens.png").mkdir()
     with pytest.raises(DiskError, match=r"lens\.png cannot be written"):
-        draw_beside(tmp_path / "lens.json", lens)
+        draw_figure(tmp_path / "lens.json", lens)

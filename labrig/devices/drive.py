@@ -28,7 +28,7 @@ from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.simulated_node import SimulatedNode
-from labrig.errors import DriveFaultError, InputError, MachineError, PluginError
+from labrig.errors import DriveError, DriveFaultError, InputError, MachineError, PluginError
 from labrig.plugins import DRIVES, INTERFACE, find_plugin
 
 DEFAULT_DRIVER = "epos2"
@@ -379,6 +379,17 @@ def raise_together(failures: Sequence[MachineError]) -> None:
     """Raise the first failure with the messages of all; do nothing without failures."""
     if failures:
         raise failures[0].reword("; ".join(failure.message for failure in failures))
+
+
+def require_all(checks: Iterable[Callable[[], object]]) -> None:
+    """Run every check, and raise the `DriveError`s of those that fail together."""
+    failures = []
+    for check in checks:
+        try:
+            check()
+        except DriveError as error:
+            failures.append(error)
+    raise_together(failures)
 
 
 def wait_for_all(waits: Mapping[str, Iterator[None]], clock: Clock) -> dict[str, str]:

@@ -28,7 +28,7 @@ from labrig.devices.cia402.error_codes import describe_emergency
 from labrig.devices.cia402.settings import Cia402Axis, drive_settings
 from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, read_unit
 from labrig.devices.cia402_drive import ANSWER_TIME_S, POLL_S, Cia402Drive, still_time_s
-from labrig.devices.drive import Homing, Identity, raise_together
+from labrig.devices.drive import Homing, Identity, require_all
 from labrig.devices.error_codes import Emergency
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, InputError
@@ -138,13 +138,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
             When its EDS file cannot be read.
         """
         identity = self.read_identity()
-        failures = []
-        for verify in (self.require_units, self.require_counts):
-            try:
-                verify()
-            except DriveError as error:
-                failures.append(error)
-        raise_together(failures)
+        require_all((self.require_units, self.require_counts))
         return identity
 
     def read_identity(self) -> Identity:

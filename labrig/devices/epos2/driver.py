@@ -19,7 +19,7 @@ from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402_drive import Cia402Drive, still_time_s
 from labrig.devices.cia402_states import DriveState, decode_state
-from labrig.devices.drive import Homing, Identity, raise_together
+from labrig.devices.drive import Homing, Identity, require_all
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
 from labrig.devices.epos2.settings import (
@@ -74,13 +74,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
             to another encoder, or its configuration is not the one that was left in it.
         """
         identity = self.read_identity()
-        failures = []
-        for verify in (self.require_encoder, self.require_fingerprint):
-            try:
-                verify()
-            except DriveError as error:
-                failures.append(error)
-        raise_together(failures)
+        require_all((self.require_encoder, self.require_fingerprint))
         return identity
 
     def read_identity(self) -> Identity:

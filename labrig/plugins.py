@@ -174,7 +174,10 @@ def require_installed(group: str, name: str, run: str, made_with: Mapping[str, s
 
 
 def require_devices_installed(run: str, made_with: Mapping[str, str]) -> None:
-    """Refuse to drive a run again whose drives or camera no installed package has. Raises as `require_installed`."""
+    """Refuse to compute with a run, or replay it, whose drives or camera no installed package has.
+
+    Raises as `require_installed`.
+    """
     for group in (DRIVES, CAMERAS):
         start = _title(group, "")
         for title in made_with:

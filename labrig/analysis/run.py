@@ -15,6 +15,7 @@ from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measur
 from labrig.analysis.result import AnyResult, Stamp, list_result_numbers, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError, RecordError
+from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run
@@ -90,6 +91,7 @@ def start_analysis(
             f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it has no pictures to measure",
             f"labrig reanalyze {run.path.parent / run.withdraws}",
         )
+    require_devices_installed(str(run.path), run.plugin_packages)
     protocol = _resolve_protocol(run, experiment, settings.overrides)
     stamp = Stamp(
         parent=_find_parent(run, experiment),

@@ -5,6 +5,7 @@ from pathlib import Path
 from labrig.analysis.result import AnyResult
 from labrig.devices.clocks import SystemClock
 from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.plugins import require_devices_installed
 from labrig.record.reader import Run
 from labrig.report.page import write_report
 
@@ -15,13 +16,14 @@ def write_page(run: Run, result: AnyResult | None) -> Path:
     Raises
     ------
     InputError
-        When the experiment of the run is not installed.
+        When the experiment of the run, or a drive or camera, is not installed.
     RecordError
         When record or result are so damaged that nothing can be shown.
     DiskError
         When the page cannot be written.
     """
     experiment = experiment_of(run)
+    require_devices_installed(str(run.path), run.plugin_packages)
     page = experiment.page(run, protocol_of(run), result)
     return write_report(
         run, page, result, SystemClock().utc(), kind=experiment.title, can_resume=experiment.can_resume

@@ -221,14 +221,24 @@ def test_a_record_is_read_without_the_packages_that_made_it(
         assert f"{outside_run} {words}" in done.err
 
 
-def test_a_replay_without_its_drive_names_the_package(site: Path, outside_run: Path, labrig: Labrig) -> None:
-    """The experiment is installed and the drive is not: what computes goes on, what drives ends with 2."""
+@pytest.mark.parametrize("device", ["drive example-stepper", "camera example-marker"])
+def test_a_record_whose_device_alone_is_missing_is_read_but_not_computed(
+    site: Path, tmp_path: Path, outside_run: Path, labrig: Labrig, device: str
+) -> None:
+    """The experiment is installed and a drive or the camera is not: what computes or replays ends with 2."""
     entry_points = next(site.glob("labrig_example-*")) / "entry_points.txt"
     text = entry_points.read_text(encoding="utf-8")
-    entry_points.write_text(text.replace("example-stepper", "another-stepper"), encoding="utf-8")
+    entry_points.write_text(text.replace(device.split()[1], "another"), encoding="utf-8")
     find_plugins.cache_clear()
-    done = labrig("replay", outside_run)
-    assert done.exit_code == 2
-    assert "made with the drive example-stepper of package labrig-example 1.0.0, which is not" in done.err
-    assert labrig("report", outside_run).exit_code == 0
-    assert labrig("reanalyze", outside_run).exit_code == 0
+    for verb in ("replay", "report", "reanalyze"):
+        done = labrig(verb, outside_run)
+        assert done.exit_code == 2
+        assert f"made with the {device} of package labrig-example 1.0.0, which is not installed" in done.err
+    for command in (
+        ("runs", "--runs-dir", tmp_path),
+        ("runs", "check", outside_run),
+        ("view", outside_run, "--no-open"),
+        ("export", outside_run, "--csv", "--out", tmp_path / "tables"),
+    ):
+        done = labrig(*command)
+        assert done.exit_code == 0, done.err

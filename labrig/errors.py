@@ -1,16 +1,16 @@
-"""Every failure that labrig reports, as one tree.
+"""Every failure that labrig reports, as a tree.
 
 .. code-block:: text
 
     LabrigError                    message, hint, exit_code
-    ├── AnswerIsNoError       (1)  it ran, and the answer is no
+    ├── AnswerIsNoError       (1)  the command ran, and the answer is no
     │   ├── CalibrationRefusedError
     │   ├── MeasurementRefusedError
     │   ├── ReplayDiffersError     a replay is not its record
     │   └── TargetMissedError      an insertion that did not reach its target; carries the reason as a word
-    ├── InputError            (2)  what was given cannot be used; also a ValueError
+    ├── InputError            (2)  the input cannot be used; also a ValueError
     │   ├── FileFormatError        a YAML or JSON file; carries a list of `Problem` with line and column
-    │   ├── PictureError           a file that should be a picture and is not, or of another size
+    │   ├── PictureError           a file that is not a picture, or a picture of another size
     │   ├── OutputExistsError      something would be overwritten
     │   ├── PluginError            an experiment, drive or camera of a package that cannot be used
     │   └── LimitError             a move beyond an axis' limits, refused before it starts
@@ -18,18 +18,18 @@
     │   ├── WireError              bus or drive; carries a `Fault`: name, code, register, text; the hint is the remedy
     │   │   ├── BusError           bus-lost: no CAN interface, adapter unplugged
     │   │   │   ├── BusPassiveError   error-passive: the computer's CAN controller sees many errors
-    │   │   │   └── BusOffError       bus-off: ... so many that it has left the bus
+    │   │   │   └── BusOffError       bus-off: so many errors that it has left the bus
     │   │   └── DriveError         a drive that does not do what it should
     │   │       ├── DriveFaultError     emergency: it reports an error, with its code and register
     │   │       ├── DriveRefusedError   sdo-abort: it refused an object, with the abort code
-    │   │       ├── DriveRestartedError    boot-up: it has lost power or was reset, its reference is gone
+    │   │       ├── DriveRestartedError    boot-up: it lost power or was reset, and with it its reference
     │   │       └── DriveSilentError    no-answer or heartbeat-lost
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
     │   ├── LockedError            a rig or a run that another labrig uses
-    │   └── SafetyStopError        stopped because going on was not known to be safe
-    ├── RecordError           (4)  a run on disk that is damaged, or is no run
-    │   └── RecordEndsError        a replay has come to where its record ends
+    │   └── SafetyStopError        stopped because continuing was not known to be safe
+    ├── RecordError           (4)  a damaged run, or a folder that is not a run
+    │   └── RecordEndsError        a replay has reached the end of its record
     └── InterruptedRunError (130)  INT, TERM or HUP
 
 A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
@@ -49,7 +49,7 @@ class LabrigError(Exception):
     message : str
         Names the thing, its value and the limit.
     hint : str
-        What the user can do about it; empty where nothing is known.
+        What the user can do about it; may be empty.
     """
 
     exit_code = 3
@@ -60,7 +60,7 @@ class LabrigError(Exception):
         self.hint = hint
 
     def reword(self, message: str, hint: str | None = None) -> Self:
-        """Return this error with another message, and hint if one is given; type and what else it carries stay."""
+        """Return a copy of this error with another message, and another hint if one is given."""
         twin = copy(self)
         twin.args = (message,)
         twin.message = message
@@ -75,15 +75,15 @@ class AnswerIsNoError(LabrigError):
 
 
 class CalibrationRefusedError(AnswerIsNoError):
-    """A calibration that would lie."""
+    """A calibration whose numbers would be wrong."""
 
 
 class MeasurementRefusedError(AnswerIsNoError):
-    """A picture from which the quantity asked for cannot be stated."""
+    """A picture from which the wanted quantity cannot be measured."""
 
 
 class ReplayDiffersError(AnswerIsNoError):
-    """A replay does what its record has not."""
+    """A replay differs from its record."""
 
 
 class TargetMissedError(AnswerIsNoError):
@@ -92,8 +92,8 @@ class TargetMissedError(AnswerIsNoError):
     Parameters
     ----------
     reason : str
-        target_missed, needle_lost or needle_stuck of a needle that was inserted and withdrawn again; sheath_astray of
-        one that did not leave its sheath; no_path or no_roll_zero of one that never was.
+        target_missed, needle_lost or needle_stuck if the needle was inserted and withdrawn again; sheath_astray if it
+        did not leave its sheath; no_path or no_roll_zero if nothing was inserted.
     """
 
     def __init__(self, message: str, hint: str = "", *, reason: str = "target_missed") -> None:
@@ -102,21 +102,21 @@ class TargetMissedError(AnswerIsNoError):
 
     @property
     def inserted(self) -> bool:
-        """Whether a needle was inserted, so that there is something to measure."""
+        """Whether a needle was inserted, so that there are pictures to measure."""
         return not self.reason.startswith("no_")
 
 
 class InputError(LabrigError, ValueError):
-    """What was given cannot be used."""
+    """The input cannot be used."""
 
     exit_code = 2
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One fault of a file: where it stands, what it is, what to do.
+    """A problem of a file: its place, what is wrong, what to do.
 
-    `where` reads `file:line:column key.path` as far as these are known.
+    `where` reads `file:line:column key.path`; parts that are not known are left out.
     """
 
     where: str
@@ -125,7 +125,7 @@ class Problem:
 
 
 class FileFormatError(InputError):
-    """A YAML or JSON file that does not say what it should, with every problem found."""
+    """A YAML or JSON file with problems, all of which are reported."""
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         first = problems[0]
@@ -137,12 +137,12 @@ class FileFormatError(InputError):
         self.problems = problems
 
     def __reduce__(self) -> tuple[type[Self], tuple[tuple[Problem, ...]]]:
-        """Let a worker process hand the error to its parent."""
+        """Allow a worker process to pass the error to its parent."""
         return type(self), (self.problems,)
 
 
 class PictureError(InputError):
-    """A file that should be a picture and is not, or a picture of another size."""
+    """A file that is not a picture, or a picture of another size."""
 
 
 class PluginError(InputError):
@@ -150,7 +150,7 @@ class PluginError(InputError):
 
 
 class OutputExistsError(InputError):
-    """Something on disk would be overwritten."""
+    """A file or folder would be overwritten."""
 
 
 class LimitError(InputError):
@@ -163,17 +163,17 @@ class MachineError(LabrigError):
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with bus or drive, by a word that stays and by the number under which manuals have it.
+    """What is wrong with bus or drive: a word that never changes, and the number that manuals use.
 
     Parameters
     ----------
     name : str
         The word: see the tree above.
     code : int
-        Error code of an EMCY (CiA 301; 0x81FD is maxon's), or SDO abort code where a question failed; 0 where
-        neither has one: a boot-up is a frame of its own.
+        Error code of an EMCY (CiA 301; 0x81FD is maxon's), or SDO abort code if a transfer failed; 0 if there is
+        neither, as for a boot-up message.
     register : int
-        What it sets in the error register 0x1001.
+        Its bits in the error register 0x1001.
     text : str
         What it means.
     """
@@ -197,7 +197,7 @@ class WireError(MachineError):
     Parameters
     ----------
     fault : Fault or None
-        What it is, where that has a name; by default that of the class. The remedy is the hint.
+        The fault, if it has a name; by default that of the class. The remedy is the hint.
     """
 
     fault: Fault | None = None
@@ -209,17 +209,17 @@ class WireError(MachineError):
 
     @property
     def code(self) -> int:
-        """Its number; 0 where it has none."""
+        """The number of the fault; 0 without one."""
         return 0 if self.fault is None else self.fault.code
 
     @property
     def register(self) -> int:
-        """What it sets in the error register 0x1001."""
+        """Its bits in the error register 0x1001."""
         return 0 if self.fault is None else self.fault.register
 
     @property
     def text(self) -> str:
-        """What it means; empty where it has no name."""
+        """What the fault means; empty without one."""
         return "" if self.fault is None else self.fault.text
 
     @property
@@ -229,7 +229,7 @@ class WireError(MachineError):
 
 
 def fault_of(error: Exception | None) -> Fault | None:
-    """Return the fault of bus or drive that an error carries; None of one without."""
+    """Return the fault of bus or drive that an error carries, or None."""
     return error.fault if isinstance(error, WireError) else None
 
 
@@ -256,7 +256,7 @@ class DriveError(WireError):
 
 
 class DriveFaultError(DriveError):
-    """A drive reports an error; its `fault` has code and register as the drive reports them."""
+    """A drive reports an error; `fault` has code and register as reported."""
 
     def __init__(
         self, message: str, hint: str = "", *, code: int = 0, register: int = 0, text: str = ""
@@ -265,14 +265,14 @@ class DriveFaultError(DriveError):
 
 
 class DriveRefusedError(DriveError):
-    """A drive refused an object; its `fault` has the SDO abort code."""
+    """A drive refused an object; `fault` has the SDO abort code."""
 
     def __init__(self, message: str, hint: str = "", *, code: int = 0, text: str = "") -> None:
         super().__init__(message, hint, fault=Fault("sdo-abort", code, 0, text))
 
 
 class DriveRestartedError(DriveError):
-    """A drive has restarted: it lost its power, and with it position and reference."""
+    """A drive has restarted: it lost power, and with it position and reference."""
 
     fault = Fault("boot-up", 0, 0, "the drive has restarted")
 
@@ -284,11 +284,11 @@ class DriveSilentError(DriveError):
 
 
 class CameraError(MachineError):
-    """No camera, a setting that it ignored, or no picture."""
+    """No camera, a setting that the camera ignored, or no picture."""
 
 
 class DiskError(MachineError):
-    """No space left, or a folder that cannot be written."""
+    """No space is left, or a folder cannot be written."""
 
 
 class LockedError(MachineError):
@@ -296,17 +296,17 @@ class LockedError(MachineError):
 
 
 class SafetyStopError(MachineError):
-    """Stopped because going on was not known to be safe."""
+    """Stopped because continuing was not known to be safe."""
 
 
 class RecordError(LabrigError):
-    """A run on disk that is damaged, of a newer schema, or no run at all."""
+    """A run that is damaged or of a newer schema, or a folder that is not a run."""
 
     exit_code = 4
 
 
 class RecordEndsError(RecordError):
-    """A replay has come to where its record, of an interrupted run, ends."""
+    """A replay of an interrupted run has reached the end of its record."""
 
 
 class InterruptedRunError(LabrigError):

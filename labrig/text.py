@@ -1,15 +1,15 @@
-"""How numbers are written in a terminal."""
+"""How numbers are printed."""
 
 from collections.abc import Sequence
 
 
 def number(value: object, digits: int = 3) -> str:
-    """Return a number with its digits, or a dash where it is unknown."""
+    """Return a number with so many decimals, or a dash if it is unknown."""
     return f"{value:.{digits}f}" if isinstance(value, int | float) else "-"
 
 
 def interval(value: object, digits: int = 2) -> str:
-    """Return an interval as `low to high`, or a dash where it is unknown."""
+    """Return an interval as `low to high`, or a dash if it is unknown."""
     if isinstance(value, Sequence) and len(value) == 2:
         return f"{number(value[0], digits)} to {number(value[1], digits)}"
     return "-"

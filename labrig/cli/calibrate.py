@@ -221,7 +221,7 @@ def _refuse(refusal: CalibrationRefusedError, nothing: dict[str, object], as_jso
 
 def _report_output(out: Path | None, accepted: bool, force: bool) -> None:
     if out is not None and (accepted or force):
-        say(f"written: {out}" + ("" if accepted else " (a refused calibration; the file says so)"))
+        say(f"written: {out}" + ("" if accepted else " (a refused calibration, marked as refused)"))
     elif out is not None:
         say(f"not written: {out}")
 

@@ -126,7 +126,7 @@ def _make_unmeasured(path: Path, signal_name: str) -> FinishedRun:
 
 
 def _record(order: RunOrder, plan: RunPlan, work: float) -> RecordedRun:
-    """Open the record, with a rig where the protocol needs one, conduct the experiment, and close both."""
+    """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 

@@ -41,7 +41,7 @@ def withdraw_and_print(
     run : Path or None
         The run that left the needle; None: the run that the rig remembers, in `runs_dir`.
     standing : mapping
-        Field of `AxisPositions` to where that axis stands, where the record's end is not right.
+        Field of `AxisPositions` -> position of that axis, if the end of the record is not right.
 
     Raises
     ------
@@ -94,13 +94,13 @@ def _open_run_with_needle(description: RigDescription, given: Path | None, runs_
         )
     if description.kind == "simulated":
         raise InputError(
-            f"{description.name}: a simulated rig begins anew whenever it is opened, no needle is left in its gel",
+            f"{description.name}: a simulated rig has new gel whenever it is opened, with no needle in it",
             "run the protocol again; to practise a withdrawal, serve drives: labrig devices simulate --help",
         )
     if given is None and state.since_run is None:
         raise InputError(
-            f"which run left a needle is not known, if one did: {state.doubt}",
-            "name the run with --run RUN; where no needle is in tissue, labrig devices jog and home move the axes",
+            f"it is not known which run left a needle, if any: {state.doubt}",
+            "name the run with --run RUN; if no needle is in tissue, labrig devices jog and home move the axes",
         )
     found = open_run(_find_folder(given if given is not None else Path(str(state.since_run)), runs_dir))
     folder = found.path.resolve()

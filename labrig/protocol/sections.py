@@ -1,4 +1,4 @@
-"""What every protocol says, and the sections that several experiments share."""
+"""The keys of every protocol, and the sections that several experiments share."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class NeedleInPicture:
 
 
 class ExperimentProtocol(Model):
-    """What every protocol says."""
+    """The keys of every protocol."""
 
     pictures_decide_motion: ClassVar[bool] = False
     """Whether pictures decide where an axis moves next."""
@@ -41,8 +41,8 @@ class ExperimentProtocol(Model):
     )
     experiment: str
     title: Line = Field("", description="Heading of the report.")
-    operator: Line = Field("", description="Who stands at the rig.")
-    notes: Notes = Field("", description="Anything worth knowing later; several lines if wanted.")
+    operator: Line = Field("", description="Name of the operator.")
+    notes: Notes = Field("", description="Anything worth knowing later; may have several lines.")
     seed: Seed = Field(description="Seed of every random draw; the same seed gives the same simulated run.")
 
     @property

@@ -259,5 +259,5 @@ def _syntax_fault(error: MarkedYAMLError, source: str) -> InputFault:
 def _character_fault(error: ReaderError, text: str, source: str) -> InputFault:
     before = text[: error.position]
     position = Position(source, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
-    message = f"the control character U+{error.character:04X} cannot stand in YAML"
+    message = f"the control character U+{error.character:04X} is not allowed in YAML"
     return InputFault(position, (), message, "delete it; it may be invisible in your editor")

@@ -118,8 +118,8 @@ def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
     folder.mkdir()
     for path in (good, *bad.values()):
         (folder / path.name).write_bytes(path.read_bytes())
-    known = ("--sheath-diameter-mm", 2, "--runs-dir", tmp_path / "runs", *mapping(sweep))
-    done = labrig("import", folder, *known, "--json")
+    options = ("--sheath-diameter-mm", 2, "--runs-dir", tmp_path / "runs", *mapping(sweep))
+    done = labrig("import", folder, *options, "--json")
     (row,) = done.json()
     assert done.exit_code == 1
     assert f"{len(UNREADABLE)} of {len(bad) + 1} pictures could not be read" in row["reason"]
@@ -128,7 +128,7 @@ def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
     run = Path(row["run"])
     again = labrig("reanalyze", run, "--json")
     result = json.loads((Path(again.json()[0]["analysis"]) / "result.json").read_text())
-    reasons = {one["image"]: one["reason"] for one in result["measurements"]}
+    reasons = {measurement["image"]: measurement["reason"] for measurement in result["measurements"]}
     assert reasons.pop(good.name) is None
     assert set(reasons) == {bad[what].name for what in UNMEASURABLE}
     for what, (said, _) in UNMEASURABLE.items():

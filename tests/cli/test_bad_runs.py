@@ -151,9 +151,9 @@ def test_what_is_no_run_is_refused_by_name(
 ) -> None:
     """Exit code 4 and the path; a link is not followed, a newer schema is left alone, nothing is written."""
     run = _spoilt(whole, tmp_path, spoil)
-    exit_code, said = _call(labrig, command, run, whole)
+    exit_code, message = _call(labrig, command, run, whole)
     assert exit_code == 4
-    assert "größe 2  run" in said
+    assert "größe 2  run" in message
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -162,12 +162,12 @@ def test_what_is_damaged_is_told_by_every_command(
     command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
     """Exit code 4 and the place, whatever could be done all the same; only remarks are taken without a word."""
-    exit_code, said = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    exit_code, message = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
     if command in _SAY_ONLY:
         assert exit_code == 0
     else:
         assert exit_code == 4
-        assert any(word in said for word in _PLACES)
+        assert any(word in message for word in _PLACES)
 
 
 @pytest.mark.parametrize("command", ["reanalyze", "report", "view", "export", "diff"])
@@ -181,9 +181,9 @@ def test_results_behind_a_link_are_not_read(
     def spoil(run: Path) -> None:
         (run / "analysis").symlink_to(results)
 
-    exit_code, said = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    exit_code, message = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
     assert exit_code == 4
-    assert "analysis is a symbolic link" in said
+    assert "analysis is a symbolic link" in message
     assert not list(results.iterdir())
 
 

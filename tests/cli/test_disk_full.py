@@ -104,8 +104,8 @@ def test_commands_on_a_full_disk_say_so_and_change_nothing(tmp_path: Path) -> No
     document = json.loads(done.stdout)
     listing, *others = document["told"]
     assert listing["exit_code"] == 0
-    for one in others:
-        assert (one["exit_code"], one["words"]) == (3, one["words"])
-        assert re.search(r"cannot write .*No space left on device", one["err"])
+    for other in others:
+        assert (other["exit_code"], other["words"]) == (3, other["words"])
+        assert re.search(r"cannot write .*No space left on device", other["err"])
     assert "Traceback" not in done.stderr
     assert document["unchanged"]

@@ -56,14 +56,14 @@ def test_imported_pictures_keep_their_mask(
         polygon(tmp_path / "not-needle.json", "two.png", BELOW),
         polygon(tmp_path / "b.json", "no.png", BELOW),
     )
-    known = ("--sheath-diameter-mm", 2, "--runs-dir", tmp_path / "runs", *mapping(sweep))
-    run = Path(labrig("import", two_needles, *known, "--mask", mask, "--json").json()[0]["run"])
+    options = ("--sheath-diameter-mm", 2, "--runs-dir", tmp_path / "runs", *mapping(sweep))
+    run = Path(labrig("import", two_needles, *options, "--mask", mask, "--json").json()[0]["run"])
     assert (run / "calibration" / "mask.json").read_bytes() == mask.read_bytes()
     assert labrig("runs", "check", run).exit_code == 0
     for given, used, accepted in (((), mask, True), (("--mask", other), other, False)):
         analysis = Path(labrig("reanalyze", run, *given, "--json").json()[0]["analysis"])
         result = json.loads((analysis / "result.json").read_text())
-        by_name = {one["image"]: one for one in result["measurements"]}
+        by_name = {measurement["image"]: measurement for measurement in result["measurements"]}
         assert by_name["one.png"]["accepted"]
         assert by_name["two.png"]["accepted"] == accepted, by_name["two.png"]["reason"]
         assert (analysis / "mask.json").read_bytes() == used.read_bytes()
@@ -94,6 +94,6 @@ def test_a_rig_has_a_mask_that_every_run_keeps_and_uses(labrig: Labrig, tmp_path
     run = Path(labrig("run", SWEEP, *runs).json()["run"])
     assert (run / "calibration" / "mask.png").read_bytes() == (folder / "clamp.png").read_bytes()
     result = json.loads((run / "analysis" / "001" / "result.json").read_text())
-    assert not any(one["accepted"] for one in result["measurements"]), "everything is masked"
+    assert not any(measurement["accepted"] for measurement in result["measurements"]), "everything is masked"
     assert result["settings"]["mask"] == "mask.png"
     assert labrig("replay", run, "--json").json()["identical"]

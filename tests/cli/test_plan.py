@@ -77,8 +77,8 @@ def test_a_needle_takes_radius_and_tolerance_from_a_design(labrig: Labrig, tmp_p
         assert arc["length_mm"] == pytest.approx(30.0 * arc["angle_rad"])
     assert plan["target_error_mm"] < plan["worst_target_error_mm"]
     assert plan["worst_clearance_mm"] < plan["clearance_mm"]
-    known = {"radius_mm": 30.0, "diameter_mm": 1.4}
-    assert labrig("plan", _file(tmp_path, needle=known), "--json").json()["worst_target_error_mm"] is None
+    needle = {"radius_mm": 30.0, "diameter_mm": 1.4}
+    assert labrig("plan", _file(tmp_path, needle=needle), "--json").json()["worst_target_error_mm"] is None
     assert "worst radius" in labrig("plan", _file(tmp_path, needle={"design_file": "needle.json"})).out
 
 

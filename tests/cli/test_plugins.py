@@ -99,9 +99,11 @@ def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
     assert [words in fault["message"] for fault in checked.json()["plugins"]] == [True]
     assert f"note: experiment {name} of package lab-package 1.5" in checked.err
     warned = [
-        one for one in labrig("devices", "check", "--rig", RIG, "--json").json() if one["check"] == "plugin"
+        result
+        for result in labrig("devices", "check", "--rig", RIG, "--json").json()
+        if result["check"] == "plugin"
     ]
-    assert [(one["status"], words in one["value"]) for one in warned] == [("WARN", True)]
+    assert [(result["status"], words in result["value"]) for result in warned] == [("WARN", True)]
     schema = labrig("schema")
     assert (schema.exit_code, words in schema.err, name in schema.out) == (0, True, False)
     run = shutil.copytree(KEPT, tmp_path / "runs" / "kept")

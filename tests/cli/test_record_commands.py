@@ -133,8 +133,8 @@ def test_real_insertions_become_runs_that_are_measured(labrig: Labrig, tmp_path:
     import json
 
     result = json.loads((Path(done.json()[0]["analysis"]) / "result.json").read_text())
-    assert sum(one["found"] for one in result["measurements"]) >= 15
-    assert not any(one["accepted"] for one in result["measurements"])
+    assert sum(measurement["found"] for measurement in result["measurements"]) >= 15
+    assert not any(measurement["accepted"] for measurement in result["measurements"])
 
 
 def test_a_folder_without_pictures_is_refused(labrig: Labrig, tmp_path: Path) -> None:

@@ -43,9 +43,9 @@ def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig,
         "what": "event", "recorded": "move: asked_position = 41.0", "now": "move: asked_position = 40.0",
         "t_s": None, "frame": 1, "trial": 0,
     }  # fmt: skip
-    told = labrig("replay", run)
-    assert told.exit_code == 1
-    assert "event in the record: move: asked_position = 41.0" in told.out
+    done = labrig("replay", run)
+    assert done.exit_code == 1
+    assert "event in the record: move: asked_position = 41.0" in done.out
 
 
 def test_a_record_of_other_code_says_so(labrig: Labrig) -> None:

@@ -23,9 +23,9 @@ from tests.record.runs import ENDED
 def radii(document: dict[str, Any]) -> dict[int, float]:
     """Return the radius of each trial's final picture."""
     return {
-        one["trial"]: one["radius_mm"]
-        for one in document["result"]["measurements"]
-        if one["role"] == "final" and one["trial"] is not None
+        row["trial"]: row["radius_mm"]
+        for row in document["result"]["measurements"]
+        if row["role"] == "final" and row["trial"] is not None
     }
 
 
@@ -60,7 +60,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
         assert list(ours[ours["trial"] == trial]["sha256"]) == list(
             theirs[theirs["trial"] == trial]["sha256"]
         )
-    assert [one["n"] for one in done.json()["result"]["specimens"]] == [2, 2]
+    assert [row["n"] for row in done.json()["result"]["specimens"]] == [2, 2]
     assert {name: (run / "frames" / name).read_bytes() for name in kept} == kept
     assert check_run(run).damage == ()
     page = (run / "report.html").read_text(encoding="utf-8")

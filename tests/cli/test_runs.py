@@ -84,7 +84,7 @@ def test_two_runs_are_compared(labrig: Labrig, shelf: Path) -> None:
     assert (document["identical"], document["differences"]) == (True, [])
     labrig("reanalyze", shelf / "two", "--set", "analysis.window_start_mm=6")
     found = labrig("runs", "diff", shelf / "one", shelf / "two", "--json").json()["differences"]
-    assert {one["section"] for one in found} == {"results"}
+    assert {row["section"] for row in found} == {"results"}
     assert {"section": "results", "key": "settings.window_start_mm", "a": 4.0, "b": 6.0} in found
     printed = labrig("runs", "diff", shelf / "one", shelf / "two").out
     assert "mean_radius_mm" in printed

@@ -25,7 +25,7 @@ def test_an_interrupted_run_is_told_and_repaired(sweep: Sweep, labrig: Labrig, t
     assert "torn: events.jsonl:" in before.out
     (row,) = labrig("runs", "check", run, "--repair", "--json").json()
     assert (row["ok"], row["repaired"], row["exit_status"], row["torn"]) == (True, True, "aborted", [])
-    assert [one["exit_status"] for one in labrig("runs", "--runs-dir", tmp_path, "--json").json()] == [
+    assert [row["exit_status"] for row in labrig("runs", "--runs-dir", tmp_path, "--json").json()] == [
         "aborted"
     ]
 

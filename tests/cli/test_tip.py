@@ -36,11 +36,11 @@ def test_a_template_of_one_frame_finds_the_tips_of_others(
     assert abs(made.json()["heading_deg"]) < 90
     finals = _finals(sweep)
     found = labrig("measure", "tip", *finals, "--template", template, *MAPPING, "--json")
-    assert found.exit_code == 0, [one["reason"] for one in found.json()]
+    assert found.exit_code == 0, [row["reason"] for row in found.json()]
     by_shaft = labrig("measure", "curvature", *finals, *MAPPING, "--sheath-diameter-mm", 2, "--json").json()
-    for one, other in zip(found.json(), by_shaft, strict=True):
-        assert one["accepted"]
-        assert math.dist(one["tip_mm"], other["tip_mm"]) < 0.4
+    for row, other in zip(found.json(), by_shaft, strict=True):
+        assert row["accepted"]
+        assert math.dist(row["tip_mm"], other["tip_mm"]) < 0.4
 
 
 def test_heading_and_place_that_are_given_narrow_the_search(labrig: Labrig, sweep: Sweep) -> None:

@@ -58,7 +58,7 @@ def test_the_schema_is_draft_2020_12_with_one_branch_for_each_experiment():
     """Each branch fixes `experiment` to another word, so that a file matches at most one."""
     schema: Any = protocol_schema(PROTOCOL_MODELS)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
-    branches = [schema["$defs"][each["$ref"].rsplit("/", 1)[1]] for each in schema["oneOf"]]
+    branches = [schema["$defs"][branch["$ref"].rsplit("/", 1)[1]] for branch in schema["oneOf"]]
     words = [branch["properties"]["experiment"]["const"] for branch in branches]
     assert words == ["camera-calibration", "design", "import", "insertion", "roll-zero", "steerability"]
     assert all("experiment" in branch["required"] for branch in branches)

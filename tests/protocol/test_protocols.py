@@ -32,7 +32,7 @@ analysis: {window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_s
 def test_the_steerability_protocol_is_section_v_b_of_the_paper():
     """Eighteen insertions of 40 mm at 1 mm/s into gelatin of 10, 13, 16 and 19 %, bevel not turned."""
     assert isinstance(STEERABILITY, SteerabilityProtocol)
-    assert [each.gelatin_percent for each in STEERABILITY.specimens] == [10, 13, 16, 19]
+    assert [specimen.gelatin_percent for specimen in STEERABILITY.specimens] == [10, 13, 16, 19]
     assert STEERABILITY.insertions_per_specimen == 18
     assert (STEERABILITY.insertion.length_mm, STEERABILITY.insertion.speed_mm_s) == (40, 1)
     assert STEERABILITY.insertion.bevel_roll_rad == 0

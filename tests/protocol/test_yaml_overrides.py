@@ -55,7 +55,7 @@ def test_quotes_brackets_and_braces_are_yaml():
     """A value can be a list of sections, and a number can be made text."""
     protocol = steerability('needle.needle_id="12"', "specimens=[{name: A, gelatin_percent: 12}]")
     assert protocol.needle.needle_id == "12"
-    assert [(each.name, each.gelatin_percent) for each in protocol.specimens] == [("A", 12.0)]
+    assert [(specimen.name, specimen.gelatin_percent) for specimen in protocol.specimens] == [("A", 12.0)]
 
 
 @pytest.mark.parametrize(

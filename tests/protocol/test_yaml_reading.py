@@ -123,8 +123,8 @@ def test_duplicate_keys_tags_merge_keys_and_directives_are_gathered():
     text = "%YAML 1.1\n---\na: 1\na: !!python/object:os.system 2\n<<: {b: 3}\n? [c]\n: 4\n"
     with pytest.raises(FileFormatError) as caught:
         validate_tree(read_tree(text, "x.yaml"), Anything)
-    told = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
-    assert told == [
+    problems = [(problem.where, problem.message.split(",")[0]) for problem in caught.value.problems]
+    assert problems == [
         ("x.yaml:2:1", "the file declares YAML 1.1"),
         ("x.yaml:4:1 a", "the key is given twice"),
         ("x.yaml:4:4 a", "the tag !!python/object:os.system is not allowed"),
@@ -136,12 +136,12 @@ def test_duplicate_keys_tags_merge_keys_and_directives_are_gathered():
 @given(st.text(alphabet="ab:-?[]{}&*!|>'\"%@#,\\ \n\t0.~<\x00\x85\ud800é", max_size=60))
 def test_any_text_is_read_or_refused(text: str):
     """Whatever stands in a file gives a model or a FileFormatError with a place and a sentence."""
-    told: tuple[Problem, ...] = ()
+    problems: tuple[Problem, ...] = ()
     try:
         validate_tree(read_tree(text, "x.yaml"), Anything)
     except FileFormatError as error:
-        told = error.problems
-    assert all(problem.where.startswith("x.yaml") and problem.message for problem in told)
+        problems = error.problems
+    assert all(problem.where.startswith("x.yaml") and problem.message for problem in problems)
 
 
 def problem_of_file(path: Path):

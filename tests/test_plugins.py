@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from labrig.devices.drive import find_drive_kind
 from labrig.errors import InputError, MachineError, PluginError
 from labrig.plugins import CAMERAS, DRIVES, find_plugin, find_plugins
 from tests.installing import install_package
@@ -63,6 +64,16 @@ def test_a_plugin_for_another_interface_is_refused(site: Path) -> None:
     install_package(site, "lab-drive", "[labrig.drives]\nnewer = lab_newer:DRIVE\n", "lab_newer", code)
     with pytest.raises(PluginError, match="written for interface 2, this labrig has interface 1"):
         find_plugin(DRIVES, "newer").load()
+
+
+def test_a_plugin_of_another_kind_is_refused(site: Path) -> None:
+    """A drive that is no DriveKind is named, with what it is."""
+    code = "class Stage:\n    interface = 1\n\nSTAGE = Stage()\n"
+    install_package(site, "lab-stage", "[labrig.drives]\nstage = lab_stage:STAGE\n", "lab_stage", code)
+    with pytest.raises(
+        PluginError, match=r"stage of package lab-stage 1\.5 is a Stage, expected a DriveKind"
+    ):
+        find_drive_kind("stage")
 
 
 def test_an_installation_without_labrigs_own_says_what_to_run(site: Path) -> None:

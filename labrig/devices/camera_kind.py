@@ -3,13 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Generic, TypeVar, cast
+from typing import Any, ClassVar, Generic, TypeVar
 
 from labrig.clock import Clock
 from labrig.devices.camera import Camera, PictureSource
 from labrig.devices.camera_settings import CameraDescription
 from labrig.devices.check_result import CheckResult, CheckStatus
-from labrig.errors import PluginError
 from labrig.plugins import CAMERAS, find_plugin
 from labrig.simulation.world import World
 
@@ -76,21 +75,17 @@ class CameraKind(Generic[Section]):
         yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
 
 
-def find_camera_kind(name: str) -> CameraKind[CameraDescription]:
-    """Return the kind of camera that rig files call by this name.
+def find_camera_kind(name: str) -> CameraKind[Any]:
+    """Return the kind of camera that has this name in rig files.
 
     Raises
     ------
     InputError
-        When no installed package has one, or several do.
+        When no installed package has one, or several have.
     PluginError
-        When its package cannot be imported or is written for another interface.
+        When its package cannot be imported, is written for another interface, or declares something else.
     """
-    plugin = find_plugin(CAMERAS, name)
-    kind = plugin.load()
-    if not isinstance(kind, CameraKind):
-        raise PluginError(f"{plugin} is no CameraKind", f"ask the makers of {plugin.package} for one that is")
-    return cast("CameraKind[CameraDescription]", kind)
+    return find_plugin(CAMERAS, name).load_as(CameraKind)
 
 
 def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:

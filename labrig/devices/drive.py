@@ -28,7 +28,7 @@ from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.simulated_node import SimulatedNode
-from labrig.errors import DriveError, DriveFaultError, InputError, MachineError, PluginError
+from labrig.errors import DriveError, DriveFaultError, InputError, MachineError
 from labrig.plugins import DRIVES, INTERFACE, find_plugin
 
 DEFAULT_DRIVER = "epos2"
@@ -359,15 +359,9 @@ def find_drive_kind(name: str) -> DriveKind[Any]:
     InputError
         When no installed package has one, or several have.
     PluginError
-        When its package cannot be imported or is written for another interface.
+        When its package cannot be imported, is written for another interface, or declares something else.
     """
-    plugin = find_plugin(DRIVES, name)
-    kind = plugin.load()
-    if not isinstance(kind, DriveKind):
-        raise PluginError(
-            f"{plugin} is a {type(kind).__name__}, expected a DriveKind", "see labrig.devices.drive"
-        )
-    return kind
+    return find_plugin(DRIVES, name).load_as(DriveKind)
 
 
 def open_drive(link: CanLink, section: AxisDescription, axis: str, clock: Clock) -> Drive:

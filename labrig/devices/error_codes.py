@@ -1,4 +1,4 @@
-"""Error codes of CANopen drives: emergencies (EMCY), and SDO abort codes with their meaning."""
+"""Error codes of CANopen drives: emergencies (EMCY) with a remedy, and SDO abort codes with their meaning."""
 
 from dataclasses import dataclass
 
@@ -19,6 +19,25 @@ class Emergency:
         """Return code and text."""
         return f"error 0x{self.code:04X}, {self.text}"
 
+
+CHECK_SENSOR = "check the wiring and the plug of this sensor, then power the drive off and on"
+FREE_AXIS = "free the axis and look for what blocks it, then power the drive off and on"
+CHECK_SUPPLY = "check supply voltage and cabling, then power the drive off and on"
+CHECK_BUS = "check CAN wiring, termination and bit rate, then power the drive off and on"
+MOVE_BACK = "find out why the axis came here; move it back by hand with the power off"
+COOL_DOWN = "let the drive cool down and find out what overloads it"
+
+STANDARD_EMERGENCIES = (
+    Emergency(0x2310, 0x02, "over-current", FREE_AXIS),
+    Emergency(0x3210, 0x04, "over-voltage", CHECK_SUPPLY),
+    Emergency(0x3220, 0x04, "under-voltage: supply cut or emergency stop", CHECK_SUPPLY),
+    Emergency(0x7320, 0x20, "position sensor error", CHECK_SENSOR),
+    Emergency(0x8110, 0x10, "CAN overrun, objects lost", CHECK_BUS),
+    Emergency(
+        0x8130, 0x10, "life guarding or heartbeat of the computer lost", "find out why labrig stopped beating"
+    ),
+)
+"""Errors of CiA 301 and 402 that every drive reports under the same code."""
 
 ABORTS = {
     0x05030000: "toggle bit not alternated",

@@ -41,7 +41,7 @@ def _connect_and_reference(opened: OpenedRig) -> None:
 
 
 def _value(opened: OpenedRig, entry: Entry) -> int:
-    return opened.drives["insertion"].node.objects.value(entry)
+    return opened.drives["insertion"].objects.value(entry)
 
 
 def test_the_drive_holds_what_the_rig_file_says() -> None:
@@ -67,7 +67,7 @@ def test_the_drive_holds_what_the_rig_file_says() -> None:
 def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None:
     """Each is read back after it has been written, and the object is named."""
     with _rig() as opened:
-        objects = opened.drives["insertion"].node.objects
+        objects = opened.drives["insertion"].objects
         objects._live = {**objects._live, entry: lambda: entry.default}
         with pytest.raises(DriveError, match=f"kept {entry.name} .{entry.place}. at {entry.default} when"):
             _connect_and_reference(opened)
@@ -102,7 +102,7 @@ def test_all_failures_of_all_drives_are_told_at_once() -> None:
         drives = opened.drives
         drives["insertion"].unplug()
         drives["rotation"].set_encoder(500)
-        drives["rotation"].node.objects.put(co.RECEIVE_PDO_COB_IDS[0], 0x203)
+        drives["rotation"].objects.put(co.RECEIVE_PDO_COB_IDS[0], 0x203)
         with pytest.raises(DriveError) as refusal:
             opened.rig.connect()
         for words in (
@@ -121,7 +121,7 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
         opened.rig.needle.mark_out()
         opened.rig.reference_axes()
         drive = opened.drives["insertion"]
-        drive.node.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
+        drive.objects.put(co.UPPER_LIMIT, 10 * QUADCOUNTS_PER_MM)
         opened.rig.connect()
         assert opened.rig.insertion.referenced
         assert _value(opened, co.UPPER_LIMIT) == 120 * QUADCOUNTS_PER_MM + 20

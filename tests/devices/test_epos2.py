@@ -322,7 +322,7 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
 def test_a_drive_that_obeys_no_command_is_told(bench: OneDrive, told: list[int]) -> None:
     """It stays where it is, or comes back there again and again: a second, and no longer, is waited for it."""
     words = cycle(told)
-    bench.drive.node.objects._live = {**bench.drive.node.objects._live, co.STATUSWORD: lambda: next(words)}
+    bench.drive.objects._live = {**bench.drive.objects._live, co.STATUSWORD: lambda: next(words)}
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
         bench.driver.go_to(TargetState.ENABLED)
     assert bench.clock.now_s() == pytest.approx(1.0, abs=0.05)

@@ -21,7 +21,7 @@ def _hardware(*faults: FaultDescription) -> SimulatedHardware:
 
 def _move(hardware: SimulatedHardware) -> None:
     """Set the insertion moving, behind everybody's back."""
-    objects = epos2_drives(hardware)["insertion"].node.objects
+    objects = epos2_drives(hardware)["insertion"].objects
     objects.put(co.TARGET_POSITION, 100_000)
     for word in (0x06, 0x0F, 0x3F):
         objects.put(co.CONTROLWORD, word)
@@ -85,12 +85,12 @@ def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> No
     """The axis stands still within half a second of the fault, and the error history names it."""
     hardware = _hardware()
     drive = epos2_drives(hardware)["insertion"]
-    drive.node.objects.put(od.LIMIT_EXECUTION_MASK, 3)
+    drive.objects.put(od.LIMIT_EXECUTION_MASK, 3)
     _move(hardware)
     hardware.clock.sleep(1.0)
     hardware.faults.inject(fault)
     hardware.clock.sleep(1.0)
-    assert drive.node.objects.value(co.LAST_ERROR) == code
+    assert drive.objects.value(co.LAST_ERROR) == code
     still = drive.journal.last("still")
     assert still is not None
     assert 1.0 <= still.t_s <= 1.5

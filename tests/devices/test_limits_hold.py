@@ -52,4 +52,4 @@ def test_no_moves_at_all_take_an_axis_beyond_its_limits(
         assert beyond == []
         for drive in opened.drives.values():
             assert drive.journal.last("emergency") is None
-            assert drive.node.objects.value(co.ERROR_COUNT) == 0
+            assert drive.objects.value(co.ERROR_COUNT) == 0

@@ -57,7 +57,7 @@ def test_a_report_that_comes_late_is_not_taken_for_the_next() -> None:
 def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
     """Its map is left as it is, and its report stays off."""
     with opened_rig() as opened:
-        objects = opened.drives["linear"].node.objects
+        objects = opened.drives["linear"].objects
         objects.put(co.TPDO_MAPS[2][0], 1)
         _moving(opened)
         states = opened.rig.read_states()

@@ -39,12 +39,12 @@ class Bench:
     def write(self, entry: Entry, value: int) -> None:
         """Write an object as a client does."""
         self.drive.tick()
-        self.drive.node.objects.write(entry.index, entry.subindex, entry.pack(value))
+        self.drive.objects.write(entry.index, entry.subindex, entry.pack(value))
 
     def read(self, entry: Entry) -> int:
         """Read an object as a client does."""
         self.drive.tick()
-        return entry.unpack(self.drive.node.objects.read(entry.index, entry.subindex))
+        return entry.unpack(self.drive.objects.read(entry.index, entry.subindex))
 
     def word(self) -> int:
         """Read the statusword."""

@@ -158,12 +158,12 @@ class Cell:
 
     def swap(self, entry: Entry, value: int) -> None:
         """Put another drive in place of this one, which shows in one of its objects."""
-        self.drive.node.objects.set_fixed(entry, value)
+        self.drive.objects.set_fixed(entry, value)
         self.drive.restart()
 
     def change_parameter(self) -> None:
         """Change a parameter in EPOS Studio, store it, and switch the drive off and on."""
-        objects = self.drive.node.objects
+        objects = self.drive.objects
         objects.put(od.MAX_CURRENT, 1234)
         objects.put(co.STORE, 0x65766173)
         self.drive.restart()
@@ -196,7 +196,7 @@ def _emergency(code: int) -> Callable[[Cell], None]:
 
 def _limit_behind(cell: Cell) -> None:
     """Let the axis find itself beyond a software limit that somebody else has written."""
-    cell.drive.node.objects.put(co.LOWER_LIMIT, 2**30)
+    cell.drive.objects.put(co.LOWER_LIMIT, 2**30)
 
 
 STRIKES: dict[str, Callable[[Cell], None]] = {
@@ -270,7 +270,7 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     assert description.world is not None
     hardware = SimulatedHardware(description, description.world, seed=1)
     for drive in epos2_drives(hardware).values():
-        objects = drive.node.objects
+        objects = drive.objects
         objects.put(od.CONFIGURATION_DATE, _FINGERPRINT[0])
         objects.put(od.CONFIGURATION_TIME, _FINGERPRINT[1])
         objects.put(co.STORE, 0x65766173)
@@ -391,7 +391,7 @@ def _mend(cell: Cell) -> set[str]:
         drive.restore_power_stage()
         drive.unblock()
         drive.forced_inputs = 0
-        drive.node.error_control.mute = False
+        drive.error_control.mute = False
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
             drive.restart()

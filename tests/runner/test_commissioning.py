@@ -204,12 +204,12 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
         )
         rig.connect()
         drive = opened.drives["linear"]
-        assert drive.node.objects.values[od.MAX_CURRENT] == 300
+        assert drive.objects.values[od.MAX_CURRENT] == 300
         jog(rig, "linear", 1.0)
         with pytest.raises(InputError, match="axis insertion is not open"):
             rig.axis("insertion")
         rig.close()
-        assert drive.node.objects.values[od.MAX_CURRENT] == od.MAX_CURRENT.default
+        assert drive.objects.values[od.MAX_CURRENT] == od.MAX_CURRENT.default
 
 
 def test_a_fault_is_reset_only_on_confirmation() -> None:

@@ -82,7 +82,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
 
     def _option(self, entry: Entry, default: int) -> int:
         """Return an option code; what a drive without the object does by itself."""
-        return self.node.objects.values.get(entry, default)
+        return self.objects.values.get(entry, default)
 
     def counts_per_turn(self) -> int:
         """Return the counts a turn of the motor."""
@@ -123,7 +123,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         if option == _FAULT_SIGNAL:
             super().lose_master(t_s)
         elif option != _NO_ACTION:
-            self.node.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
+            self.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
             self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
     def tick(self) -> None:
@@ -145,7 +145,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         self._counts_per_turn = 4 * pulses
         entry = self._section.objects.entry("counts_per_turn")
         if entry is not None:
-            self.node.objects.set_fixed(entry, self._counts_per_turn)
+            self.objects.set_fixed(entry, self._counts_per_turn)
 
     def live_objects(self) -> dict[Entry, Callable[[], int]]:
         """Return the objects whose value is made when it is read."""

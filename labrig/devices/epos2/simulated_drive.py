@@ -104,7 +104,7 @@ class SimulatedDrive(SimulatedCia402Drive):
 
     def set_encoder(self, pulses: int) -> None:
         """Have another encoder resolution than before, as if somebody had changed the settings."""
-        self.node.objects.set_fixed(od.ENCODER_PULSES, pulses)
+        self.objects.set_fixed(od.ENCODER_PULSES, pulses)
 
     def take_object(self, entry: Entry, value: int, before: int) -> None:
         """Lose the position when the encoder resolution is changed."""

@@ -1,5 +1,6 @@
 """What simulated drives of the profile CiA 402 have in common: state machine, faults and motion of one CANopen node."""
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
@@ -40,7 +41,7 @@ _NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
 _NO_MECHANICS = Mechanics()
 
 
-class SimulatedCia402Drive:
+class SimulatedCia402Drive(CanopenNode):
     """One node; a kind of drive derives its own from this.
 
     Parameters
@@ -108,12 +109,10 @@ class SimulatedCia402Drive:
         mechanics: Mechanics = _NO_MECHANICS,
         boot_time_s: float = 0.0,
     ) -> None:
-        self.node_id = node_id
-        self._wire = wire
+        super().__init__(wire, node_id, clock, table, fixed)
         self.journal = DriveJournal()
         self.forced_inputs = 0
         self.lasting_errors: set[int] = set()
-        self._clock = clock
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
         self._shaft = MotorShaft(mechanics, clock.now_s(), shaft_counts)
@@ -125,23 +124,9 @@ class SimulatedCia402Drive:
         self._homing = self._acknowledged = self._attained = self._homing_failed = self._referenced = False
         self._moving = False
         self._inputs = 0
-        self.node = CanopenNode(
-            wire,
-            node_id,
-            clock,
-            table=table,
-            fixed=fixed,
-            live=self.live_objects(),
-            written=self._written,
-            is_powered=lambda: self._state in _POWERED,
-            on_nmt=self._on_nmt,
-            on_silence=self.lose_master,
-            on_pdo_error=self.fail,
-            before_frame=self.tick,
-        )
-        self._values = self.node.objects.value
+        self._values = self.objects.value
         self._note("boot", "power on")
-        self.node.boot()
+        self.boot()
 
     @property
     def shaft_counts(self) -> float:
@@ -165,9 +150,9 @@ class SimulatedCia402Drive:
 
     # What a kind of drive has of its own
 
+    @abstractmethod
     def counts_per_turn(self) -> int:
         """Return the counts a turn of the motor."""
-        raise NotImplementedError
 
     def counts_per_speed_unit(self) -> float:
         """Return the counts a second at one unit of speed; of rpm by default."""
@@ -189,14 +174,18 @@ class SimulatedCia402Drive:
         """Return what the counter reads where home has been found."""
         return self._values(co.HOME_OFFSET)
 
+    @abstractmethod
     def error_register(self, code: int) -> int:
         """Return the bits that an error sets in the error register 0x1001."""
-        raise NotImplementedError
 
     def position_limits(self) -> tuple[int, int]:
         """Return the software limits [counts]."""
-        values = self.node.objects.values
+        values = self.objects.values
         return values[co.LOWER_LIMIT], values[co.UPPER_LIMIT]
+
+    def is_powered(self) -> bool:
+        """Tell whether the power stage is on."""
+        return self._state in _POWERED
 
     def loses_power(self, code: int) -> bool:
         """Tell whether an error switches the power stage off at once."""
@@ -206,13 +195,13 @@ class SimulatedCia402Drive:
         """Do what the drive does when the heartbeat of the computer has ended: a fault by default."""
         self._raise_error(_HEARTBEAT_ERROR, t_s)
 
+    @abstractmethod
     def add_twin(self) -> None:
         """Put another drive with the same node id on the bus."""
-        raise NotImplementedError
 
+    @abstractmethod
     def set_encoder(self, pulses: int) -> None:
         """Have another encoder resolution than before, as if somebody had changed the settings."""
-        raise NotImplementedError
 
     def take_object(self, entry: Entry, value: int, before: int) -> None:
         """Do what writing an object of the kind's own brings about; nothing by default."""
@@ -240,38 +229,10 @@ class SimulatedCia402Drive:
         """Take the blockage away."""
         self._shaft.free()
 
-    def mute(self, frames: int | None = None) -> None:
-        """Send nothing of the next frames, or for good."""
-        self.node.mute(frames)
-
-    def deafen(self) -> None:
-        """Hear nothing."""
-        self.node.deafen()
-
-    def recover(self) -> None:
-        """Hear and speak again."""
-        self.node.recover()
-
-    def abort_next(self, code: int, index: int | None = None) -> None:
-        """Refuse the next SDO request, or the next one for an object, with an abort code."""
-        self.node.abort_next(code, index)
-
-    def ignore_next(self, requests: int = 1) -> None:
-        """Leave the next SDO requests without answer or effect."""
-        self.node.ignore_next(requests)
-
-    def stop_heartbeat(self) -> None:
-        """Produce no heartbeat any more; everything else goes on."""
-        self.node.error_control.mute = True
-
     def press(self, inputs: int) -> None:
         """Hold switches closed: the bits of 0x2071:01."""
         self.forced_inputs |= inputs
         self.tick()
-
-    def unplug(self) -> None:
-        """Leave the bus without a word; what moves goes on moving."""
-        self.node.leave()
 
     def restart(self) -> None:
         """Lose power and come back: settings, reference and counter are lost, the shaft stays where it is."""
@@ -282,13 +243,13 @@ class SimulatedCia402Drive:
         self._state = DriveState.SWITCH_ON_DISABLED
         self._forget()
         self._moving = before
-        self.node.objects.load()
-        self.node.state = NmtState.OFF
+        self.objects.load()
+        self.nmt_state = NmtState.OFF
         self._ready_s = now_s + self._boot_time_s
         self._note("boot", "restart")
         self._note_stillness(now_s)
         if not self._boot_time_s:
-            self.node.boot()
+            self.boot()
 
     def _forget(self) -> None:
         self._errors.clear()
@@ -301,8 +262,8 @@ class SimulatedCia402Drive:
     def tick(self) -> None:
         """Do what has become due by now."""
         now_s, seeks_switch = self._clock.now_s(), self._homing
-        if self.node.state is NmtState.OFF and now_s >= self._ready_s:
-            self.node.boot()
+        if self.nmt_state is NmtState.OFF and now_s >= self._ready_s:
+            self.boot()
         if self._state in {DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE}:
             self._watch(now_s)
         self._shaft.tick(now_s)
@@ -311,7 +272,7 @@ class SimulatedCia402Drive:
         if self._moving:
             self._come_to_rest(now_s)
         self._read_switches(seeks_switch=seeks_switch)
-        self.node.tick(now_s)
+        self.send_due(now_s)
 
     def _come_to_rest(self, now_s: float) -> None:
         if not self._at_rest() or self._homing:
@@ -331,7 +292,7 @@ class SimulatedCia402Drive:
 
     def _watch(self, now_s: float) -> None:
         """Notice software limits and following error, at the instant at which they were passed."""
-        objects, shaft = self.node.objects.values, self._shaft
+        objects, shaft = self.objects.values, self._shaft
         demand, actual = shaft.at(now_s)
         low, high = self.position_limits()
         if not (low <= demand <= high and low <= actual <= high):
@@ -384,7 +345,8 @@ class SimulatedCia402Drive:
         """Return the speed in the coarse steps of a real drive: one quadcount a millisecond."""
         return round(int(self.speed_quadcounts_s / 1000) * 1000 / self.counts_per_speed_unit())
 
-    def _written(self, entry: Entry, value: int, before: int) -> None:
+    def _on_write(self, entry: Entry, value: int, before: int) -> None:
+        super()._on_write(entry, value, before)
         if entry == co.CONTROLWORD:
             self._obey(value, before)
         elif entry == co.MODE:
@@ -393,16 +355,16 @@ class SimulatedCia402Drive:
             if self._state is DriveState.OPERATION_ENABLED and self._values(co.MODE) == _PROFILE_VELOCITY:
                 self._run(self._values(co.CONTROLWORD))
         elif entry == co.HOMING_METHOD and value not in self.homing_methods:
-            self.node.objects.values[entry] = before
+            self.objects.values[entry] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
         elif entry == co.ERROR_COUNT:
-            self.node.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
+            self.objects.values |= dict.fromkeys(co.ERROR_HISTORY, 0)
         else:
             self.take_object(entry, value, before)
 
     def _change_mode(self, mode: int, before: int) -> None:
         if mode not in self.modes:
-            self.node.objects.values[co.MODE] = before
+            self.objects.values[co.MODE] = before
             raise SdoAbortError(sdo_server.OUT_OF_RANGE)
         if mode != before:
             self._acknowledged = False
@@ -412,28 +374,28 @@ class SimulatedCia402Drive:
 
     # NMT
 
-    def _on_nmt(self, command: int) -> None:
+    def _obey_nmt(self, command: int) -> None:
         match command:
             case 0x01:
-                self.node.enter(NmtState.OPERATIONAL)
+                self.enter(NmtState.OPERATIONAL)
             case 0x02:
-                self.node.enter(NmtState.STOPPED)
+                self.enter(NmtState.STOPPED)
             case 0x80:
-                self.node.enter(NmtState.PRE_OPERATIONAL)
+                self.enter(NmtState.PRE_OPERATIONAL)
             case 0x81:
                 self.restart()
                 return
             case 0x82:
                 self._errors = [code for code in self._errors if code not in self.reset_communication_first]
-                self.node.objects.load_communication()
-                self.node.boot()
+                self.objects.load_communication()
+                self.boot()
         self._note("nmt", f"0x{command:02X}")
 
     # State machine
 
     def _statusword(self) -> int:
         word = self.state_bits[self._state]
-        word |= REMOTE if self.node.state is NmtState.OPERATIONAL else 0
+        word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= REFERENCED if self._referenced else 0
         word |= TARGET_REACHED if self._arrived() else 0
         mode = self._values(co.MODE)
@@ -452,7 +414,7 @@ class SimulatedCia402Drive:
             return False
         if self._values(co.MODE) == _PROFILE_VELOCITY and profile.segments:
             return now_s >= profile.segments[-1].start_s
-        due_s, window = profile.end_s, self.node.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
+        due_s, window = profile.end_s, self.objects.values.get(co.POSITION_WINDOW, co.WINDOW_OFF)
         if window != co.WINDOW_OFF:
             if abs(self._shaft.demand - self._shaft.actual) > window:
                 return False
@@ -641,14 +603,14 @@ class SimulatedCia402Drive:
         if code in self._errors:
             return
         self._errors.append(code)
-        values = self.node.objects.values
+        values = self.objects.values
         history = [code, *(values[entry] for entry in co.ERROR_HISTORY[:-1])]
         values |= dict(zip(co.ERROR_HISTORY, history, strict=True))
         values[co.ERROR_COUNT] = min(len(co.ERROR_HISTORY), values[co.ERROR_COUNT] + 1)
         values[co.ERROR_REGISTER] |= self.error_register(code) | 0x01
         self._note("emergency", f"0x{code:04X}", t_s)
         self._react(code, t_s)
-        self.node.send_emergency(code, values[co.ERROR_REGISTER])
+        self.send_emergency(code, values[co.ERROR_REGISTER])
 
     def _react(self, code: int, t_s: float) -> None:
         """Brake by quick stop or switch the power stage off, whichever the error asks for."""
@@ -668,8 +630,8 @@ class SimulatedCia402Drive:
         if self._errors:
             return
         self._set_state(DriveState.SWITCH_ON_DISABLED)
-        self.node.objects.values[co.ERROR_REGISTER] = 0
-        self.node.send_emergency(0, 0)
+        self.objects.values[co.ERROR_REGISTER] = 0
+        self.send_emergency(0, 0)
 
 
 def _int32(value: float) -> int:

@@ -48,7 +48,7 @@ def _ready(bare: ProfileDriveOnABus) -> ProfileDriveOnABus:
 
 
 def _values(on_a_bus: ProfileDriveOnABus, *entries: Entry) -> tuple[int, ...]:
-    return tuple(on_a_bus.node.node.objects.value(entry) for entry in entries)
+    return tuple(on_a_bus.node.objects.value(entry) for entry in entries)
 
 
 def _hear_and_lose(on_a_bus: ProfileDriveOnABus) -> None:
@@ -78,7 +78,7 @@ def test_states_are_told_by_the_bits_of_the_standard(statusword: int, state: Dri
 
 def test_what_keeps_the_axis_safe_is_written_and_read_back(bare: ProfileDriveOnABus) -> None:
     """Heartbeats, option codes, following error and decelerations; a drive that ignores the silence is made not to."""
-    objects = bare.node.node.objects
+    objects = bare.node.objects
     objects.values |= {od.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, od.FAULT_REACTION: 0}
     bare.driver.identify()
     bare.driver.configure(HEARTBEAT, None)
@@ -195,7 +195,7 @@ ANOTHER: dict[str, tuple[Entry, int, str]] = {
 @pytest.mark.parametrize(("entry", "value", "words"), ANOTHER.values(), ids=ANOTHER)
 def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value: int, words: str) -> None:
     """Each by index, with what it says, what was expected, and what to do; nothing is written."""
-    bare.node.node.objects.set_fixed(entry, value)
+    bare.node.objects.set_fixed(entry, value)
     with pytest.raises(DriveError, match=words) as refusal:
         bare.driver.identify()
     assert refusal.value.hint
@@ -205,7 +205,7 @@ def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value:
 
 def test_a_unit_that_is_not_known_is_not_compared(bare: ProfileDriveOnABus) -> None:
     """The rig file states it; a code that labrig does not know says nothing."""
-    bare.node.node.objects.set_fixed(od.VELOCITY_UNIT, 0x00010100)
+    bare.node.objects.set_fixed(od.VELOCITY_UNIT, 0x00010100)
     bare.driver.identify()
 
 
@@ -260,7 +260,7 @@ def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus)
     home = Entry(0x30B0, 0, "home position", "i")
     homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
     ready.driver.start_homing(homing)
-    ready.node.node.objects.values[home] *= -1
+    ready.node.objects.values[home] *= -1
     while not ready.driver.has_homed():
         ready.clock.sleep(0.01)
     with pytest.raises(DriveError, match="home position with the other sign"):
@@ -379,7 +379,7 @@ def test_an_encoder_that_was_changed_is_told_when_the_drive_is_opened(bare: Prof
 
 def test_a_mode_that_the_drive_does_not_take_is_waited_for(ready: ProfileDriveOnABus) -> None:
     """0x6061 says in which mode it is; commands of another mode are not sent before."""
-    ready.node.node.objects._live = {**ready.node.node.objects._live, co.MODE_DISPLAY: lambda: 1}
+    ready.node.objects._live = {**ready.node.objects._live, co.MODE_DISPLAY: lambda: 1}
     with pytest.raises(DriveError, match=r"stayed in mode of operation 1 \(0x6061\) when 6"):
         ready.driver.start_homing(Homing(HOMING_HERE))
 

@@ -16,6 +16,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `needle` is what the needle is: the design of its hinges, and what it can reach
 - `vision` turns pixels into mm
 - `geometry` holds frames, signs, units, and circle fits
+- `durable` writes files whole or not at all, under names of its own until they are complete
 - `posix` is what the operating system must give
 - `plugins` finds the experiments, drives and cameras of installed packages
 - `errors`, `clock` and `text` are the error tree, what a clock is, and how numbers are written

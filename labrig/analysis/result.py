@@ -7,6 +7,7 @@ that pages are drawn without measuring again. The CSV files hold the tables of t
 import csv
 import io
 import math
+import shutil
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
 from labrig.protocol.model import Model
-from labrig.record.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 from labrig.record.tables import escape_formula
@@ -199,8 +200,16 @@ def write_result(path: Path, findings: Findings) -> AnyResult:
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When it cannot be written; nothing is left behind.
     """
+    try:
+        return _write_parts(path, findings)
+    finally:
+        if not (path / RESULT_FILE).exists():
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _write_parts(path: Path, findings: Findings) -> AnyResult:
     if findings.save is not None:
         findings.save(path)
     result = AnalysisResult(path, findings.content)

@@ -16,8 +16,8 @@ from labrig.cli.damage import require_undamaged
 from labrig.cli.options import InsertionOption, RigOption, RunArgument, find_rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.cli.template import template
+from labrig.durable import write_atomically
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
-from labrig.record.durable import write_atomically
 
 app = typer.Typer(no_args_is_help=True)
 

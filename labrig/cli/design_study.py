@@ -9,6 +9,7 @@ from typing import Any
 from labrig.cli.damage import require_undamaged
 from labrig.cli.output import say
 from labrig.cli.progress import progress
+from labrig.durable import write_atomically
 from labrig.errors import AnswerIsNoError, InputError, OutputExistsError
 from labrig.experiments.hinge_design.study import (
     DesignOrder,
@@ -17,7 +18,6 @@ from labrig.experiments.hinge_design.study import (
     hinge_table,
     study_design,
 )
-from labrig.record.durable import write_atomically
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import open_run
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from labrig.cli.calibration_files import require_writable
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.cli.signals import note_signals
 from labrig.errors import InputError
@@ -29,12 +30,14 @@ def simulate(
         Path | None,
         typer.Option(help="Write the events of the drives to this file at the end, one JSON line each."),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing journal.")] = False,
     as_json: AsJson = False,
 ) -> int:
     """Serve until a signal comes, and exit with 130, as every interrupted command does."""
     from labrig.devices.simulated.serving import ServedBus, serve_drives
 
     node_ids = _node_ids(nodes)
+    require_writable(journal, force)
 
     def ready(reached_by: str) -> None:
         if as_json:

@@ -7,8 +7,8 @@ import typer
 
 from labrig.cli.damage import report_damage
 from labrig.cli.output import AsJson, print_json, print_line
+from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
-from labrig.record.durable import write_atomically
 
 
 def export(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from labrig.errors import DiskError, InputError, PictureError
+from labrig.errors import InputError, PictureError
 from labrig.report.lens_figure import write_lens_figure
 from labrig.vision.boards import BoardSearch, Charuco
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
@@ -54,7 +54,11 @@ def read_views(images: Sequence[Path]) -> tuple[list[tuple[str, Picture]], list[
 
 
 def name_figure(out: Path | None) -> Path | None:
-    """Return the file of the picture of residuals and coverage beside a calibration file."""
+    """Return the file of the picture of residuals and coverage beside a calibration file. Raises `InputError`."""
+    if out is not None and out.suffix == ".png":
+        raise InputError(
+            f"{out} is the name of the picture that is drawn beside the calibration", "name it .json"
+        )
     return None if out is None else out.with_suffix(".png")
 
 
@@ -66,13 +70,7 @@ def draw_figure(out: Path, lens: Intrinsics) -> None:
     DiskError
         If the picture cannot be written.
     """
-    picture = out.with_suffix(".png")
-    try:
-        write_lens_figure(picture, lens)
-    except OSError as error:
-        raise DiskError(
-            f"{picture} cannot be written: {error.strerror}", "check the folder and its space"
-        ) from error
+    write_lens_figure(out.with_suffix(".png"), lens)
 
 
 def make_gel(

@@ -17,6 +17,7 @@ from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
+from labrig.durable import require_free_bytes
 from labrig.errors import (
     AnswerIsNoError,
     FileFormatError,
@@ -28,7 +29,6 @@ from labrig.errors import (
 )
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
-from labrig.record.durable import require_free_bytes
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder

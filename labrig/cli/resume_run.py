@@ -16,13 +16,13 @@ from labrig.cli.sources import Sources, read_sources
 from labrig.devices.clocks import SystemClock
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
+from labrig.durable import require_free_bytes
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
 from labrig.experiments.registry import experiment_of, protocol_of
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
-from labrig.record.durable import require_free_bytes
 from labrig.record.events import RunStop
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run

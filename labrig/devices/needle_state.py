@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from labrig.devices.axis_description import AXES
+from labrig.durable import write_atomically
 from labrig.errors import SafetyStopError
-from labrig.record.durable import write_atomically
 
 _KIND = "labrig-rig-state"
 _VERSION = 1

@@ -12,9 +12,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
+from labrig.durable import disk_errors, open_descriptor, write_fully
 from labrig.errors import InputError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.durable import disk_errors, open_descriptor, write_fully
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, inside, require_name
 from labrig.record.lock import FileLock

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
+from labrig.durable import write_fully
 from labrig.posix import NO_LINKS
-from labrig.record.durable import write_fully
 from labrig.record.json_lines import encode_line
 
 

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
 
+from labrig.durable import disk_errors, write_fully
 from labrig.errors import LockedError
 from labrig.posix import NO_LINKS, lock_at_once
-from labrig.record.durable import disk_errors, write_fully
 
 _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
 

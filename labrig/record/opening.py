@@ -4,9 +4,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from labrig.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.errors import InputError, OutputExistsError
 from labrig.posix import reserve, sync_directory
-from labrig.record.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
     CALIBRATION,

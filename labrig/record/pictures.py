@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.durable import sync_file, write_and_rename
 from labrig.errors import InputError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.durable import sync_file, write_and_rename
 from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
 

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from labrig.durable import disk_errors
 from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.annotations import Annotations, read_annotations
@@ -26,7 +27,6 @@ from labrig.record.check import (
     find_picture_problems,
     hash_file,
 )
-from labrig.record.durable import disk_errors
 from labrig.record.events import (
     Event,
     FrameLine,

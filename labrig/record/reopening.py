@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from labrig.durable import disk_errors, write_atomically
 from labrig.errors import LabrigError, RecordError
 from labrig.record.check import RunCheck, check_run, trials_done
-from labrig.record.durable import disk_errors, write_atomically
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     ALWAYS_PRESENT,

@@ -6,8 +6,8 @@ from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
+from labrig.durable import disk_errors
 from labrig.errors import RecordError
-from labrig.record.durable import disk_errors
 from labrig.record.layout import ANALYSIS, inside
 
 _RESULT = "result.json"

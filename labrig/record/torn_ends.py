@@ -4,10 +4,10 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from labrig.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.posix import sync_directory
 from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, list_leftover_pictures
-from labrig.record.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.record.json_lines import read_lines, scan_lines
 from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
 from labrig.record.pictures import measure_listed_pictures, measure_raw_pictures

@@ -16,9 +16,9 @@ from types import TracebackType
 
 import fsspec
 
+from labrig.durable import disk_errors
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.durable import disk_errors
 
 # A Path keeps only one of the slashes; one letter and a colon are a Windows drive.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")

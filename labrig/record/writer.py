@@ -17,13 +17,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from labrig.errors import DiskError, InputError, RecordError
-from labrig.posix import sync_directory
-from labrig.record.durable import (
+from labrig.durable import (
     disk_errors,
     free_bytes,
     write_atomically,
 )
+from labrig.errors import DiskError, InputError, RecordError
+from labrig.posix import sync_directory
 from labrig.record.events import Event
 from labrig.record.layout import (
     ALWAYS_PRESENT,

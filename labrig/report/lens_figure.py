@@ -1,5 +1,6 @@
 """Draw a calibrated lens: the coverage by boards, the residuals, and the uncertainty of each pixel."""
 
+import io
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.ndimage import zoom
 
+from labrig.durable import write_atomically
 from labrig.report.figures import SETTINGS
 from labrig.report.palette import mark
 from labrig.vision.intrinsics import Intrinsics
@@ -30,7 +32,7 @@ def write_lens_figure(path: Path, lens: Intrinsics) -> None:
 
     Raises
     ------
-    OSError
+    DiskError
         If the file cannot be written.
     """
     with mpl.rc_context(SETTINGS):
@@ -45,7 +47,9 @@ def write_lens_figure(path: Path, lens: Intrinsics) -> None:
             axes.set_xlabel("u (px)")
             axes.set_ylabel("v (px)")
             axes.spines[:].set_visible(True)
-        figure.savefig(path, format="png", dpi=_DOTS_PER_INCH, facecolor="white")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH, facecolor="white")
+    write_atomically(path, buffer.getvalue())
 
 
 def _draw_residuals(axes: Axes, lens: Intrinsics) -> None:

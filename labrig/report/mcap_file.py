@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from labrig.durable import disk_errors
 from labrig.errors import RecordError
 from labrig.record.reader import Run
 from labrig.record.tables import add_axis_units
@@ -42,9 +43,11 @@ def write_mcap(run: Run, folder: Path) -> None:
     ------
     RecordError
         When a line or picture is damaged, or the manifest has no start time.
+    DiskError
+        When it cannot be written.
     """
     start_ns = _read_start_ns(run)
-    with (folder / MCAP_FILE).open("wb") as file:
+    with disk_errors(folder / MCAP_FILE), (folder / MCAP_FILE).open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="labrig")
         writer.add_metadata("manifest", {"json": json.dumps(run.manifest, ensure_ascii=False)})

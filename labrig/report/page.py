@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from labrig.analysis.result import AnyResult
-from labrig.record.durable import write_atomically
+from labrig.durable import write_atomically
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows, count_of, interval, mark_breaks, number, signed
 from labrig.report.heading import make_heading

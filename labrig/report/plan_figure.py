@@ -1,5 +1,6 @@
 """Draw a plan: path, obstacles and target, true to scale."""
 
+import io
 from pathlib import Path
 
 import matplotlib as mpl
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.report.figures import NO_METADATA, SETTINGS
 from labrig.report.palette import DESIGN, mark
@@ -36,6 +38,8 @@ def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
     ------
     InputError
         For another suffix.
+    DiskError
+        If the file cannot be written.
     """
     form = FORMATS.get(path.suffix.lower())
     if form is None:
@@ -48,7 +52,9 @@ def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
             _draw_view(axes, problem, plan, across)
         panels[0].set_title(_title(plan))
         metadata = NO_METADATA if form == "svg" else None
-        figure.savefig(path, format=form, dpi=_DOTS_PER_INCH, metadata=metadata, facecolor="white")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=metadata, facecolor="white")
+    write_atomically(path, buffer.getvalue())
 
 
 def _title(plan: Plan) -> str:

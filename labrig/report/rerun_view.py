@@ -17,8 +17,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from labrig.analysis.result import CentreLines
+from labrig.durable import disk_errors, require_free_bytes, sync_file, temporary_file
 from labrig.errors import MachineError
-from labrig.record.durable import require_free_bytes, write_atomically
+from labrig.posix import sync_directory
 from labrig.record.reader import Run
 from labrig.record.tables import add_axis_units
 from labrig.report.pictures import JpegSize, jpeg
@@ -52,16 +53,16 @@ def write_view(run: Run, lines: CentreLines, view: View) -> Path:
         When the file cannot be written, or does not fit on the disk.
     """
     path = run.path / VIEW_FILE
-    unfinished = path.with_name(f".{VIEW_FILE}.tmp")
     # rerun does not report a full disk. JPEG needs less space than the lossless pictures.
     files = {run.path / picture.file for picture in run.pictures}
     require_free_bytes(run.path, sum(file.stat().st_size for file in files if file.is_file()))
-    write_atomically(unfinished, b"")
-    try:
+    with disk_errors(path), temporary_file(path) as unfinished:
+        # Made here, because rerun does not report a folder that it cannot write either.
+        unfinished.touch(exist_ok=False)
         _fill(unfinished, run, lines, view)
+        sync_file(unfinished)
         unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        sync_directory(path.parent)
     return path
 
 

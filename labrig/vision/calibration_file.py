@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 
-from labrig.errors import DiskError, FileFormatError, InputError, Problem
+from labrig.durable import write_atomically
+from labrig.errors import FileFormatError, InputError, Problem
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel, PaperPlace
@@ -176,24 +177,12 @@ def _remake_hint(kind: str) -> str:
 
 def _save(path: Path, kind: str, values: dict[str, Any], provenance: Mapping[str, Any]) -> None:
     document = {"kind": kind, "schema_version": _SCHEMA_VERSION, **values, "provenance": dict(provenance)}
-    write_whole(path, to_json_text(document).encode())
+    write_atomically(path, to_json_text(document).encode())
 
 
 def to_json_text(document: Mapping[str, Any]) -> str:
     """Return a document as the JSON text of a file."""
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, or leave what was there before and raise DiskError."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        raise DiskError(
-            f"{path} cannot be written: {error.strerror}", "check the folder and its space"
-        ) from error
 
 
 def _load(path: Path, kind: str, model: type[_Document]) -> _Document:

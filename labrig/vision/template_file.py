@@ -12,8 +12,9 @@ from typing import Any
 import cv2
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
+from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, PictureError, Problem
-from labrig.vision.calibration_file import to_json_text, write_whole
+from labrig.vision.calibration_file import to_json_text
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import Insertion
 from labrig.vision.tip_template import TipTemplate
@@ -81,7 +82,7 @@ def save_template(path: Path, template: TipTemplate, provenance: Mapping[str, An
     }
     picture = cv2.imencode(".png", template.picture)[1].tobytes()
     for file, content in zip(template_files(path), (picture, to_json_text(document).encode()), strict=True):
-        write_whole(file, content)
+        write_atomically(file, content)
 
 
 def load_template(path: Path) -> TipTemplate:

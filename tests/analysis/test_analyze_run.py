@@ -15,13 +15,14 @@ import pytest
 
 from labrig.analysis.result import load_centre_lines
 from labrig.analysis.run import analyze_run
-from labrig.errors import FileFormatError, InputError, RecordError
+from labrig.errors import DiskError, FileFormatError, InputError, RecordError
 from labrig.experiments.registry import experiment_of, result_of
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.conftest import Measured, measure
 from tests.analysis.synthetic import LENGTH_MM, NOW, PROVENANCE, Sweep, aborted, record_import, record_sweep
+from tests.disks import full_disk
 
 
 def _raw_bytes(run: Path) -> dict[str, str]:
@@ -63,6 +64,16 @@ def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: Measured)
     ]
     assert measured.content.specimens[1].refused == 1
     assert measured.content.specimens[1].refused_reasons[0].startswith("1 x ")
+
+
+def test_a_result_that_cannot_be_written_leaves_no_folder(folder: Path) -> None:
+    """On a full disk the analysis fails, its folder is removed, and the next result takes its number."""
+    run = record_sweep(folder, Sweep(without_needle=frozenset({3})))
+    for longest_bytes in (0, 5_000):
+        with full_disk(longest_bytes), pytest.raises(DiskError, match=r"analysis/001/.*File too large"):
+            measure(run)
+        assert list((run.path / "analysis").iterdir()) == []
+    assert measure(run).result.path.name == "001"
 
 
 def test_the_comparison_with_the_truth_is_kept_apart(measured: Measured) -> None:

@@ -177,6 +177,17 @@ def test_the_command_names_its_port_serves_and_leaves_a_journal(tmp_path: Path) 
     assert (first["node_id"], first["kind"]) == (4, "boot")
 
 
+def test_an_existing_file_is_not_replaced_by_a_journal(tmp_path: Path) -> None:
+    """Without --force the command ends with 2 before it serves, and the file is as it was."""
+    journal = tmp_path / "drives.jsonl"
+    journal.write_text("mine")
+    with _simulate("--interface", "slcan", "--journal", str(journal)) as serving:
+        assert serving.wait(20) == 2
+        assert serving.stderr is not None
+        assert "drives.jsonl exists" in serving.stderr.read()
+    assert journal.read_text() == "mine"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

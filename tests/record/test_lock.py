@@ -3,7 +3,6 @@
 import json
 import os
 import platform
-import resource
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import pytest
 
 from labrig.errors import DiskError, LockedError
 from labrig.record.lock import FileLock, read_lock_owner
+from tests.disks import full_disk
 
 HOLDER = """
 import sys
@@ -74,16 +74,8 @@ def test_a_process_id_that_is_in_use_again_holds_nothing(tmp_path: Path) -> None
 def test_a_lock_that_cannot_be_written_is_not_kept(tmp_path: Path) -> None:
     """On a full disk it is refused, and nobody holds it afterwards, not even this process."""
     path = tmp_path / "lock"
-    _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    soft = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
-    try:
-        with pytest.raises(DiskError, match="cannot write"):
-            FileLock(path).acquire("labrig run")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, before)
+    with full_disk(), pytest.raises(DiskError, match="cannot write"):
+        FileLock(path).acquire("labrig run")
     with FileLock(path).acquire("labrig run"):
         pass
 

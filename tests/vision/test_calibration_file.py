@@ -11,6 +11,7 @@ from labrig.vision.calibration_file import load_intrinsics, load_plane, save_int
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel
+from tests.disks import full_disk
 
 LENS = Intrinsics(
     image_size=(1280, 720),
@@ -197,9 +198,9 @@ def test_refuses_missing_and_binary_files(tmp_path):
 
 
 def test_a_failed_write_leaves_the_old_file(lens_file):
-    """A failed write leaves the previous file unchanged."""
+    """A failed write leaves the previous file unchanged, and no part of the new one."""
     before = lens_file.read_bytes()
-    lens_file.with_name("intrinsics.json.part").mkdir()
-    with pytest.raises(DiskError, match=r"intrinsics\.json cannot be written"):
+    with full_disk(), pytest.raises(DiskError, match=r"cannot write .*intrinsics\.json: File too large"):
         save_intrinsics(lens_file, LENS, {})
     assert lens_file.read_bytes() == before
+    assert [path.name for path in lens_file.parent.iterdir()] == ["intrinsics.json"]

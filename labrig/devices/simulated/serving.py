@@ -15,6 +15,7 @@ from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.devices.simulated.drive_journal import DriveEvent
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
+from labrig.durable import write_atomically
 from labrig.errors import BusError, InputError
 
 _TICK_S = 0.002
@@ -168,7 +169,7 @@ def serve_drives(
 
     Raises
     ------
-    InputError, BusError
+    InputError, BusError, DiskError
     """
     with served.open() as bus:
         drives = ServedDrives(bus, node_ids)
@@ -178,4 +179,4 @@ def serve_drives(
         finally:
             if journal is not None:
                 lines = [json.dumps({"node_id": node, **event.document()}) for node, event in drives.events()]
-                journal.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+                write_atomically(journal, "".join(line + "\n" for line in lines).encode())

@@ -15,6 +15,7 @@ from labrig.analysis.experiment import AnalysisRequest
 from labrig.analysis.pictures import Progress
 from labrig.analysis.result import Findings
 from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
+from labrig.durable import write_atomically
 from labrig.errors import AnswerIsNoError, InputError
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult, HingeCell
@@ -39,7 +40,6 @@ from labrig.needle.hinge import Hinge
 from labrig.needle.rotation_search import DEFAULT_SEED
 from labrig.needle.tube import TABLE_1, Tube
 from labrig.protocol.design_file import Basis, NeedleDesign, TubeSection
-from labrig.record.durable import write_atomically
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 

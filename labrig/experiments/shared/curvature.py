@@ -11,13 +11,13 @@ from labrig.analysis.origin import ReadFrame, find_origins
 from labrig.analysis.pictures import Analysis, Measured, PictureWork, Unreadable
 from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_centre_lines
 from labrig.analysis.sentinel import check_sentinel
+from labrig.durable import write_atomically
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
 from labrig.experiments.shared.grouping import final_pictures, mean_of_means, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import add_drift, add_origins, refuse_by_origin
 from labrig.experiments.shared.truth import compare_with_truth
 from labrig.protocol.sections import AnalysisWindow, GridSentinel, NeedleInPicture, Sheath
-from labrig.record.durable import write_atomically
 from labrig.record.events import INTERRUPTED, FrameLine, PictureRole, TrialStop
 from labrig.record.reader import Frames, Run
 from labrig.vision.curvature import CurvatureMeasurement, CurvatureSettings

@@ -1,7 +1,12 @@
-"""Durable writing: atomic files, synced directories, and disk errors that name the path and give a hint."""
+"""Durable writing: atomic files, synced directories, and disk errors that name the path and give a hint.
+
+Every file that labrig writes whole goes through here. The others are appended to (lines, raw pictures, logs), or are
+filled under a temporary name by a library that wants a path.
+"""
 
 import errno
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -45,19 +50,25 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_and_rename(path: Path, content: bytes, *, sync: bool = True) -> None:
-    """Write a file under a temporary name, fsync it, and rename it into place.
+    """Write a file under a temporary name of its own, fsync it, and rename it into place.
 
+    Two writers of one file never share a temporary name, so a reader sees all of one or all of the other.
     The content is durable when this returns; without `sync`, after the next `sync_file`. The name is durable after the
     next `sync_directory` of its folder.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
-    with disk_errors(path):
-        try:
-            _write_new(temporary, content, sync=sync)
-            temporary.replace(path)
-        except OSError:
-            temporary.unlink(missing_ok=True)
-            raise
+    with disk_errors(path), temporary_file(path) as temporary:
+        _write_new(temporary, content, sync=sync)
+        temporary.replace(path)
+
+
+@contextmanager
+def temporary_file(path: Path) -> Iterator[Path]:
+    """Give an unused hidden name beside `path`; what stands there when the block ends is removed. Raises `OSError`."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def sync_file(path: Path) -> None:
@@ -68,8 +79,7 @@ def sync_file(path: Path) -> None:
 
 
 def _write_new(path: Path, content: bytes, *, sync: bool) -> None:
-    # The leftover of a killed writer is overwritten.
-    with open_descriptor(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC) as descriptor:
+    with open_descriptor(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL) as descriptor:
         write_fully(descriptor, content)
         if sync:
             os.fsync(descriptor)

@@ -1,0 +1,89 @@
+"""Atomic files and disk space."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from labrig.durable import require_free_bytes, temporary_file, write_atomically
+from labrig.errors import DiskError
+from tests.disks import full_disk
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+    """The new content stands under the name, and no temporary file is left."""
+    path = tmp_path / "result.json"
+    write_atomically(path, b"old and long")
+    write_atomically(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_a_leftover_of_a_killed_writer_is_no_obstacle(tmp_path: Path) -> None:
+    """A file is written beside the temporary file of a writer that was killed."""
+    (tmp_path / ".result.json.0123456789abcdef.tmp").write_bytes(b"half of it")
+    write_atomically(tmp_path / "result.json", b"new")
+    assert (tmp_path / "result.json").read_bytes() == b"new"
+
+
+def test_a_planted_link_is_replaced_and_not_written_through(tmp_path: Path) -> None:
+    """A link under the name is replaced, and the file that it leads to is untouched."""
+    target = tmp_path / "precious"
+    target.write_text("kept")
+    (tmp_path / "result.json").symlink_to(target)
+    write_atomically(tmp_path / "result.json", b"new")
+    assert target.read_text() == "kept"
+    assert (tmp_path / "result.json").read_bytes() == b"new"
+
+
+def test_a_temporary_file_belongs_to_its_writer(tmp_path: Path) -> None:
+    """Two writers of one file have different temporary files, and each removes its own."""
+    path = tmp_path / "result.json"
+    with temporary_file(path) as first, temporary_file(path) as second:
+        assert first != second
+        first.write_bytes(b"a")
+        second.write_bytes(b"b")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_reader_sees_a_part_while_two_processes_write(tmp_path: Path) -> None:
+    """Each reading of a file that two processes replace in turn is whole and by one of them, and nothing is left."""
+    path = tmp_path / "shared.json"
+    contents = {letter: letter.encode() * 300_000 for letter in "ab"}
+    write_atomically(path, contents["a"])
+    code = (
+        "import sys; from pathlib import Path; from labrig.durable import write_atomically\n"
+        "for _ in range(40): write_atomically(Path(sys.argv[1]), sys.argv[2].encode() * 300_000)"
+    )
+    writers = [subprocess.Popen([sys.executable, "-c", code, str(path), letter]) for letter in contents]
+    while any(writer.poll() is None for writer in writers):
+        assert path.read_bytes() in contents.values()
+    assert [writer.wait() for writer in writers] == [0, 0]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["shared.json"]
+
+
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    """A file that does not fit replaces nothing, and no part of it is left."""
+    path = tmp_path / "result.json"
+    write_atomically(path, b"old")
+    with full_disk(10_000), pytest.raises(DiskError, match="File too large"):
+        write_atomically(path, bytes(100_000))
+    assert path.read_bytes() == b"old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """The error names the file, the reason and the free space, and has a hint."""
+    with pytest.raises(DiskError, match=r"missing/x: No such file.*MB free") as refused:
+        write_atomically(tmp_path / "missing" / "x", b"")
+    assert refused.value.hint
+
+
+def test_room_is_asked_for_before_a_run(tmp_path: Path) -> None:
+    """Enough room passes silently, too little is refused with both numbers, also where no folder is yet."""
+    require_free_bytes(tmp_path / "not" / "yet", 1)
+    free = os.statvfs(tmp_path).f_bavail * os.statvfs(tmp_path).f_frsize
+    with pytest.raises(DiskError, match=r"needs \d+\.\d MB, and that disk has \d+\.\d MB free"):
+        require_free_bytes(tmp_path / "not" / "yet", 2 * free)

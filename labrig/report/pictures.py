@@ -58,6 +58,13 @@ def polyline(px: FloatArray) -> str:
     return " ".join(f"{u:.1f},{v:.1f}" for u, v in px)
 
 
+def circle(centre_mm: Sequence[float], radius_mm: float, plane: PlaneMap, points: int = 73) -> FloatArray:
+    """Return the pixels (N, 2) of a circle of the steering plane, its first point again at the end."""
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    around = np.column_stack((np.cos(angle), np.sin(angle)))
+    return plane.to_px(np.asarray(centre_mm) + radius_mm * around)
+
+
 def scale_bar(size: tuple[int, int], plane: PlaneMap) -> tuple[float, tuple[Pixel, Pixel]]:
     """Return a length of 1, 2, 5, 10 ... mm above a tenth of the picture's width, and the ends of its bar.
 

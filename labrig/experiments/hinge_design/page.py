@@ -47,7 +47,7 @@ def _facts(protocol: DesignProtocol) -> Rows:
 
 def _shown(result: AnyResult, content: DesignResult) -> dict[str, Any]:
     fit = RotationPlane(**content.search["fit"])
-    cells = tuple(GridPoint(**cell.model_dump()) for cell in content.cells)
+    cells = content.cells
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",

@@ -3,16 +3,7 @@
 from typing import Any, Literal
 
 from labrig.analysis.result import Result
-from labrig.protocol.model import Model
-
-
-class HingeCell(Model):
-    """One point of the searched grid: clearance, inclination, and what both hinges allow."""
-
-    clearance_mm: float
-    beta_cut_deg: float
-    beta_a_deg: float
-    beta_b_deg: float
+from labrig.needle.design_search import GridPoint
 
 
 class DesignResult(Result):
@@ -36,4 +27,4 @@ class DesignResult(Result):
     links: int | None
     measured: dict[str, Any] | None
     search: dict[str, Any]
-    cells: tuple[HingeCell, ...]
+    cells: tuple[GridPoint, ...]

@@ -18,7 +18,7 @@ from labrig.analysis.workers import DEFAULT_WORKERS, worker_processes
 from labrig.durable import write_atomically
 from labrig.errors import AnswerIsNoError, InputError
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.hinge_design.result import DesignResult, HingeCell
+from labrig.experiments.hinge_design.result import DesignResult
 from labrig.needle.design_search import (
     STEEPEST_CUT_DEG,
     GridPoint,
@@ -143,9 +143,8 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
     """
     stamp = request.stamp
     study = study_design(DesignOrder.of(protocol), request.workers, request.progress)
-    cells = tuple(HingeCell(**asdict(cell)) for cell in study.cells)
     settings = {"grid_points": protocol.grid_points, "seed": protocol.seed}
-    content = DesignResult(**stamp.fields(settings), **study.document, cells=cells)
+    content = DesignResult(**stamp.fields(settings), **study.document, cells=study.cells)
     return Findings(content, partial(study.save, stamp.provenance))
 
 

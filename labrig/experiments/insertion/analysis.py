@@ -36,7 +36,6 @@ from labrig.experiments.insertion.events import (
 )
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import (
-    AvoidedSphere,
     InsertionCommand,
     InsertionPlan,
     InsertionResult,
@@ -196,10 +195,7 @@ def _trial(events: _Events, source: _Source) -> InsertionTrial:
         **_verdict(stop, error_mm, tolerance_mm, source.sentinel),
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
-        obstacles=tuple(
-            AvoidedSphere(position_mm=obstacle.position_mm, radius_mm=obstacle.radius_mm)
-            for obstacle in start.obstacles
-        ),
+        obstacles=start.obstacles,
         final_frame=None if stop is None else stop.final_frame,
         tip_mm=None if end is None else end.tip_mm,
         shaft_mm=() if end is None else _points(end.centre_line_mm),

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, AnyResult
@@ -21,7 +20,7 @@ from labrig.report.calibration_rows import describe_calibration
 from labrig.report.formatting import Rows, count_of, number
 from labrig.report.heading import count_trials_done
 from labrig.report.page import Page
-from labrig.report.pictures import PLATE, Pixel, data_uri, jpeg, pixel, polyline, scale_bar
+from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
@@ -30,7 +29,6 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 # So many insertions are shown picture by picture: those that missed first.
 _SHOWN = 4
 _MOST_PANELS = 8
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
 _OCCASIONS = {
     "start": "the first plan",
     "origin": "planned from where the sheath was found",
@@ -44,7 +42,6 @@ _OCCASIONS = {
 class Panel:
     """One picture of figure 9; every line is the `points` of an SVG polyline in the recorded picture's pixels."""
 
-    letter: str
     title: str
     occasion: str
     href: str
@@ -147,12 +144,8 @@ def _uncertainty(content: InsertionResult) -> str:
 def _shown(run: Run, trial: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
     drawn = (_panel(run, moment, trial, plane) for moment in _moments(run, trial))
     panels = tuple(panel for panel in drawn if panel is not None)
-    lettered = tuple(
-        Panel(**{**vars(panel), "letter": chr(ord("a") + index)}) for index, panel in enumerate(panels)
-    )
-    return ShownInsertion(
-        trial, lettered, insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
-    )
+    figure = insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
+    return ShownInsertion(trial, panels, figure)
 
 
 def _moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
@@ -207,7 +200,6 @@ def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) ->
     last = moment.frame == trial.final_frame
     scale_mm, scale = scale_bar((width, height), plane)
     return Panel(
-        letter="",
         title=f"{moment.depth_mm:.1f} mm, {moment.t_s:.0f} s",
         occasion=moment.occasion,
         href=data_uri(jpeg(image, PLATE), "image/jpeg"),
@@ -218,8 +210,10 @@ def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) ->
         former=tuple(_drawn(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
         taken=_drawn(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
         truth=_drawn(trial.true_path_mm, plane) if last else "",
-        obstacles=tuple(_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in trial.obstacles),
-        tolerance=_ring((float(target[0]), float(target[1])), trial.tolerance_mm, plane),
+        obstacles=tuple(
+            polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in trial.obstacles
+        ),
+        tolerance=polyline(circle(trial.target_mm[1:], trial.tolerance_mm, plane)),
         target=pixel(plane.to_px(target[None])[0]),
         scale_mm=scale_mm,
         scale=scale,
@@ -228,8 +222,3 @@ def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) ->
 
 def _drawn(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
     return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""
-
-
-def _ring(centre_mm: tuple[float, float], radius_mm: float, plane: PlaneMap) -> str:
-    around: NDArray[np.float64] = np.column_stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
-    return polyline(plane.to_px(np.asarray(centre_mm) + radius_mm * around))

@@ -5,6 +5,7 @@ from typing import Literal
 
 from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
 from labrig.protocol.model import Model
+from labrig.steering.problem import Obstacle
 
 
 class InsertionStep(Model):
@@ -68,13 +69,6 @@ class InsertionPlan(Model):
     path_mm: tuple[Point, ...]
 
 
-class AvoidedSphere(Model):
-    """A sphere that was to be kept off, its centre (x, y, z)."""
-
-    position_mm: tuple[float, float, float]
-    radius_mm: float
-
-
 class InsertionTrial(Model):
     """One insertion: how it ended, and how far from its target by the end of its shaft in the final picture.
 
@@ -96,7 +90,7 @@ class InsertionTrial(Model):
     reached: bool
     target_mm: tuple[float, ...]
     tolerance_mm: float
-    obstacles: tuple[AvoidedSphere, ...]
+    obstacles: tuple[Obstacle, ...]
     final_frame: int | None
     tip_mm: Point | None
     shaft_mm: tuple[Point, ...]

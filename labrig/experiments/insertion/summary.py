@@ -63,15 +63,11 @@ def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[Wh
 
 def _compare_trials(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
     divergence = _first_divergence(old["commands"], new["commands"])
-    return WhatIf(new["trial"], _summarise_steering(old), _summarise_steering(new), divergence)
+    return WhatIf(new["trial"], summarise_steering(old), summarise_steering(new), divergence)
 
 
-def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary | None:
-    """Return the commands of an insertion in brief; None if an older labrig did not record them."""
-    return _summarise_steering(insertion) if insertion.get("commands") else None
-
-
-def _summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
+def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
+    """Return the commands of an insertion in brief; an older labrig did not record them."""
     commands, steps = insertion["commands"], insertion["steps"]
     turns = tuple(command["depth_mm"] for command in commands if command["roll_rad"] != 0.0)
     last, tip = commands[-1], steps[-1]["estimate_mm"] if steps else None
@@ -121,8 +117,8 @@ def _values(trial: Mapping[str, Any]) -> dict[str, object]:
         f"{name}: mean NIS": trial["mean_nis"],
         f"{name}: sightings not believed": trial["missed_sightings"],
     }
-    told = summarise_steering(trial)
-    if told is not None:
+    if trial.get("commands"):
+        told = summarise_steering(trial)
         values[f"{name}: turns asked for"] = told.turns
         values[f"{name}: paths found anew"] = told.replans
         values[f"{name}: stop"] = told.stop

@@ -11,10 +11,10 @@ from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.insertion.result import InsertionResult, InsertionStep, InsertionTrial
 from labrig.record.reader import Run
+from labrig.report.pictures import circle
 from labrig.report.view import View
 from labrig.vision.plane import PlaneMap
 
-_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
 _OBSTACLE, _TARGET, _PLAN, _TAKEN = (213, 94, 0), (0, 158, 115), (255, 166, 0), (86, 180, 233)
 _DRAWN = ("obstacles", "target", "plan", "taken", "tip")
 
@@ -45,11 +45,10 @@ def _send(content: InsertionResult, plane: PlaneMap, stream: rr.RecordingStream,
 def _send_scene(stream: rr.RecordingStream, trial: InsertionTrial, plane: PlaneMap) -> None:
     for name in _DRAWN:
         stream.log(f"/camera/{name}", rr.Clear(recursive=False))
-    rings = [_ring(ball.position_mm[1:], ball.radius_mm, plane) for ball in trial.obstacles]
+    rings = [circle(ball.position_mm[1:], ball.radius_mm, plane) for ball in trial.obstacles]
     if rings:
         stream.log("/camera/obstacles", rr.LineStrips2D(rings, colors=[_OBSTACLE] * len(rings), radii=1.0))
-    y, z = trial.target_mm[1:]
-    target = _ring((y, z), trial.tolerance_mm, plane)
+    target = circle(trial.target_mm[1:], trial.tolerance_mm, plane)
     stream.log("/camera/target", rr.LineStrips2D([target], colors=[_TARGET], radii=1.0))
 
 
@@ -85,8 +84,3 @@ def _send_line(
 ) -> None:
     line = plane.to_px(np.array(path_mm))
     stream.log(f"/camera/{name}", rr.LineStrips2D([line], colors=[colour], radii=1.0))
-
-
-def _ring(centre_mm: tuple[float, float], radius_mm: float, plane: PlaneMap) -> np.ndarray:
-    around = np.column_stack((np.cos(_CIRCLE), np.sin(_CIRCLE)))
-    return plane.to_px(np.asarray(centre_mm) + radius_mm * around)

@@ -63,15 +63,6 @@ class SheetGroup:
     sheets: tuple[Sheet, ...]
 
 
-@dataclass(frozen=True)
-class ExpectedRefusals:
-    """Pictures on the way whose shaft was found and whose radius is not stated, by inserted length."""
-
-    insertion: str
-    count: int
-    example: str
-
-
 def curvature_page(
     run: Run,
     result: AnyResult,
@@ -112,7 +103,6 @@ def curvature_page(
             ),
             "refused": [each for each in content.measurements if _stands_alone(each)],
             "expected": _expected_refusals(content.measurements),
-            "without_final": _without_final_picture(content),
             "simulated": content.truth is not None,
             "steerability": design is not None,
         },
@@ -220,20 +210,10 @@ def _stands_alone(result: PictureResult) -> bool:
     return not result.accepted and not (result.role == NeedleRole.ADVANCE and result.found)
 
 
-def _expected_refusals(measurements: Sequence[PictureResult]) -> list[ExpectedRefusals]:
+def _expected_refusals(measurements: Sequence[PictureResult]) -> Mapping[str, Sequence[PictureResult]]:
+    """Return the pictures on the way whose shaft was found and whose radius is not stated, by inserted length."""
     by_length: dict[str, list[PictureResult]] = {}
     for result in measurements:
         if not result.accepted and not _stands_alone(result):
             by_length.setdefault(number(result.insertion_mm, 0), []).append(result)
-    return [
-        ExpectedRefusals(insertion, len(group), group[0].reason or "")
-        for insertion, group in by_length.items()
-    ]
-
-
-def _without_final_picture(content: CurvatureResult) -> Mapping[str, int]:
-    return {
-        specimen.name: specimen.without_final_picture
-        for specimen in content.specimens
-        if specimen.without_final_picture
-    }
+    return by_length

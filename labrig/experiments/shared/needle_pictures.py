@@ -15,6 +15,7 @@ from labrig.report.pictures import (
     Arrow,
     JpegSize,
     Pixel,
+    circle,
     data_uri,
     jpeg,
     pixel,
@@ -135,9 +136,7 @@ def _circle(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tu
     """Return the fitted circle as the polylines of it that lie in the picture."""
     if not result.accepted or result.centre_mm is None or result.radius_mm is None:
         return ()
-    angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS)
-    mm = np.asarray(result.centre_mm) + result.radius_mm * np.column_stack((np.cos(angle), np.sin(angle)))
-    px = plane.to_px(mm)
+    px = circle(result.centre_mm, result.radius_mm, plane, _CIRCLE_POINTS)
     inside = np.all((px > -20.0) & (px < np.asarray(size) + 20.0), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(np.int8)))
     runs = (px[first:last] for first, last in zip(edges[::2], edges[1::2], strict=True))

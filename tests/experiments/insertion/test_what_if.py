@@ -66,7 +66,6 @@ def test_after_a_stop_no_more_commands_are_given() -> None:
     """Settings that would have stopped the needle earlier end its commands there; it is estimated on to the end."""
     other = _document("planner.radius_mm=200")
     told = summarise_steering(other["insertions"][0])
-    assert told is not None
     assert told.stop is not None
     assert len(other["insertions"][0]["commands"]) <= len(other["insertions"][0]["steps"])
     assert len(other["insertions"][0]["steps"]) == len(observations(recorded()))

@@ -11,6 +11,7 @@ import os
 import select
 import signal
 import socket
+import stat
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -44,6 +45,10 @@ _LOCKED_BYTE = 2**20
 """Beyond any text: Windows locks bytes, and a locked one cannot be read."""
 
 _MOST_AT_ONCE = 65536
+
+_LONGEST_LINE = 65536
+_MOST_READS = 16
+"""Of a conversation, for a line: whoever sends byte by byte, or without end, holds nobody up."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +116,20 @@ class Conversation:
         return True
 
     def hear(self, timeout_s: float) -> str | None:
-        """Return the next line, waiting at most `timeout_s`; None when none came."""
-        while b"\n" not in self._heard:
+        """Return the next line, waiting at most `timeout_s` for each part of it; None when none came.
+
+        A line that is too long is returned as far as it has been read.
+        """
+        for _ in range(_MOST_READS):
+            if b"\n" in self._heard or len(self._heard) > _LONGEST_LINE:
+                line, _, self._heard = self._heard.partition(b"\n")
+                return line.decode("utf-8", "replace")
             readable, _, _ = select.select([self._end], [], [], timeout_s)
             more = self._end.recv(_MOST_AT_ONCE) if readable else b""
             if not more:
                 return None
             self._heard += more
-        line, _, self._heard = self._heard.partition(b"\n")
-        return line.decode("utf-8", "replace")
+        return None
 
     def close(self) -> None:
         """Hang up."""
@@ -132,12 +142,12 @@ class Listener:
     Parameters
     ----------
     path : Path
-        Where; what stands there is replaced, so whoever listens must hold a lock.
+        Where; a socket that stands there is replaced, so whoever listens must hold a lock.
 
     Raises
     ------
     DiskError
-        When it cannot be made.
+        When it cannot be made, or a file that is no socket stands there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -145,7 +155,8 @@ class Listener:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mask = os.umask(0o177)
         try:
-            path.unlink(missing_ok=True)
+            if path.is_socket():
+                path.unlink()
             with _Address(path) as address:
                 self._socket.bind(address)
             self._socket.listen(4)
@@ -278,6 +289,34 @@ def usable_cores() -> int:
     if sys.platform.startswith("linux"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def make_private_folder(path: Path) -> None:
+    """Make a folder that only this account can enter; one that exists must be such a folder.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be made, is a link or a file, belongs to another account, or is open to others.
+    """
+    try:
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+    except OSError as error:
+        raise DiskError(f"cannot make {path}: {error.strerror}", "check its permissions") from error
+    if sys.platform == "win32":
+        return
+    if not stat.S_ISDIR(found.st_mode):
+        raise DiskError(f"{path} is a link, not a folder", "remove it")
+    if found.st_uid != os.getuid():
+        raise DiskError(
+            f"{path} belongs to account {found.st_uid}, not to {os.getuid()}", "have its owner remove it"
+        )
+    if found.st_mode & 0o077:
+        raise DiskError(
+            f"other accounts can use {path}: its mode is {stat.S_IMODE(found.st_mode):03o}, not 700",
+            f"chmod 700 {path}",
+        )
 
 
 def user() -> str:

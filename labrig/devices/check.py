@@ -18,9 +18,9 @@ from labrig.devices.control import find_owner
 from labrig.devices.drive import find_drive_kind
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import last_motion, motion_log_path
-from labrig.devices.needle_state import NeedleState
+from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
-from labrig.errors import InputError, LabrigError
+from labrig.errors import InputError, LabrigError, OutputExistsError
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.mask import load_mask
@@ -190,6 +190,11 @@ def _disk_result() -> CheckResult:
 
 
 def _state_result(rig: RigDescription) -> CheckResult:
+    if rig.state_path is not None:
+        try:
+            require_own_state(rig.state_path)
+        except OutputExistsError as error:
+            return failed("rig state", error)
     state = NeedleState(rig.state_path).state
     if state.needle_in_tissue is False:
         return CheckResult("rig state", CheckStatus.PASS, "no needle in tissue")

@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from labrig.devices.can_description import ONLY_SIMULATED
+from labrig.devices.needle_state import require_own_state
 from labrig.devices.rig_file import RigDescription
-from labrig.errors import DiskError, LockedError
-from labrig.posix import Conversation, call, listen, user
+from labrig.errors import LockedError
+from labrig.posix import Conversation, call, listen, make_private_folder, user
 from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
@@ -55,15 +56,29 @@ class StopRequests:
 
     def poll(self) -> bool:
         """Check for a request without waiting; return whether one has arrived, now or before."""
-        while self._listener is not None and (caller := self._listener.accept()) is not None:
-            self._silent = [*self._silent[-_MOST_SILENT:], caller]
+        self._accept_callers()
         for caller in tuple(self._silent):
-            if caller.hear(0.0) == _STOP:
+            line = caller.hear(0.0)
+            if line is None:
+                continue
+            self._silent.remove(caller)
+            if line == _STOP:
                 caller.say(json.dumps({"taken_by": self._doing, "pid": os.getpid()}))
-                self._silent.remove(caller)
                 self._callers.append(caller)
                 self._arrived = True
+            else:
+                caller.close()
         return self._arrived
+
+    def _accept_callers(self) -> None:
+        """Accept some callers; if that makes too many that have sent nothing, hang up on the oldest."""
+        for _ in range(_MOST_SILENT):
+            caller = None if self._listener is None else self._listener.accept()
+            if caller is None:
+                return
+            self._silent.append(caller)
+            if len(self._silent) > _MOST_SILENT:
+                self._silent.pop(0).close()
 
     def answer(self, failures: Sequence[str]) -> None:
         """Tell the callers that every axis stands still, or which may still move."""
@@ -87,11 +102,17 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None
 
     Raises
     ------
+    OutputExistsError
+        When the file that is to hold the rig's state is a file of something else.
     LockedError
         When another labrig uses it or its drives; names what it does, its process and its computer.
     DiskError
-        When lock or socket cannot be made.
+        When lock or socket cannot be made, or other accounts can use the folder of the locks.
     """
+    if rig.state_path is not None:
+        require_own_state(rig.state_path)
+    if rig.can.interface != ONLY_SIMULATED:
+        make_private_folder(_find_lock_folder())
     with ExitStack() as stack:
         for path in lock_paths(rig):
             stack.enter_context(_hold_lock(rig, path, doing))
@@ -135,18 +156,13 @@ def _hold_lock(rig: RigDescription, path: Path, doing: str) -> Iterator[None]:
 
 
 def _find_lock_folder() -> Path:
-    """Return a folder that only this user can write to; make it if it is absent."""
+    """Return the folder of this account for the locks of drives, which need not exist yet."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    folder = (
+    return (
         Path(runtime) / "labrig"
         if runtime and Path(runtime).is_dir()
         else Path(tempfile.gettempdir()) / f"labrig-{user()}"
     )
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except OSError as error:
-        raise DiskError(f"cannot make {folder}: {error.strerror}", "check its permissions") from error
-    return folder
 
 
 def _beside(path: Path, ending: str) -> Path:

@@ -1,6 +1,7 @@
 """The state of a rig across runs: whether a needle is in tissue, referenced axes, and the needle's roll zero.
 
-The file is replaced atomically and forced to disk. If it is missing or damaged, a needle may be in tissue.
+The file is replaced atomically and forced to disk. If it is missing or damaged, a needle may be in tissue. A file of
+something else is never replaced.
 """
 
 import json
@@ -11,10 +12,11 @@ from pathlib import Path
 
 from labrig.devices.axis_description import AXES
 from labrig.durable import write_atomically
-from labrig.errors import SafetyStopError
+from labrig.errors import OutputExistsError, SafetyStopError
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
+_BEGIN_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,30 @@ class NeedleState:
                 "axis rotation is not referenced: it has no roll", "reference the axes first"
             )
         self.update(roll_zero=roll_zero)
+
+
+def require_own_state(path: Path) -> None:
+    """Refuse to replace a file that is no rig's state; an empty file, or none, will do.
+
+    Raises
+    ------
+    OutputExistsError
+    """
+    if path.exists() and not (path.is_file() and _is_state_or_empty(path)):
+        raise OutputExistsError(
+            f"{path} is named as the state file of the rig and holds something else",
+            "name another file under state_file: in the rig file; move a damaged state file away, and the next run "
+            "asks whether a needle is in tissue",
+        )
+
+
+def _is_state_or_empty(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(_BEGIN_BYTES)
+    except OSError:
+        return False
+    return not begin or f'"{_KIND}"'.encode() in begin
 
 
 def _drop_void_roll_zero(state: RigState) -> RigState:

@@ -1,19 +1,24 @@
 """One labrig a rig, and how another one stops it."""
 
+import os
+import socket
 import stat
 import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from labrig.devices.control import ask_to_stop, find_owner, lock_paths
+from labrig.devices.check import check_rig
+from labrig.devices.control import acquire_rig, ask_to_stop, find_owner, lock_paths
+from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.devices.stop import StopReport, stop_rig
-from labrig.errors import LockedError, SafetyStopError
-from labrig.posix import call
+from labrig.devices.stop import stop_rig
+from labrig.errors import DiskError, LockedError, OutputExistsError, SafetyStopError
+from labrig.posix import call, user
 from tests.devices.rigs import BENCH, Person, Signal, simulated_rig
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets are POSIX's")
@@ -23,7 +28,7 @@ def _kept(tmp_path: Path) -> RigDescription:
     return simulated_rig("state_file=state.json").placed_in(tmp_path)
 
 
-def _wait_for(asked: Future[StopReport], rig: Rig) -> None:
+def _wait_for(asked: Future[Any], rig: Rig) -> None:
     while not asked.done():
         rig.wait(0.1)
 
@@ -115,6 +120,121 @@ def test_whoever_calls_and_says_nothing_is_no_reason_to_stop(tmp_path: Path) -> 
             open_one.wait(0.1)
             caller.close()
         open_one.wait(0.1)
+
+
+def test_a_flood_on_the_socket_holds_nobody_up(tmp_path: Path) -> None:
+    """A caller that sends without end is hung up on within one reading of a bounded line, and others are heard."""
+    rig = _kept(tmp_path)
+    with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as opened:
+        flood = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        flood.connect(str(tmp_path / "state.json.socket"))
+        with ThreadPoolExecutor(2) as pool:
+            sent = pool.submit(flood.sendall, bytes(50_000_000))
+            _wait_for(sent, opened)
+            assert isinstance(sent.exception(), ConnectionError)
+            asked = pool.submit(ask_to_stop, rig)
+            with pytest.raises(SafetyStopError, match="stopped by labrig devices stop"):
+                _wait_for(asked, opened)
+        flood.close()
+
+
+def test_more_callers_than_are_heard_keep_nobody_out(tmp_path: Path) -> None:
+    """Of many callers that say nothing the oldest are hung up on, and the request of the last is heard."""
+    rig = _kept(tmp_path)
+    with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as opened:
+        silent = []
+        for _ in range(20):
+            silent.append(call(tmp_path / "state.json.socket"))
+            opened.wait(0.1)
+        with ThreadPoolExecutor(1) as pool:
+            asked = pool.submit(ask_to_stop, rig)
+            with pytest.raises(SafetyStopError, match="stopped by labrig devices stop"):
+                _wait_for(asked, opened)
+        for caller in silent:
+            assert caller is not None
+            caller.close()
+
+
+def test_a_file_in_the_place_of_the_socket_is_kept(tmp_path: Path) -> None:
+    """A file that is no socket is not removed for it, and the rig is not opened."""
+    (tmp_path / "state.json.socket").write_text("mine")
+    with (
+        pytest.raises(DiskError, match="cannot listen at"),
+        open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+    ):
+        pass
+    assert (tmp_path / "state.json.socket").read_text() == "mine"
+
+
+@pytest.mark.parametrize("content", ["Notes of today.\n", '{"kind": "labrig-plane"}', "{"])
+def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, content: str) -> None:
+    """A rig whose state_file names notes is not opened, devices check fails, and the notes are as they were."""
+    (tmp_path / "state.json").write_text(content)
+    with (
+        pytest.raises(OutputExistsError, match=r"state\.json is named as the state file") as refused,
+        open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+    ):
+        pass
+    assert "state_file:" in refused.value.hint
+    assert (tmp_path / "state.json").read_text() == content
+    found = {each.check: each for each in check_rig(_kept(tmp_path))}
+    assert found["rig state"].status == "FAIL"
+
+
+@pytest.mark.parametrize("content", ["", '{"kind": "labrig-rig-state", "schema_version": 1'])
+def test_an_empty_or_torn_state_file_is_replaced(tmp_path: Path, content: str) -> None:
+    """A file that labrig wrote, or an empty one, is replaced by the first change."""
+    (tmp_path / "state.json").write_text(content)
+    with open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
+        assert opened.state.needle_in_tissue is None
+        opened.needle.mark_out()
+    assert NeedleState(tmp_path / "state.json").state.needle_in_tissue is False
+
+
+@pytest.fixture
+def lock_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return where the locks of drives are, not made yet."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "labrig"
+
+
+def _acquire_drives(folder: Path) -> None:
+    with acquire_rig(load_rig(BENCH).placed_in(folder), "labrig run"):
+        pass
+
+
+def test_locks_are_kept_in_a_folder_of_this_account_alone(lock_folder: Path, tmp_path: Path) -> None:
+    """The folder is made with mode 700, and taken again."""
+    for _ in range(2):
+        _acquire_drives(tmp_path)
+        assert stat.S_IMODE(lock_folder.stat().st_mode) == 0o700
+
+
+def test_a_planted_lock_folder_is_refused(lock_folder: Path, tmp_path: Path) -> None:
+    """A link, a file, and a folder that others can use are named; whoever has the rig is still looked up."""
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    lock_folder.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DiskError, match="labrig is a link, not a folder"):
+        _acquire_drives(tmp_path)
+    lock_folder.unlink()
+    lock_folder.touch()
+    with pytest.raises(DiskError, match=r"cannot make .*labrig: File exists"):
+        _acquire_drives(tmp_path)
+    lock_folder.unlink()
+    lock_folder.mkdir()
+    lock_folder.chmod(0o770)
+    with pytest.raises(DiskError, match="its mode is 770, not 700"):
+        _acquire_drives(tmp_path)
+    assert find_owner(load_rig(BENCH).placed_in(tmp_path)) == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32" or user() != "0", reason="only root can give a folder away")
+def test_a_lock_folder_of_another_account_is_refused(lock_folder: Path, tmp_path: Path) -> None:
+    """Its owner is named."""
+    lock_folder.mkdir(mode=0o700)
+    os.chown(lock_folder, 12345, -1)
+    with pytest.raises(DiskError, match="belongs to account 12345, not to 0"):
+        _acquire_drives(tmp_path)
 
 
 def test_a_socket_left_by_a_killed_labrig_is_nobody(tmp_path: Path) -> None:

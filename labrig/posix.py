@@ -1,9 +1,9 @@
-"""What POSIX systems have and others have not, or have otherwise; the one file of labrig with such calls.
+"""Calls that only POSIX systems have, or that differ on Windows; no other file of labrig makes them.
 
-On Windows, where labrig was never tried: the simulated serial adapter cannot be made, because there are no
-pseudo-terminals; a running labrig cannot be asked to stop, because Python has no Unix sockets there; a person cannot be
-asked while drives are watched; camera controls cannot be set; and the names of new files are not made durable. Each
-says so, or is left out where nothing is lost by it.
+labrig has never been tried on Windows. There the simulated serial adapter cannot be made (no pseudo-terminals), a
+running labrig cannot be asked to stop (Python has no Unix sockets), nobody can be asked while drives are watched,
+camera controls cannot be set, and the names of new files are not made durable. Each function raises an error there, or
+does nothing if that does no harm.
 """
 
 import ctypes
@@ -27,28 +27,28 @@ else:
     import pty
     import tty
 
-INTERRUPTING = tuple(
+INTERRUPT_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-"""Signals that ask a program to end."""
+"""Signals that request a program to end."""
 
 NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
 """Flag for os.open: a symbolic link is not followed."""
 
-WORKERS_ARE = "spawn" if sys.platform == "win32" else "fork"
-"""How worker processes are started: forked, they share what is loaded and start in milliseconds."""
+WORKER_START_METHOD = "spawn" if sys.platform == "win32" else "fork"
+"""Start method of worker processes: a forked one shares the loaded modules and starts in milliseconds."""
 
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of linux/prctl.h."""
 
 _LOCKED_BYTE = 2**20
-"""Beyond any text: Windows locks bytes, and a locked one cannot be read."""
+"""Offset of the locked byte, beyond any text: on Windows a locked byte cannot be read."""
 
-_MOST_AT_ONCE = 65536
+_CHUNK_BYTES = 65536
 
 _LONGEST_LINE = 65536
 _MOST_READS = 16
-"""Of a conversation, for a line: whoever sends byte by byte, or without end, holds nobody up."""
+"""Limits for a line: a sender of single bytes, or of an endless line, delays nobody."""
 
 
 @dataclass(frozen=True)
@@ -60,94 +60,94 @@ class PseudoTerminal:
     other_end: int
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has been written at the other end, waiting at most `timeout_s`."""
+        """Return what was written at the other end; wait at most `timeout_s` for it."""
         readable, _, _ = select.select([self.own_end], [], [], max(0.0, timeout_s))
-        return os.read(self.own_end, _MOST_AT_ONCE) if readable else b""
+        return os.read(self.own_end, _CHUNK_BYTES) if readable else b""
 
     def write(self, data: bytes) -> None:
-        """Let the other end read `data`; what nobody reads is dropped once the terminal is full."""
+        """Write for the other end to read; if nobody reads and the terminal is full, `data` is dropped."""
         try:
             os.write(self.own_end, data)
         except BlockingIOError:
             return
 
     def close(self) -> None:
-        """Take the terminal away, as pulling a USB plug does."""
+        """Remove the terminal, as if a USB plug was pulled."""
         for end in (self.other_end, self.own_end):
             os.close(end)
 
 
 def open_pseudo_terminal() -> PseudoTerminal:
-    """Return a new pseudo-terminal that passes bytes on as they are.
+    """Return a new pseudo-terminal in raw mode.
 
     Raises
     ------
     MachineError
-        Where there are none.
+        On Windows, which has none.
     """
     if sys.platform == "win32":
         raise MachineError("Windows has no pseudo-terminals", "use udp_multicast instead of slcan")
     own_end, other_end = pty.openpty()
     tty.setraw(other_end)
     os.set_blocking(own_end, False)
-    # Our copy of the other end stays open, so that clients may come and go.
+    # Our copy of the other end stays open, so that clients can connect again.
     return PseudoTerminal(os.ttyname(other_end), own_end, other_end)
 
 
-class Conversation:
-    """One end of a connected Unix socket on which lines are exchanged.
+class LineSocket:
+    """A connected Unix socket that carries lines of text.
 
     Parameters
     ----------
-    end : socket.socket
-        The end; closing the conversation closes it.
+    connection : socket.socket
+        The socket; `close` closes it.
     """
 
-    def __init__(self, end: socket.socket) -> None:
-        self._end = end
-        self._heard = b""
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._received = b""
 
-    def say(self, line: str) -> bool:
-        """Send a line; return whether anybody took it."""
+    def send(self, line: str) -> bool:
+        """Send a line; return whether the other end still accepts it."""
         try:
-            self._end.sendall(line.encode() + b"\n")
+            self._connection.sendall(line.encode() + b"\n")
         except OSError:
             return False
         return True
 
-    def hear(self, timeout_s: float) -> str | None:
-        """Return the next line, waiting at most `timeout_s` for each part of it; None when none came.
+    def receive(self, timeout_s: float) -> str | None:
+        """Return the next line, or None if none arrives; wait at most `timeout_s` for each part of it.
 
         A line that is too long is returned as far as it has been read.
         """
         for _ in range(_MOST_READS):
-            if b"\n" in self._heard or len(self._heard) > _LONGEST_LINE:
-                line, _, self._heard = self._heard.partition(b"\n")
+            if b"\n" in self._received or len(self._received) > _LONGEST_LINE:
+                line, _, self._received = self._received.partition(b"\n")
                 return line.decode("utf-8", "replace")
-            readable, _, _ = select.select([self._end], [], [], timeout_s)
-            more = self._end.recv(_MOST_AT_ONCE) if readable else b""
+            readable, _, _ = select.select([self._connection], [], [], timeout_s)
+            more = self._connection.recv(_CHUNK_BYTES) if readable else b""
             if not more:
                 return None
-            self._heard += more
+            self._received += more
         return None
 
     def close(self) -> None:
-        """Hang up."""
-        self._end.close()
+        """Close the connection."""
+        self._connection.close()
 
 
 class Listener:
-    """A Unix socket in the file system that only its owner may reach (mode 0600).
+    """A Unix socket in the file system to which only its owner may connect (mode 0600).
 
     Parameters
     ----------
     path : Path
-        Where; a socket that stands there is replaced, so whoever listens must hold a lock.
+        Path of the socket; an existing socket is replaced, so the caller must hold a lock.
 
     Raises
     ------
     DiskError
-        When it cannot be made, or a file that is no socket stands there.
+        When the socket cannot be made, or the path is a file of another kind.
     """
 
     def __init__(self, path: Path) -> None:
@@ -167,46 +167,46 @@ class Listener:
             ) from error
         finally:
             os.umask(mask)
-        self._socket.setblocking(False)  # noqa: FBT003 - the standard library has it so
+        self._socket.setblocking(False)  # noqa: FBT003 - the signature of the standard library
 
-    def accept(self) -> Conversation | None:
-        """Return whoever has called, without waiting; None when nobody has."""
+    def accept(self) -> LineSocket | None:
+        """Return the next connection, or None without waiting if there is none."""
         try:
-            end, _ = self._socket.accept()
+            connection, _ = self._socket.accept()
         except OSError:
             return None
-        end.settimeout(1.0)
-        return Conversation(end)
+        connection.settimeout(1.0)
+        return LineSocket(connection)
 
     def close(self) -> None:
-        """Take the socket away."""
+        """Close and delete the socket."""
         self._socket.close()
         with suppress(OSError):
             self.path.unlink()
 
 
 def listen(path: Path) -> Listener | None:
-    """Return a listener; None on Windows, which has none. Raises `DiskError`."""
+    """Return a listener; None on Windows, which has no Unix sockets. Raises `DiskError`."""
     return Listener(path) if hasattr(socket, "AF_UNIX") else None
 
 
-def call(path: Path) -> Conversation | None:
-    """Connect to a listener; None where nobody listens."""
+def connect(path: Path) -> LineSocket | None:
+    """Connect to a listener; return None if nobody listens."""
     if not hasattr(socket, "AF_UNIX"):
         return None
-    end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    end.settimeout(1.0)
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(1.0)
     try:
         with _Address(path) as address:
-            end.connect(address)
+            connection.connect(address)
     except OSError:
-        end.close()
+        connection.close()
         return None
-    return Conversation(end)
+    return LineSocket(connection)
 
 
 class _Address:
-    """The address of a socket: its path, or, as such may have 107 bytes only, a short one by way of its folder."""
+    """The address of a socket: its path, or a short path through its folder, since an address has at most 107 bytes."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -224,12 +224,12 @@ class _Address:
 
 
 def wait_for_input(stream: TextIO, timeout_s: float) -> bool:
-    """Return whether a line can be read, waiting at most `timeout_s`.
+    """Return whether a line can be read; wait at most `timeout_s` for it.
 
     Raises
     ------
     MachineError
-        On Windows, where only sockets can be waited for.
+        On Windows, which can wait only for sockets.
     """
     if sys.platform == "win32":
         raise MachineError(
@@ -239,7 +239,7 @@ def wait_for_input(stream: TextIO, timeout_s: float) -> bool:
 
 
 def lock_at_once(descriptor: int) -> None:
-    """Lock an open file for this process without waiting. Raises `OSError` where another holds it."""
+    """Lock an open file for this process without waiting. Raises `OSError` if another process holds the lock."""
     if sys.platform == "win32":
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
@@ -260,7 +260,7 @@ def sync_directory(path: Path) -> None:
 
 
 def reserve(descriptor: int, size_bytes: int) -> None:
-    """Let the file system set bytes aside for a file. Raises `OSError` where it has none left."""
+    """Allocate disk space for a file. Raises `OSError` if the disk has no space left."""
     if sys.platform in {"win32", "darwin"}:
         os.write(descriptor, bytes(size_bytes))
     else:
@@ -268,31 +268,31 @@ def reserve(descriptor: int, size_bytes: int) -> None:
 
 
 def control_device(descriptor: int, request: int, argument: bytes) -> bytes:
-    """Send a request to a device (ioctl) and return its answer. Raises `OSError` where it refuses it."""
+    """Send a request to a device (ioctl) and return its answer. Raises `OSError` if the device refuses it."""
     if sys.platform == "win32":
         raise OSError("Windows has no ioctl")
     return fcntl.ioctl(descriptor, request, argument)
 
 
 def end_with_parent() -> None:
-    """Let a signal end this worker process, and the end of its parent too; Ctrl+C is left to the parent."""
+    """Make this worker process end on a signal and with its parent; Ctrl+C is left to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in INTERRUPTING[1:]:
+    for number in INTERRUPT_SIGNALS[1:]:
         signal.signal(number, signal.SIG_DFL)
-    # A parent that is killed ends nobody; its workers would wait for work for ever.
+    # A killed parent ends none of its workers: they would wait for work forever.
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 
 
-def usable_cores() -> int:
-    """Return how many cores this process may use: `taskset`, a container or a batch system may leave it fewer."""
+def count_usable_cores() -> int:
+    """Return how many cores this process may use: `taskset`, a container or a batch system may allow fewer than all."""
     if sys.platform.startswith("linux"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def make_private_folder(path: Path) -> None:
-    """Make a folder that only this account can enter; one that exists must be such a folder.
+    """Make a folder that only this account can enter; an existing folder must be such a one.
 
     Raises
     ------
@@ -319,6 +319,6 @@ def make_private_folder(path: Path) -> None:
         )
 
 
-def user() -> str:
-    """Return who runs this process, fit for a file name."""
+def identify_user() -> str:
+    """Return the user of this process, as a part of a file name."""
     return os.environ.get("USERNAME", "user") if sys.platform == "win32" else str(os.getuid())

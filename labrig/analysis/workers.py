@@ -9,9 +9,9 @@ from contextlib import contextmanager
 import cv2
 
 from labrig.errors import MachineError
-from labrig.posix import WORKERS_ARE, end_with_parent, usable_cores
+from labrig.posix import WORKER_START_METHOD, count_usable_cores, end_with_parent
 
-DEFAULT_WORKERS = min(usable_cores(), 8)
+DEFAULT_WORKERS = min(count_usable_cores(), 8)
 
 
 @contextmanager
@@ -32,7 +32,7 @@ def worker_processes(workers: int, task: str) -> Iterator[ProcessPoolExecutor]:
     # Workers are forked: they start in milliseconds and share what is loaded. OpenCV's threads do not survive a fork,
     # and a worker would wait for them for ever, so they are ended first.
     cv2.setNumThreads(1)
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context(WORKERS_ARE), end_with_parent)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context(WORKER_START_METHOD), end_with_parent)
     try:
         yield pool
     except BrokenProcessPool as error:

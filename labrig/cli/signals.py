@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from labrig.posix import INTERRUPTING
+from labrig.posix import INTERRUPT_SIGNALS
 
 _Handler = Callable[[int, FrameType | None], None]
 
@@ -39,13 +39,13 @@ class SignalNote:
 
 def raise_until_exit() -> None:
     """Raise `Interruption` at every signal until the program ends."""
-    for number in INTERRUPTING:
+    for number in INTERRUPT_SIGNALS:
         signal.signal(number, _raise)
 
 
 def ignore_until_exit() -> None:
     """Ignore signals: the work is done and the exit code is decided."""
-    for number in INTERRUPTING:
+    for number in INTERRUPT_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
@@ -70,7 +70,7 @@ def _raise(number: int, _frame: FrameType | None) -> None:
 
 @contextmanager
 def _install_handler(handler: _Handler) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in INTERRUPTING}
+    before = {number: signal.signal(number, handler) for number in INTERRUPT_SIGNALS}
     try:
         yield
     finally:

@@ -19,7 +19,7 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.needle_state import require_own_state
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LockedError
-from labrig.posix import Conversation, call, listen, make_private_folder, user
+from labrig.posix import LineSocket, connect, identify_user, listen, make_private_folder
 from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
@@ -50,20 +50,20 @@ class StopRequests:
     def __init__(self, path: Path, doing: str) -> None:
         self._listener = listen(path)
         self._doing = doing
-        self._silent: list[Conversation] = []
-        self._callers: list[Conversation] = []
+        self._silent: list[LineSocket] = []
+        self._callers: list[LineSocket] = []
         self._arrived = False
 
     def poll(self) -> bool:
         """Check for a request without waiting; return whether one has arrived, now or before."""
         self._accept_callers()
         for caller in tuple(self._silent):
-            line = caller.hear(0.0)
+            line = caller.receive(0.0)
             if line is None:
                 continue
             self._silent.remove(caller)
             if line == _STOP:
-                caller.say(json.dumps({"taken_by": self._doing, "pid": os.getpid()}))
+                caller.send(json.dumps({"taken_by": self._doing, "pid": os.getpid()}))
                 self._callers.append(caller)
                 self._arrived = True
             else:
@@ -83,7 +83,7 @@ class StopRequests:
     def answer(self, failures: Sequence[str]) -> None:
         """Tell the callers that every axis stands still, or which may still move."""
         for caller in self._callers:
-            caller.say(json.dumps({"failures": list(failures)}))
+            caller.send(json.dumps({"failures": list(failures)}))
             caller.close()
         self._callers.clear()
 
@@ -161,7 +161,7 @@ def _find_lock_folder() -> Path:
     return (
         Path(runtime) / "labrig"
         if runtime and Path(runtime).is_dir()
-        else Path(tempfile.gettempdir()) / f"labrig-{user()}"
+        else Path(tempfile.gettempdir()) / f"labrig-{identify_user()}"
     )
 
 
@@ -193,13 +193,13 @@ def ask_to_stop(rig: RigDescription) -> Reply | None:
     Reply or None
         None if nobody listens. One that hangs gets a second, one that is stopping gets ten.
     """
-    caller = None if rig.state_path is None else call(_beside(rig.state_path, _SOCKET))
+    caller = None if rig.state_path is None else connect(_beside(rig.state_path, _SOCKET))
     if caller is None:
         return None
     try:
-        caller.say(_STOP)
-        taken = _parse_reply(caller.hear(_TAKEN_WITHIN_S))
-        done = _parse_reply(caller.hear(_DONE_WITHIN_S) if taken else None)
+        caller.send(_STOP)
+        taken = _parse_reply(caller.receive(_TAKEN_WITHIN_S))
+        done = _parse_reply(caller.receive(_DONE_WITHIN_S) if taken else None)
     finally:
         caller.close()
     owner = f"{taken['taken_by']} (process {taken['pid']})" if taken else find_owner(rig)

@@ -103,7 +103,11 @@ def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> 
     assert "limit of the current" not in checks["guards rotation"]["value"]
     mixed.eds.write_text(eds_text(without=[0x6007, 0x607D, 0x60FD]))
     warned = labrig("devices", "check", "--rig", mixed.path).out
-    for words in ("falls silent (0x6007)", "lower limit in the drive (0x607D:01)", "limit switches (0x60FD)"):
+    for words in (
+        "heartbeat stops (0x6007)",
+        "lower limit in the drive (0x607D:01)",
+        "limit switches (0x60FD)",
+    ):
         assert words in warned
 
 
@@ -129,12 +133,12 @@ def test_a_drive_without_a_current_limit_is_jogged_once_that_is_said(labrig: Lab
 
 BAD_EDS = {
     "missing": (None, "epos4.eds does not exist"),
-    "malformed": ("VendorNumber=1", "is no EDS file"),
+    "malformed": ("VendorNumber=1", "is not an EDS file"),
     "without homing": (eds_text(without=[0x6098]), "has no object 0x6098:00 (homing method)"),
     "without the dead-man": (eds_text(without=[0x1016]), "has no object 0x1016:01 (consumer heartbeat)"),
     "with a target that nobody may write": (
         eds_text(without=[0x607A]) + "[607A]\nDataType=4\nAccessType=ro\n",
-        "lets nobody write object 0x607A:00",
+        "does not allow to write object 0x607A:00",
     ),
     "of an object that makes no sense": (
         eds_text(without=[0x6040]) + "[6040]\nDataType=word\nAccessType=rw\n",

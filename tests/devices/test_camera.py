@@ -164,10 +164,10 @@ def test_a_missing_camera_is_named_with_a_hint() -> None:
 
 
 def test_a_file_that_is_no_camera_is_refused(tmp_path: Path) -> None:
-    """Something that opens and is no camera is found out before OpenCV sees it."""
+    """A device that is not a camera is refused before OpenCV opens it."""
     path = tmp_path / "video0"
     path.touch()
-    with pytest.raises(CameraError, match="is no camera"):
+    with pytest.raises(CameraError, match="is not a camera"):
         _open_uvc(str(path))
 
 

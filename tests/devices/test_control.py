@@ -18,7 +18,7 @@ from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.stop import stop_rig
 from labrig.errors import DiskError, LockedError, OutputExistsError, SafetyStopError
-from labrig.posix import call, user
+from labrig.posix import connect, identify_user
 from tests.devices.rigs import BENCH, Person, Signal, simulated_rig
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets are POSIX's")
@@ -113,10 +113,10 @@ def test_whoever_calls_and_says_nothing_is_no_reason_to_stop(tmp_path: Path) -> 
     rig = _kept(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as open_one:
         for said in (None, "hello"):
-            caller = call(tmp_path / "state.json.socket")
+            caller = connect(tmp_path / "state.json.socket")
             assert caller is not None
             if said is not None:
-                caller.say(said)
+                caller.send(said)
             open_one.wait(0.1)
             caller.close()
         open_one.wait(0.1)
@@ -144,7 +144,7 @@ def test_more_callers_than_are_heard_keep_nobody_out(tmp_path: Path) -> None:
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as opened:
         silent = []
         for _ in range(20):
-            silent.append(call(tmp_path / "state.json.socket"))
+            silent.append(connect(tmp_path / "state.json.socket"))
             opened.wait(0.1)
         with ThreadPoolExecutor(1) as pool:
             asked = pool.submit(ask_to_stop, rig)
@@ -228,7 +228,9 @@ def test_a_planted_lock_folder_is_refused(lock_folder: Path, tmp_path: Path) -> 
     assert find_owner(load_rig(BENCH).placed_in(tmp_path)) == ""
 
 
-@pytest.mark.skipif(sys.platform == "win32" or user() != "0", reason="only root can give a folder away")
+@pytest.mark.skipif(
+    sys.platform == "win32" or identify_user() != "0", reason="only root can give a folder away"
+)
 def test_a_lock_folder_of_another_account_is_refused(lock_folder: Path, tmp_path: Path) -> None:
     """Its owner is named."""
     lock_folder.mkdir(mode=0o700)

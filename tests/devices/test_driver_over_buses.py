@@ -112,7 +112,7 @@ def _bare(request: pytest.FixtureRequest) -> Iterator[OnABus]:
 @pytest.fixture(name="ready")
 def _ready(bare: OnABus) -> OnABus:
     bare.driver.hold_off()
-    bare.driver.vouch((1, 2))
+    bare.driver.expect_fingerprint((1, 2))
     bare.driver.write_settings(SETTINGS)
     bare.driver.enable()
     return bare
@@ -126,7 +126,7 @@ def test_connecting_verifies_writes_and_reads_back(bare: OnABus) -> None:
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
         bare.driver.require_encoder()
     bare.driver.hold_off()
-    bare.driver.vouch((1, 2))
+    bare.driver.expect_fingerprint((1, 2))
     assert set(bare.driver.write_settings(SETTINGS)) == {entry.place for entry in SETTINGS}
     assert bare.driver.write_settings(SETTINGS) == ()
     assert {entry: bare.driver.upload(entry) for entry in SETTINGS} == SETTINGS

@@ -39,7 +39,7 @@ COUNTS_PER_S_AT_120_RPM = 4000
 
 def _configure(bench: OneDrive) -> None:
     bench.driver.hold_off()
-    bench.driver.vouch((1, 2))
+    bench.driver.expect_fingerprint((1, 2))
     bench.driver.write_settings(SETTINGS)
 
 

@@ -122,15 +122,15 @@ def test_a_gap_is_not_waited_for(tmp_path: Path) -> None:
     camera = _camera(tmp_path, clock, times="sidecar")
     camera.capture()
     clock.sleep(1.0)
-    with pytest.raises(CameraError, match=r"is of 30\.000 s, one of 1\.000 s was asked for"):
+    with pytest.raises(CameraError, match=r"is at 30\.000 s, 1\.000 s was requested"):
         camera.capture()
 
 
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        (["picture,t_s", "1.png,0"], "no time of 2.png"),
-        (["picture,t_s", "1.png,0", "2.png,0"], "2.png is of 0.000000 s, not later than 1.png"),
+        (["picture,t_s", "1.png,0"], "no time for 2.png"),
+        (["picture,t_s", "1.png,0", "2.png,0"], "2.png is at 0.000000 s, not later than 1.png"),
         (["picture,t_s", "1.png,0", "2.png,soon"], "times.csv:3: '2.png,soon'"),
         (["picture,t_s", "1.png,0", "2.png,nan"], "the time of 2.png is nan"),
         (["picture,t_s", "1.png,0", "../2.png,1"], r"times.csv:3: picture '../2.png' is not in the folder"),
@@ -159,7 +159,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "outside.png"), numbered_picture(0))
     folder = write_pictures(tmp_path / "p", 1)
     (folder / "2.png").symlink_to(tmp_path / "outside.png")
-    with pytest.raises(CameraError, match=r"2\.png is no regular file"):
+    with pytest.raises(CameraError, match=r"2\.png is not a regular file"):
         _camera(tmp_path)
 
 
@@ -221,13 +221,13 @@ def test_recorded_pictures_go_with_simulated_drives_and_with_real_ones(tmp_path:
     [
         ("exposure_us=8000", "unknown key exposure_us"),
         ("sorce=p", "unknown key sorce"),
-        ("source=-vf", "taken for an option"),
+        ("source=-vf", "reads as an option"),
         ("source=videotestsrc ! appsink", "GStreamer pipeline"),
-        ("source='pipe:0'", "pipe: is none of the streams that are opened"),
-        ("source='file:///etc/passwd'", "file: is none of the streams"),
-        ("source='concat:a.avi|b.avi'", "concat: is none of the streams"),
-        ("source='udp://10.0.0.1:5000'", "udp: is none of the streams"),
-        ("source='http:stream'", "a stream names its host"),
+        ("source='pipe:0'", "pipe: is not a stream that labrig opens"),
+        ("source='file:///etc/passwd'", "file: is not a stream"),
+        ("source='concat:a.avi|b.avi'", "concat: is not a stream"),
+        ("source='udp://10.0.0.1:5000'", "udp: is not a stream"),
+        ("source='http:stream'", "the stream has no host"),
         ("width_px=9000", "times"),
         ("start_s=-1", "start_s is -1"),
     ],
@@ -237,7 +237,7 @@ def test_a_section_that_cannot_be_is_refused(tmp_path: Path, override: str, word
     overrides = [f"camera.{override}"]
     if words == "times":
         overrides += ["camera.height_px=9000", "world.lens.width_px=9000", "world.lens.height_px=9000"]
-        words = "81000000 pixels, 33177600 is the most"
+        words = "81000000 pixels, more than 33177600"
     with pytest.raises(FileFormatError, match=words) as refusal:
         _load(tmp_path, *overrides)
     assert refusal.value.problems[0].where.startswith(("--set camera", "rig.yaml"))
@@ -245,7 +245,7 @@ def test_a_section_that_cannot_be_is_refused(tmp_path: Path, override: str, word
 
 def test_a_stream_has_no_times_of_its_own(tmp_path: Path) -> None:
     """Its pictures are timed by their arrival."""
-    with pytest.raises(FileFormatError, match="times is rate, a stream has those of arrival"):
+    with pytest.raises(FileFormatError, match="times is rate, a stream has the times of arrival"):
         _load(tmp_path, "camera.source='rtsp://h/x'", "camera.times=rate")
 
 

@@ -1,4 +1,4 @@
-"""Any CiA 402 drive in profile position mode over CANopen, as a kind of drive."""
+"""The kind of drive `cia402`: any CiA 402 drive in profile position mode over CANopen."""
 
 from labrig.clock import Clock
 from labrig.devices.canopen_objects import Entry
@@ -26,7 +26,7 @@ def _simulate(
 
 
 def _example(node_id: int) -> Cia402Axis:
-    """Return a section for an EPOS4 as it comes, on a screw without a gear."""
+    """Return a section for an EPOS4 with factory settings, on a screw without a gear."""
     return Cia402Axis(
         driver="cia402",
         node_id=node_id,

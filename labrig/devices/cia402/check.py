@@ -1,4 +1,4 @@
-"""What is in order between an axis and its CiA 402 drive, and what nobody guards; nothing is written."""
+"""`labrig devices check` of an axis with a CiA 402 drive; nothing is written."""
 
 from collections.abc import Callable, Iterator
 
@@ -17,7 +17,7 @@ from labrig.errors import DriveError, LabrigError
 def check_axis(
     link: CanLink, axis: Cia402Axis, name: str, clock: Clock, heartbeat: HeartbeatDescription
 ) -> Iterator[CheckResult]:
-    """Check what an axis and its drive say of each other."""
+    """Compare an axis of the rig file with its drive."""
     drive = ProfileDrive(link, axis, name, clock)
     try:
         identity = drive.read_identity()
@@ -39,17 +39,17 @@ def check_axis(
 
 
 def _identity_result(name: str, axis: Cia402Axis, drive: ProfileDrive, identity: Identity) -> CheckResult:
-    found, said = identity.versions.get("revision_number"), drive.eds.revision
+    found, expected = identity.versions.get("revision_number"), drive.eds.revision
     value = f"node {axis.node_id}: {identity.model}, product 0x{identity.versions['product_code']:08X}"
     value += "" if found is None else f", revision 0x{found:08X}"
     value += "" if identity.serial_number is None else f", serial {identity.serial_number}"
-    if None in {found, said} or found == said:
+    if None in {found, expected} or found == expected:
         return CheckResult(f"drive {name}", CheckStatus.PASS, value)
     return CheckResult(
         f"drive {name}",
         CheckStatus.WARN,
-        f"{value}; its EDS file is of revision 0x{said:08X}",
-        "take the EDS file of this firmware: ranges and defaults may differ",
+        f"{value}; its EDS file is for revision 0x{expected:08X}",
+        "use the EDS file of this firmware: ranges and defaults may differ",
     )
 
 
@@ -62,7 +62,7 @@ def _comparison(check: str, require: Callable[[], None], value: str) -> CheckRes
 
 
 def _configuration_result(name: str, drive: ProfileDrive, heartbeat: HeartbeatDescription) -> CheckResult:
-    """Compare every setting with what a run will write."""
+    """Compare every setting with the value that a run will write."""
     settings = drive.settings_of(heartbeat)
     others = [entry.place for entry, value in settings.items() if drive.upload(entry) != value]
     value = f"{len(settings)} settings as the rig file has them"
@@ -72,8 +72,8 @@ def _configuration_result(name: str, drive: ProfileDrive, heartbeat: HeartbeatDe
 
 
 def _guards_result(name: str, axis: Cia402Axis, drive: ProfileDrive) -> CheckResult:
-    """Name what is not guarded, because the drive lacks the object or the rig file does not name it."""
-    missing = [what for entry, what in od.GUARDS.items() if not drive.has(entry)]
+    """Name what the drive does not guard because it lacks the object or the rig file does not name it."""
+    missing = [guard for entry, guard in od.GUARDS.items() if not drive.has(entry)]
     optional = {
         "the motor current (objects.current_ma)": drive.current_ma() is None,
         "a limit of the current (objects.current_limit_ma)": drive.find_current_limit() is None,
@@ -82,12 +82,12 @@ def _guards_result(name: str, axis: Cia402Axis, drive: ProfileDrive) -> CheckRes
         "the unit of velocities (0x60A9)": not drive.has(od.VELOCITY_UNIT),
         "whether it kept its reference (referenced_bit)": axis.referenced_bit is None,
     }
-    missing += [what for what, lacks in optional.items() if lacks]
+    missing += [guard for guard, is_missing in optional.items() if is_missing]
     if not missing:
-        return CheckResult(f"guards {name}", CheckStatus.PASS, "nothing that labrig knows of is left out")
+        return CheckResult(f"guards {name}", CheckStatus.PASS, "complete, as far as labrig knows")
     return CheckResult(
         f"guards {name}",
         CheckStatus.WARN,
-        f"not told or not guarded by the drive: {'; '.join(missing)}",
-        "name the manufacturer's objects in the rig file where the drive has them, and watch the axis for the others",
+        f"not reported or not guarded by the drive: {'; '.join(missing)}",
+        "name the manufacturer's objects in the rig file if the drive has them; watch the axis for the others",
     )

@@ -1,17 +1,18 @@
-"""The driver of any CiA 402 drive in profile position mode, by the objects that its EDS file says it has.
+"""The driver of any CiA 402 drive in profile position mode; its EDS file states which objects it has.
 
 What is decided here
 --------------------
-- Widths are those of the EDS file, and a value that an object does not hold is refused before it is sent. A drive whose
-  EDS file cannot be read is reached with the widths of the standard: enough to stop it, and `identify` refuses it.
-- Units are compared where the drive tells them (0x60A9, 0x60AA), and written nowhere; so are the counts a turn.
-- The computer's silence, a fault and a quick stop have option codes (0x6007, 0x605E, 0x605A); all three are set. In CiA
-  402 0x6007 may be 0, with which the axis would move on.
-- Bit 15 of the statusword belongs to the manufacturer: a reference is believed after reopening only where the section
-  names the bit that tells it.
-- Home has position zero unless the section names the object that keeps another: makers differ in the sign of 0x607C.
-- Unsure until tried on a device: that a drive takes a homing here by method 37 at once; that one with 0x6007 = 1 goes
-  to fault as its heartbeat ends; that both limits 0 switch limits off in an EPOS4, as its EDS file has them.
+- Object widths are those of the EDS file, and a value out of an object's range is refused before it is sent. If the EDS
+  file cannot be read, the widths of the standard are used: enough to stop the drive, and `identify` refuses it.
+- Units are compared if the drive reports them (0x60A9, 0x60AA) and never written; the same holds for counts per turn.
+- A lost heartbeat, a fault and a quick stop have option codes (0x6007, 0x605E, 0x605A); all three are set. CiA 402
+  allows 0 in 0x6007, with which the axis would keep moving.
+- Bit 15 of the statusword is manufacturer-specific: a reference counts after reopening only if the section names the
+  bit that reports it.
+- Home has position zero unless the section names the object for another position: makers differ in the sign of 0x607C.
+- Uncertain until tried on a device: whether a drive accepts homing here by method 37 at once; whether a drive with
+  0x6007 = 1 goes to fault when its heartbeat ends; whether both limits at 0 switch the limits of an EPOS4 off, as its
+  EDS file has them.
 """
 
 import math
@@ -53,9 +54,9 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
     section : Cia402Axis
         Its section of the rig file; may be incomplete, or name an EDS file that cannot be read.
     axis : str
-        The axis that it drives, for messages.
+        Name of its axis, for messages.
     clock : Clock
-        Whose time bounds waiting.
+        Time for timeouts.
     """
 
     def __init__(self, link: CanLink, section: Cia402Axis, axis: str, clock: Clock) -> None:
@@ -83,32 +84,32 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
 
     @property
     def eds(self) -> Eds:
-        """What the drive's EDS file says. Raises `InputError`."""
+        """The content of the drive's EDS file. Raises `InputError`."""
         if self._eds is None:
             raise self._unreadable or InputError(f"{self.name} has no EDS file")
         return self._eds
 
     def own_entry(self, entry: Entry) -> Entry:
-        """Return an object as the EDS file has it; as the standard has it where that cannot be read."""
+        """Return an object as the EDS file describes it, or as the standard does if that cannot be read."""
         return entry if self._eds is None else self._eds.entries.get(entry, entry)
 
     def has(self, entry: Entry) -> bool:
-        """Tell whether the drive has an object, as its EDS file says."""
+        """Tell whether the drive has an object by its EDS file."""
         return self._eds is not None and entry in self._eds.entries
 
     def download(self, entry: Entry, value: int) -> None:
-        """Write an object that holds the value. Raises `DriveError` where it does not, and as `upload`."""
-        known = self.own_entry(entry)
-        low, high = known.bounds
+        """Write a value to an object. Raises `DriveError` if it is out of range, and as `upload`."""
+        own = self.own_entry(entry)
+        low, high = own.bounds
         if not low <= value <= high:
             raise DriveError(
-                f"{self.name} does not take {known.name} ({known.place}) = {value}, only {low} to {high}",
-                "check units and limits of this axis in the rig file against the drive's EDS file",
+                f"{self.name} does not take {own.name} ({own.place}) = {value}, only {low} to {high}",
+                "compare units and limits of this axis in the rig file with the drive's EDS file",
             )
-        super().download(known, value)
+        super().download(own, value)
 
     def ensure(self, entry: Entry, value: int) -> bool:
-        """Write an object where it differs, and read it back; a mode is waited for until the drive is in it."""
+        """Write an object if it differs, and read it back; after a mode, wait until the drive is in it."""
         written = super().ensure(entry, value)
         if entry == co.MODE and self.has(co.MODE_DISPLAY):
             self._await_mode(value)
@@ -119,7 +120,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         while (found := self.upload(co.MODE_DISPLAY)) != mode:
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
-                    f"{self.name} stayed in mode of operation {found} (0x6061) when {mode} was asked for",
+                    f"{self.name} stayed in mode of operation {found} (0x6061) when {mode} was requested",
                     f"look at its status in {self.tool}",
                 )
             self._clock.sleep(POLL_S)
@@ -127,13 +128,13 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
     # Connecting
 
     def identify(self) -> Identity:
-        """Return what the drive is, once units and counts a turn are those of its section too.
+        """Return the identity of the drive after comparing units and counts per turn with its section.
 
         Raises
         ------
         DriveError
-            When it is of another product than its EDS file, has not the modes that labrig needs, or takes other units;
-            when two drives answer.
+            When it is of another product than its EDS file, lacks a mode that labrig needs or uses other units, or when
+            two drives answer.
         InputError
             When its EDS file cannot be read.
         """
@@ -142,7 +143,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         return identity
 
     def read_identity(self) -> Identity:
-        """Return what the drive is, however it is set. Raises as `identify`."""
+        """Return the identity of the drive, whatever its settings. Raises as `identify`."""
         vendor = self.wake()
         strays = self.sdo.strays
         device_type, product = self.upload(co.DEVICE_TYPE), self.upload(co.PRODUCT_CODE)
@@ -150,7 +151,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         self.require_alone(strays)
         if device_type & 0xFFFF != _PROFILE:
             raise DriveError(
-                f"{self.name} has device type 0x{device_type:08X} (0x1000:00), no drive of CiA 402",
+                f"{self.name} has device type 0x{device_type:08X} (0x1000:00), expected a CiA 402 drive",
                 "check the node id in the rig file",
             )
         self._require_product(vendor, product)
@@ -168,13 +169,13 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
 
     def _require_product(self, vendor: int, product: int) -> None:
         eds = self.eds
-        for place, what, found, said in (
+        for place, number, found, expected in (
             (co.VENDOR_ID.place, "vendor", vendor, eds.vendor),
             (co.PRODUCT_CODE.place, "product", product, eds.product),
         ):
-            if found != said:
+            if found != expected:
                 raise DriveError(
-                    f"{self.name} is of {what} 0x{found:08X} ({place}), {eds.source} of 0x{said:08X} "
+                    f"{self.name} has {number} 0x{found:08X} ({place}), {eds.source} is for 0x{expected:08X} "
                     f"({eds.product_name})",
                     "name the EDS file of this drive in the rig file, or check its node id",
                 )
@@ -183,7 +184,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         return self.upload(entry) if self.has(entry) else None
 
     def require_units(self) -> None:
-        """Refuse a drive that says that it takes other units than its section does. Raises `DriveError`."""
+        """Refuse a drive that reports other units than its section. Raises `DriveError`."""
         section = self.section
         for entry, codes, key, unit, factor in (
             (od.VELOCITY_UNIT, VELOCITY_CODES, "velocity", section.velocity_unit, section.velocity_factor),
@@ -204,17 +205,17 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
                 )
 
     def require_counts(self) -> None:
-        """Refuse a drive that says that it counts otherwise than its section does. Raises `DriveError`."""
-        entry, said = self.section.objects.entry("counts_per_turn"), self.section.counts_per_turn
+        """Refuse a drive that reports other counts per turn than its section. Raises `DriveError`."""
+        entry, expected = self.section.objects.entry("counts_per_turn"), self.section.counts_per_turn
         found = None if entry is None else self.upload(entry)
-        if entry is not None and found != said:
+        if entry is not None and found != expected:
             raise DriveError(
-                f"{self.name} counts {found} a turn ({entry.place}), the rig file says {said or 0:g}",
+                f"{self.name} counts {found} a turn ({entry.place}), the rig file says {expected or 0:g}",
                 f"find out which encoder it has; correct the rig file, or the drive in {self.tool}",
             )
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the COB-IDs of process data that the drive sends, and that it obeys: of all PDOs that it has."""
+        """Return the COB-IDs of all PDOs that the drive sends, and of those that it obeys."""
         entries = [entry for entry in self.eds.entries if entry.subindex == 1]
         sent = [entry for entry in entries if entry.index in _SENT_IDS]
         return self._cob_ids(sent), self._cob_ids(entry for entry in entries if entry.index in _OBEYED_IDS)
@@ -224,13 +225,13 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         return drive_settings(self.section, heartbeat, self.eds)
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Let the drive stop by itself when the computer falls silent, and in the way that its section says."""
+        """Make the drive stop by itself when the computer's heartbeat stops, in the way that its section states."""
         super().verify_dead_man(heartbeat)
         if self.has(od.ABORT_CONNECTION):
             self.adjust({od.ABORT_CONNECTION: self.section.abort_connection_option})
 
     def find_current_limit(self) -> tuple[Entry, float] | None:
-        """Return the object that its section names, in mA; or 0x6073, in thousandths of the rated current 0x6075."""
+        """Return the object that its section names, in mA; else 0x6073, in thousandths of the rated current 0x6075."""
         named = self.section.objects.entry("current_limit_ma")
         if named is not None:
             return self.own_entry(named), 1.0
@@ -240,7 +241,7 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         return (od.MAX_CURRENT, rated_ma / 1000) if rated_ma else None
 
     def describe(self) -> dict[str, object]:
-        """Return how the drive converts and is set, for the record."""
+        """Return conversion factors and settings of the drive, for the record."""
         return {
             "node_id": self.node_id,
             "eds": self.eds.product_name,
@@ -253,16 +254,16 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
     # Reference
 
     def homing_method(self, method: int) -> int:
-        """Return the number under which the drive has a homing method."""
+        """Return the drive's own number of a homing method."""
         return self.section.home_here_method if method == HOMING_HERE else method
 
     def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
-        """Yield what a homing needs written."""
+        """Yield the settings that a homing needs."""
         home, scale = self.section.objects.entry("home_position"), self.scale
         if homing.offset or (homing.position and home is None):
             raise DriveError(
-                f"{self.name} keeps no home position but zero, and moves no way off a switch, as far as is known",
-                "name the object that keeps it in objects.home_position of this axis",
+                f"{self.name} has no home position but zero and no distance off a switch, as far as labrig knows",
+                "name the object of the home position in objects.home_position of this axis",
             )
         settings = {co.HOME_OFFSET: 0}
         if home is not None:
@@ -275,49 +276,49 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         yield from ((entry, value) for entry, value in settings.items() if self.has(entry))
 
     def start_homing(self, homing: Homing) -> None:
-        """Begin to look for home."""
+        """Start homing."""
         self._homed = False
         super().start_homing(homing)
 
     def finish_homing(self, homing: Homing) -> None:
-        """Hold at home, once the counter is near it: makers differ in the sign of a home position."""
+        """Hold at home, after checking that the counter is near it: makers differ in the sign of a home position."""
         super().finish_homing(homing)
         counter, home = self.counter(), self.home_counter(homing)
         if abs(counter - home) > abs(counter + home):
             raise DriveError(
-                f"{self.name} reads {counter} {self.section.count_unit} at home, {home} was asked for: it takes the "
-                "home position with the other sign",
+                f"{self.name} reads {counter} {self.section.count_unit} at home, {home} was requested: it uses the "
+                "opposite sign for the home position",
                 "leave objects.home_position out, and write homing.position: 0",
             )
         self._homed = True
 
     def is_referenced(self) -> bool:
-        """Tell whether the drive has kept its reference; one that does not tell has it only until it is closed."""
+        """Tell whether the drive has its reference; a drive that cannot tell has it only until it is closed."""
         bit = self.section.referenced_bit
         if bit is None:
             return self._homed and not self.has_restarted
         return bool(self.statusword() >> bit & 1)
 
     def set_limits(self, limits: tuple[float, float] | None) -> None:
-        """Give the drive limits where it holds any."""
+        """Set the limits of the drive, if it has any."""
         if self.has(co.LOWER_LIMIT) and self.has(co.UPPER_LIMIT):
             super().set_limits(limits)
 
     # Condition
 
     def error_code(self) -> int:
-        """Return the code of the newest error, of 0x603F or the error history."""
+        """Return the code of the newest error, from 0x603F or the error history."""
         code = self._optional(od.ERROR_CODE) or 0
         if code or not (self.has(co.ERROR_COUNT) and self.has(co.LAST_ERROR)):
             return code
         return super().error_code()
 
     def describe_emergency(self, code: int) -> Emergency:
-        """Return what an error code means; one that no standard lists is told by its class."""
+        """Return what an error code means; a code that no standard lists is described by its class."""
         return describe_emergency(code)
 
     def current_ma(self) -> float | None:
-        """Return the motor current [mA]: of the object that its section names, or of 0x6078 and 0x6075."""
+        """Return the motor current [mA], from the object that its section names or from 0x6078 and 0x6075."""
         named = self.section.objects.entry("current_ma")
         if named is not None:
             return float(self.upload(named))
@@ -326,6 +327,6 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         return self.upload(co.CURRENT_ACTUAL) * self.upload(od.RATED_CURRENT) / 1000
 
     def inputs(self) -> dict[str, bool]:
-        """Return the digital inputs (0x60FD); none where the drive does not tell them."""
+        """Return the digital inputs (0x60FD); empty if the drive does not report them."""
         word = self._optional(od.DIGITAL_INPUTS)
         return {} if word is None else {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}

@@ -1,7 +1,7 @@
-"""The objects of a maxon EPOS4 Module 50/5, software 0x0150: the drive that simulated ones are made of.
+"""The objects of a maxon EPOS4 Module 50/5, software 0x0150, from which simulated drives are made.
 
-A table of our own: index, type, access, default and range as maxon's EDS file of December 2018 states them, for the
-objects that labrig, motion and process data use. An EPOS4 has no 0x6067, 0x6068, 0x6078, 0x607C, 0x1020, 0x100C.
+This is our own table of index, type, access, default and range, as maxon's EDS file of December 2018 states them, for
+the objects that labrig, motion and process data use. An EPOS4 has no 0x6067, 0x6068, 0x6078, 0x607C, 0x1020, 0x100C.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Which objects of a CiA 402 drive labrig uses: those that it needs, and those that it uses where a drive has them."""
+"""The objects of a CiA 402 drive: those that labrig needs, and those that it uses if the drive has them."""
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
@@ -34,14 +34,14 @@ READ = (
     co.STATUSWORD,
     co.POSITION_ACTUAL,
 )
-"""Without these and `WRITTEN` no drive can be used: profile position mode, homing, and the dead-man."""
+"""These and `WRITTEN` are required: profile position mode, homing, and the stop on a lost heartbeat."""
 
 GUARDS = {
-    ABORT_CONNECTION: "what the drive does when the computer falls silent (0x6007)",
+    ABORT_CONNECTION: "what the drive does when the computer's heartbeat stops (0x6007)",
     FAULT_REACTION: "how it stops on a fault (0x605E)",
     QUICK_STOP_OPTION: "how it stops on a quick stop (0x605A)",
     co.MAX_FOLLOWING_ERROR: "an axis that lags behind (0x6065)",
     co.LOWER_LIMIT: "the lower limit in the drive (0x607D:01)",
     co.UPPER_LIMIT: "the upper limit in the drive (0x607D:02)",
 }
-"""Objects that keep an axis safe -> what nobody guards in a drive that lacks them."""
+"""Objects that keep an axis safe -> what is not guarded in a drive that lacks them."""

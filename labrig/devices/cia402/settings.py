@@ -1,4 +1,4 @@
-"""The section of an axis with a CiA 402 drive, and what its drive must be set to."""
+"""The section of an axis with a CiA 402 drive, and the settings of its drive."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, ClassVar, Literal
@@ -21,52 +21,53 @@ _STOP_BY_RAMP, _STOP_BY_QUICK_STOP = 1, 2
 _TRAPEZOID = 0
 
 
-def _below(name: str) -> str:
+def _check_name(name: str) -> str:
     if not name.isprintable() or name != name.strip():
-        raise ValueError("a name neither starts nor ends with a space, and has no control character")
+        raise ValueError("a name cannot start or end with a space, or contain a control character")
     parts = name.replace("\\", "/").split("/")
     if not all(parts) or ".." in parts or ":" in name:
-        raise ValueError("the file stands in the folder of the rig file or below it")
+        raise ValueError("the file must be in the folder of the rig file or below it")
     return name
 
 
 Place = Annotated[str, Field(pattern=r"^0x[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$")]
-"""Where an object stands: index and subindex, such as 0x3001:02."""
+"""Index and subindex of an object, such as 0x3001:02."""
 
 
 class Cia402Homing(HomingDescription):
-    """How an axis gets its reference."""
+    """Homing of an axis."""
 
     method: Literal[35, 1, 2, 17, 18] = Field(
         35,
-        description="Homing method of CiA 402. 35: where it stands, on confirmation. 17, 18: the negative or positive "
-        "limit switch. 1, 2: the same, then the index.",
+        description="Homing method of CiA 402. 35: home is the present position, on confirmation. 17, 18: to the "
+        "negative or positive limit switch. 1, 2: the same, then to the index.",
     )
 
 
 class ObjectsOfMaker(Model):
-    """Objects that no standard has, and that labrig uses where they are named, such as 0x3001:02."""
+    """Objects of the manufacturer, such as 0x3001:02; labrig uses those that are named."""
 
     home_position: Place | None = Field(
         None,
-        description="What the counter reads at home: 0x30B0:00 of an EPOS4, 0x607C:00 of many others. null: zero, and "
-        "homing.position has to be 0.",
+        description="Counter value at home: 0x30B0:00 of an EPOS4, 0x607C:00 of many others. null: zero, and "
+        "homing.position must be 0.",
     )
     counts_per_turn: Place | None = Field(
         None,
-        description="Counts a turn of the motor, compared with counts_per_turn: 0x3000:05 of an EPOS4. null: not "
+        description="Counts per turn of the motor, compared with counts_per_turn: 0x3000:05 of an EPOS4. null: not "
         "compared.",
     )
     current_ma: Place | None = Field(
-        None, description="Motor current [mA]: 0x30D1:01 of an EPOS4. null: by 0x6078 and 0x6075, if at all."
+        None,
+        description="Motor current [mA]: 0x30D1:01 of an EPOS4. null: 0x6078 and 0x6075, if the drive has them.",
     )
     current_limit_ma: Place | None = Field(
         None,
-        description="Output current limit [mA]: 0x3001:02 of an EPOS4. null: 0x6073 and 0x6075, if at all.",
+        description="Output current limit [mA]: 0x3001:02 of an EPOS4. null: 0x6073 and 0x6075, if the drive has them.",
     )
 
     def entry(self, key: str) -> Entry | None:
-        """Return the object that a key names; None where it names none."""
+        """Return the object that a key names; None for null."""
         place: str | None = getattr(self, key)
         return None if place is None else Entry(int(place[2:6], 16), int(place[7:], 16), key, "I")
 
@@ -77,54 +78,54 @@ class Cia402Axis(AxisDescription):
     homing_directions: ClassVar[Mapping[int, int]] = {HOMING_HERE: 0, 1: -1, 2: +1, 17: -1, 18: +1}
     needed: ClassVar[tuple[str, ...]] = ("counts_per_turn", *AxisDescription.needed)
     where_to_find: ClassVar[Mapping[str, str]] = {
-        "counts_per_turn": "counts of 0x6064 a turn of the motor: four a line of its encoder, unless the drive scales",
+        "counts_per_turn": "counts of 0x6064 per turn of the motor: four per encoder line, unless the drive scales",
         **AxisDescription.where_to_find,
     }
     file_keys: ClassVar[tuple[str, ...]] = ("eds",)
 
     driver: Literal["cia402"] = Field(description="cia402: any CiA 402 drive over CANopen.")
     node_id: NodeId = Field(description="CANopen node id of the drive.")
-    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_below)] | None = Field(
-        description="EDS file of the drive, beside the rig file or below; sizes and access of its objects come from "
-        "it, and the drive has to be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."
+    eds: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_check_name)] | None = Field(
+        description="EDS file of the drive, in the folder of the rig file or below. Sizes and access of the objects "
+        "come from it, and the drive must be of its product. null: a maxon EPOS4 Module 50/5, as labrig knows it."
     )
     counts_per_turn: Positive | None = Field(
-        description="Counts of the position (0x6064) a turn of the motor. null: unknown [-]."
+        description="Counts of the position (0x6064) per turn of the motor. null: unknown [-]."
     )
     velocity_unit: Literal["rpm", "turns/s", "counts/s"] = Field(
-        description="What the drive takes velocities in (0x6081), of the motor."
+        description="Unit of velocities in the drive (0x6081), of the motor."
     )
     velocity_factor: Positive = Field(
-        1.0, description="One unit of 0x6081 is so many velocity_unit: 0.001 for thousandths of rpm [-]."
+        1.0, description="Size of one unit of 0x6081 in velocity_unit: 0.001 for thousandths of rpm [-]."
     )
     acceleration_unit: Literal["rpm/s", "turns/s^2", "counts/s^2"] = Field(
-        description="What the drive takes accelerations in (0x6083), of the motor."
+        description="Unit of accelerations in the drive (0x6083), of the motor."
     )
     acceleration_factor: Positive = Field(
-        1.0, description="One unit of 0x6083 is so many acceleration_unit [-]."
+        1.0, description="Size of one unit of 0x6083 in acceleration_unit [-]."
     )
-    homing: Cia402Homing = Field(default_factory=Cia402Homing, description="How it is referenced.")
+    homing: Cia402Homing = Field(default_factory=Cia402Homing, description="How the axis gets its reference.")
     home_here_method: Literal[35, 37] = Field(
-        37, description="Number under which the drive homes where it stands; older ones have it as 35 [-]."
+        37, description="The drive's number for homing at the present position; 35 in older drives [-]."
     )
     referenced_bit: Literal[8, 14, 15] | None = Field(
         None,
-        description="Bit of the statusword that is set while the drive has kept its reference: 15 of maxon. null: it "
-        "does not tell, and every run asks for zero [-].",
+        description="Bit of the statusword that is set while the drive has its reference: 15 of maxon. null: the drive "
+        "does not report it, and every run asks for zero [-].",
     )
     quick_stop_option: Literal[2, 6] = Field(
         6, description="0x605A. 2: brake and switch power off; 6: brake and hold [-]."
     )
     abort_connection_option: Literal[1, 3] = Field(
         1,
-        description="0x6007, what the drive does when the computer falls silent. 1: a fault, which has to be reset; "
+        description="0x6007, what the drive does when the computer's heartbeat stops. 1: a fault, which must be reset; "
         "3: a quick stop [-].",
     )
     following_error_timeout_ms: Annotated[int, Field(ge=0, le=65535)] = Field(
-        0, description="An axis may lag further than max_following_error for so long (0x6066) [ms]."
+        0, description="How long an axis may lag by more than max_following_error (0x6066) [ms]."
     )
     objects: ObjectsOfMaker = Field(
-        default_factory=ObjectsOfMaker, description="Objects of the manufacturer that labrig is to use."
+        default_factory=ObjectsOfMaker, description="Objects of the manufacturer that labrig may use."
     )
 
     @property
@@ -134,12 +135,12 @@ class Cia402Axis(AxisDescription):
 
     @property
     def speed_unit(self) -> str:
-        """What the drive takes speeds in."""
+        """Unit of speeds in the drive."""
         unit = f"{self.velocity_unit} of the motor"
         return unit if self.velocity_factor == 1 else f"x {self.velocity_factor:g} {unit}"
 
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
-        """Return the conversion to counts, and to the units of velocity and acceleration that are stated."""
+        """Return the conversion to counts and to the stated units of velocity and acceleration."""
         counts = self.counts_per_turn or 0.0
         speeds = {"rpm": 60.0, "turns/s": 1.0, "counts/s": counts}
         accelerations = {"rpm/s": 60.0, "turns/s^2": 1.0, "counts/s^2": counts}
@@ -153,28 +154,28 @@ class Cia402Axis(AxisDescription):
         )
 
     def read_eds(self) -> Eds:
-        """Return what the drive's EDS file says. Raises `InputError`."""
+        """Return the content of the drive's EDS file. Raises `InputError`."""
         path = self.files.get("eds")
         return EPOS4 if path is None else read_eds(path, self._folder)
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield what no drive of this profile can do in homing, too."""
+        """Yield conflicts, also of a homing that no CiA 402 drive can do."""
         yield from super().conflicts()
         if self.homing.offset:
             yield Conflict(
                 "homing.offset",
-                f"homing.offset is {self.homing.offset:g}, CiA 402 moves no way off a switch",
+                f"homing.offset is {self.homing.offset:g}, CiA 402 has no distance off a switch",
                 "write 0, and jog after homing",
             )
         if self.homing.position and self.objects.home_position is None:
             yield Conflict(
                 "homing.position",
-                f"homing.position is {self.homing.position:g}, and nothing names the object that keeps it in the drive",
+                f"homing.position is {self.homing.position:g}, and the object for it in the drive is not named",
                 "name it in objects.home_position, or write 0",
             )
 
     def problems(self, heartbeat: HeartbeatDescription) -> Iterator[Conflict]:
-        """Yield what the EDS file lacks for this section, and settings that the drive cannot hold."""
+        """Yield objects that the EDS file lacks for this section, and settings out of the drive's range."""
         try:
             eds = self.read_eds()
             lacking = [*find_lacking(eds), *self._unknown_objects(eds)]
@@ -194,47 +195,47 @@ class Cia402Axis(AxisDescription):
                 )
 
     def _unknown_objects(self, eds: Eds) -> Iterator[Conflict]:
-        """Yield objects of the manufacturer that are named and not there."""
+        """Yield named objects of the manufacturer that the drive lacks."""
         for key in type(self.objects).model_fields:
             entry = self.objects.entry(key)
             if entry is not None and eds.find(entry) is None:
                 yield Conflict(
                     f"objects.{key}",
                     f"{eds.source} has no object {entry.place}",
-                    "correct it by the manual of the drive, or leave it out",
+                    "correct it with the manual of the drive, or leave it out",
                 )
 
 
 def find_lacking(eds: Eds) -> Iterator[Conflict]:
-    """Yield each object without which a drive cannot be used, and that this one lacks or does not let write.
+    """Yield each required object that the drive lacks, or of which it refuses the access that labrig needs.
 
     Raises
     ------
     InputError
-        When the description of one makes no sense.
+        When the description of an object is malformed.
     """
     for entry in (*od.READ, *od.WRITTEN):
         found = eds.find(entry)
         refused = {"ro"} if entry in od.WRITTEN else {"wo"}
         if found is None or found.access in refused:
-            lack = "has no object" if found is None else f"lets nobody {_DOES[found.access]} object"
+            lack = "has no object" if found is None else f"does not allow to {_REFUSED[found.access]} object"
             yield Conflict(
                 "eds",
                 f"{eds.source} {lack} {entry.place} ({entry.name})",
-                "labrig needs it in every drive: take the EDS of the drive itself, or another drive",
+                "labrig needs it in every drive: use the EDS file of this drive, or another drive",
             )
 
 
-_DOES = {"ro": "write", "wo": "read"}
+_REFUSED = {"ro": "write", "wo": "read"}
 
 
 def drive_settings(axis: Cia402Axis, heartbeat: HeartbeatDescription, eds: Eds) -> dict[Entry, int]:
-    """Return the settings of the drive of an axis, as far as it has them and lets write them.
+    """Return the settings of the drive of an axis, as far as it has and can write them.
 
     Raises
     ------
     InputError
-        When gear, lead or counts are unknown.
+        When gear, lead or counts per turn are unknown.
     """
     scale = axis.scale()
     acceleration = scale.to_acceleration_units(axis.acceleration)

@@ -1,4 +1,4 @@
-"""A simulated CiA 402 drive: the objects of its EDS file, on state machine and motion of the profile."""
+"""A simulated CiA 402 drive: the objects of its EDS file; state machine and motion are those of the profile."""
 
 from collections.abc import Callable
 
@@ -17,13 +17,13 @@ from labrig.devices.simulated.shaft import Mechanics
 
 _HEARTBEAT_ERROR = 0x8130
 _NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
-"""Values of 0x6007; the other, 2, switches power off."""
+"""Values of 0x6007; 2 switches power off."""
 
 _STAYS_IN_QUICK_STOP = 5
-"""Values of 0x605A from here on do not switch power off at the end of a quick stop."""
+"""From this value of 0x605A on, power stays on at the end of a quick stop."""
 
 _POWER_OFF = 0
-"""Value of 0x605E that lets the motor turn freely."""
+"""Value of 0x605E that makes the motor turn freely."""
 
 _LIMIT_SWITCHES = 0x0003
 _NO_FOLLOWING_ERROR = 0xFFFFFFFF
@@ -40,7 +40,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
     section : Cia402Axis
         Its section of the rig file; complete.
     wire, clock, mechanics, boot_time_s
-        As `SimulatedCia402Drive` takes them.
+        See `SimulatedCia402Drive`.
     """
 
     def __init__(
@@ -81,31 +81,31 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         )
 
     def _option(self, entry: Entry, default: int) -> int:
-        """Return an option code; what a drive without the object does by itself."""
+        """Return an option code; `default` for a drive without the object."""
         return self.objects.values.get(entry, default)
 
     def counts_per_turn(self) -> int:
-        """Return the counts a turn of the motor."""
+        """Return the counts per turn of the motor."""
         return self._counts_per_turn
 
     def counts_per_speed_unit(self) -> float:
-        """Return the counts a second at one unit of speed."""
+        """Return the counts per second at one unit of speed."""
         return self._counts_per_turn / self._scale.speed_units
 
     def counts_per_acceleration_unit(self) -> float:
-        """Return the counts a second, each second, at one unit of acceleration."""
+        """Return the counts per second squared at one unit of acceleration."""
         return self._counts_per_turn / self._scale.acceleration_units
 
     def watched_switches(self) -> int:
-        """Return both limit switches, for which the inputs of an EPOS4 are set as it comes."""
+        """Return both limit switches: an EPOS4 has its inputs set for them by default."""
         return _LIMIT_SWITCHES
 
     def home_counter(self) -> int:
-        """Return what the object for it says; zero in a drive without one."""
+        """Return the value of the object for it; zero in a drive without one."""
         return self._option(self._section.objects.entry("home_position") or co.HOME_OFFSET, 0)
 
     def position_limits(self) -> tuple[int, int]:
-        """Return the software limits; both zero, as an EPOS4 comes, are none."""
+        """Return the software limits; both zero, the default of an EPOS4, mean no limits."""
         limits = super().position_limits()
         return limits if any(limits) else _NO_LIMITS
 
@@ -118,7 +118,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         return super().loses_power(code) or self._option(od.FAULT_REACTION, 2) == _POWER_OFF
 
     def lose_master(self, t_s: float) -> None:
-        """Do what the abort connection option code says."""
+        """React as the abort connection option code says."""
         option = self._option(od.ABORT_CONNECTION, _FAULT_SIGNAL)
         if option == _FAULT_SIGNAL:
             super().lose_master(t_s)
@@ -127,7 +127,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
             self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
     def tick(self) -> None:
-        """Do what has become due; at the end of a quick stop power goes where its option code says so."""
+        """Do what is due; at the end of a quick stop, switch power off if its option code says so."""
         super().tick()
         if (
             self._state is DriveState.QUICK_STOP_ACTIVE
@@ -141,14 +141,14 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         SimulatedProfileDrive(self._section, self._wire, self._clock, self._shaft.mechanics)
 
     def set_encoder(self, pulses: int) -> None:
-        """Have another encoder resolution than before, as if somebody had changed the settings."""
+        """Change the encoder resolution, as if somebody had changed the settings."""
         self._counts_per_turn = 4 * pulses
         entry = self._section.objects.entry("counts_per_turn")
         if entry is not None:
             self.objects.set_fixed(entry, self._counts_per_turn)
 
     def live_objects(self) -> dict[Entry, Callable[[], int]]:
-        """Return the objects whose value is made when it is read."""
+        """Return the objects whose value is computed when it is read."""
         return super().live_objects() | {
             od.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
             od.DIGITAL_INPUTS: self._switches,

@@ -1,4 +1,4 @@
-"""EPOS2 drives of maxon over CANopen, as a kind of drive."""
+"""The kind of drive `epos2`: maxon EPOS2 over CANopen."""
 
 from labrig.clock import Clock
 from labrig.devices.canopen_objects import Entry
@@ -32,7 +32,7 @@ def _simulate(
 
 
 def _example(node_id: int) -> Epos2Axis:
-    """Return a section for a drive as it comes, on a screw without a gear."""
+    """Return a section for a drive with factory settings, on a screw without a gear."""
     return Epos2Axis(
         node_id=node_id,
         unit="mm",

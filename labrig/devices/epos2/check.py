@@ -1,4 +1,4 @@
-"""What is in order between an axis and its EPOS2, and what is not; nothing is written."""
+"""`labrig devices check` of an axis with an EPOS2; nothing is written."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ from labrig.errors import LabrigError
 def check_axis(
     link: CanLink, axis: Epos2Axis, name: str, clock: Clock, heartbeat: HeartbeatDescription
 ) -> Iterator[CheckResult]:
-    """Check what an axis and its drive say of each other."""
+    """Compare an axis of the rig file with its drive."""
     drive = Epos2(link, axis, name, clock)
     try:
         identity = drive.read_identity()

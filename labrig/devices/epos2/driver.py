@@ -2,12 +2,12 @@
 
 What is decided here
 --------------------
-- Writing a setting clears the drive's configuration fingerprint (0x1020); the fingerprint is renewed last.
+- Writing a setting clears the drive's configuration fingerprint (0x1020); the fingerprint is written again last.
 - The encoder resolution is compared with the rig file and never written.
-- Unsure until tried on a device: that 0x2210:01 holds the encoder resolution on every EPOS2; that the measure
-  init state may show bit 14; that TxPDO 3 carries statusword and position by default and may be switched on while
-  the node is operational (where not, SDO does it all); which objects clear 0x1020 when they are written (it is renewed
-  after each that labrig writes in operation); which function each bit of 0x2071:01 has.
+- Uncertain until tried on a device: whether 0x2210:01 holds the encoder resolution on every EPOS2; whether the measure
+  init state may show bit 14; whether TxPDO 3 carries statusword and position by default and can be switched on while
+  the node is operational (if not, SDO does all of it); which objects clear 0x1020 when they are written (it is written
+  again after each one that labrig writes in operation); which function each bit of 0x2071:01 has.
 """
 
 from collections.abc import Iterator, Mapping
@@ -56,51 +56,51 @@ class Epos2(Cia402Drive[Epos2Axis]):
             node_id=section.node_id,
             still_time_s=still_time_s(pulses and 4 * pulses * _SLOWEST_RPM / 60),
         )
-        self._vouched: tuple[int, int] | None = None
+        self._expected_fingerprint: tuple[int, int] | None = None
 
     def decode(self, statusword: int) -> DriveState:
-        """Return the state that a statusword tells, with those that maxon adds."""
+        """Return the state that a statusword shows, including the states that maxon adds."""
         return decode_state(statusword)
 
     # Connecting
 
     def identify(self) -> Identity:
-        """Return what the drive is, once encoder and fingerprint are those of its section too.
+        """Return the identity of the drive after comparing its encoder and fingerprint with its section.
 
         Raises
         ------
         DriveError
-            When it is no EPOS2: other generations have other objects and signs; when two drives answer; when it is set
-            to another encoder, or its configuration is not the one that was left in it.
+            When it is not an EPOS2 (other generations have other objects and signs), when two drives answer, when it
+            is set to another encoder, or when its configuration has been changed.
         """
         identity = self.read_identity()
         require_all((self.require_encoder, self.require_fingerprint))
         return identity
 
     def read_identity(self) -> Identity:
-        """Return what the drive is, however it is set. Raises `DriveError` as `identify`."""
+        """Return the identity of the drive, whatever its settings. Raises `DriveError` as `identify`."""
         vendor = self.wake()
         strays = self.sdo.strays
         device_type = self.upload(co.DEVICE_TYPE)
         if vendor != co.VENDOR_ID.default or device_type != co.DEVICE_TYPE.default:
-            raise self._not_an_epos2(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
+            raise self._refuse_model(f"vendor 0x{vendor:X}, device type 0x{device_type:08X}")
         hardware = self.upload(od.HARDWARE_VERSION)
         model = od.EPOS2_HARDWARE.get(hardware & 0xFFF0)
         if model is None:
             other = od.OTHER_HARDWARE.get(hardware & 0xFFF0, "unknown to labrig")
-            raise self._not_an_epos2(f"hardware version 0x{hardware:04X}, {other}")
+            raise self._refuse_model(f"hardware version 0x{hardware:04X}, {other}")
         versions = {"hardware_version": hardware, "software_version": self.upload(od.SOFTWARE_VERSION)}
         identity = Identity(model, self.upload(co.SERIAL_NUMBER), versions)
         self.require_alone(strays)
         return identity
 
-    def _not_an_epos2(self, found: str) -> DriveError:
+    def _refuse_model(self, found: str) -> DriveError:
         return DriveError(
-            f"{self.name} is no EPOS2: {found}", "check the node id in the rig file and the drive itself"
+            f"{self.name} is not an EPOS2: {found}", "check the node id in the rig file and the drive itself"
         )
 
     def require_encoder(self) -> None:
-        """Refuse a drive that is set to another encoder resolution than its section says. Raises `DriveError`."""
+        """Refuse a drive whose encoder resolution differs from its section. Raises `DriveError`."""
         found, expected = self.upload(od.ENCODER_PULSES), self.section.encoder_pulses_per_turn
         if found != expected:
             raise DriveError(
@@ -109,7 +109,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
             )
 
     def require_fingerprint(self) -> None:
-        """Refuse a drive whose configuration is not the one that its section names, if it does. Raises `DriveError`."""
+        """Refuse a drive whose fingerprint differs from the one in its section, if given. Raises `DriveError`."""
         expected = self.section.configuration_fingerprint
         if expected is None:
             return
@@ -118,51 +118,51 @@ class Epos2(Cia402Drive[Epos2Axis]):
             raise DriveError(
                 f"{self.name} has the configuration fingerprint {list(found)} (0x1020), the rig file says "
                 f"{list(expected)}: its parameters have been changed",
-                "power it off and on, which brings back those that it has stored; else compare them in EPOS Studio "
-                "and enter the new fingerprint in the rig file",
+                "power it off and on, which restores its stored parameters; if that does not help, compare them in "
+                "EPOS Studio and enter the new fingerprint in the rig file",
             )
 
     # Settings
 
     def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
-        """Return the settings of its section; their fingerprint is what 0x1020 is to hold from here on."""
+        """Return the settings of its section; from now on 0x1020 is to hold their fingerprint."""
         settings = drive_settings(self.section, heartbeat)
-        self.vouch(self.section.configuration_fingerprint or fingerprint(settings))
+        self.expect_fingerprint(self.section.configuration_fingerprint or fingerprint(settings))
         return settings
 
-    def vouch(self, fingerprint: tuple[int, int]) -> None:
-        """Take a fingerprint to be what 0x1020 is to hold: the drive clears it when a setting is changed."""
-        self._vouched = fingerprint
+    def expect_fingerprint(self, fingerprint: tuple[int, int]) -> None:
+        """Set the fingerprint that 0x1020 is to hold; the drive clears it when a setting is changed."""
+        self._expected_fingerprint = fingerprint
 
     def write_settings(self, settings: Mapping[Entry, int]) -> tuple[str, ...]:
-        """Bring settings to what they must be, and renew the fingerprint."""
+        """Write the settings that differ, and the fingerprint again."""
         written = super().write_settings(settings)
         self._renew_fingerprint()
         return written
 
     def adjust(self, settings: Mapping[Entry, int]) -> bool:
-        """Bring settings to what operation asks for; the fingerprint that was left in the drive stays there."""
+        """Write the settings that operation needs and that differ; the drive keeps its fingerprint."""
         written = [entry for entry, value in settings.items() if self.ensure(entry, value)]
         if written:
             self._renew_fingerprint()
         return bool(written)
 
     def fingerprint(self) -> tuple[int, int]:
-        """Return date and time of 0x1020, which the drive clears when a setting is changed."""
+        """Return the date and time in 0x1020, which the drive clears when a setting is changed."""
         return self.upload(od.CONFIGURATION_DATE), self.upload(od.CONFIGURATION_TIME)
 
     def _renew_fingerprint(self) -> None:
-        """Write 0x1020 again; never into a drive that has restarted, for whose settings nobody can vouch."""
-        if self._vouched is not None and not self.has_restarted:
-            self.ensure(od.CONFIGURATION_DATE, self._vouched[0])
-            self.ensure(od.CONFIGURATION_TIME, self._vouched[1])
+        """Write 0x1020 again, except to a drive that has restarted: its settings are unknown."""
+        if self._expected_fingerprint is not None and not self.has_restarted:
+            self.ensure(od.CONFIGURATION_DATE, self._expected_fingerprint[0])
+            self.ensure(od.CONFIGURATION_TIME, self._expected_fingerprint[1])
 
     def find_current_limit(self) -> tuple[Entry, float] | None:
         """Return the output current limit, in mA."""
         return od.MAX_CURRENT, 1.0
 
     def describe(self) -> dict[str, object]:
-        """Return how the drive converts and is set, for the record."""
+        """Return conversion factors and settings of the drive, for the record."""
         return {
             "node_id": self.node_id,
             "quadcounts_per_unit": self.scale.counts_per_unit,
@@ -178,7 +178,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
     # Reference
 
     def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
-        """Yield what a homing needs written; a search has a current threshold where it feels its stop."""
+        """Yield the settings that a homing needs; homing to a stop has a current threshold."""
         section, scale = self.section, self.scale
         offset = round(homing.offset * scale.counts_per_unit)
         yield co.HOME_OFFSET, -HOMING_DIRECTIONS.get(homing.method, 0) * offset
@@ -194,7 +194,7 @@ class Epos2(Cia402Drive[Epos2Axis]):
     # Condition
 
     def describe_emergency(self, code: int) -> Emergency:
-        """Return what an error code means; one that no document lists is named as such."""
+        """Return what an error code means; a code that no document lists is called unknown."""
         return describe_emergency(code)
 
     def current_ma(self) -> float | None:
@@ -202,6 +202,6 @@ class Epos2(Cia402Drive[Epos2Axis]):
         return float(self.upload(co.CURRENT_ACTUAL))
 
     def inputs(self) -> dict[str, bool]:
-        """Return the digital inputs by their function, as the drive's polarity settings have them."""
+        """Return the digital inputs by function, with the drive's polarity settings applied."""
         word = self.upload(od.INPUT_STATE)
         return {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}

@@ -1,9 +1,8 @@
-"""The objects of an EPOS2 that no standard has: index, type, access, default.
+"""The objects of an EPOS2 that are in no standard: index, type, access, default.
 
-Numbers follow maxon's firmware specification of the first EPOS generation (798675-03, April 2010), whose
-indices every published EPOS2 driver uses; what the EPOS2 may do differently is checked by reading back after
-writing. The simulated drive's object dictionary is made from this table and the standard one, so that a wrong width
-shows as a refusal there.
+The numbers follow maxon's firmware specification of the first EPOS generation (798675-03, April 2010), whose
+indices every published EPOS2 driver uses. Reading back after writing shows whether the EPOS2 differs. The object
+dictionary of the simulated drive is made from this table and the standard one; it refuses a wrong width.
 """
 
 from labrig.devices.canopen_objects import STANDARD, Entry, entries_in
@@ -46,7 +45,7 @@ NUMBERS: tuple[Entry, ...] = tuple(
         entry.place: entry for value in (STANDARD, *tuple(globals().values())) for entry in entries_in(value)
     }.values()
 )
-"""Every numeric entry, those of the standards too."""
+"""Every numeric entry, including those of the standards."""
 
 EPOS2_HARDWARE = {
     0x6120: "EPOS2 Module 36/2",

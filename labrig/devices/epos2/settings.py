@@ -1,4 +1,4 @@
-"""The section of an axis with an EPOS2, what its drive must be set to, and the fingerprint of that (0x1020)."""
+"""The section of an axis with an EPOS2, the settings of its drive, and their fingerprint (0x1020)."""
 
 import zlib
 from collections.abc import Iterator, Mapping
@@ -29,24 +29,24 @@ HOMING_DIRECTIONS = {
     -4: -1,  # current threshold, negative speed
     HOMING_HERE: 0,
 }
-"""Homing method -> sign of the motor's speed in its search, as maxon has it: -1 and -3 go in the POSITIVE direction
-until the current threshold. `canopen` has it the other way round, which would drive an axis the wrong way."""
+"""Homing method -> sign of the motor's speed during its search, as maxon defines it: -1 and -3 go in the POSITIVE
+direction until the current threshold. `canopen` has the opposite sign, which would drive an axis the wrong way."""
 
 BY_CURRENT = frozenset({-1, -2, -3, -4})
-"""Methods that run into a stop."""
+"""Methods that run into a mechanical stop."""
 
 
 class Epos2Homing(HomingDescription):
-    """How an axis gets its reference."""
+    """Homing of an axis."""
 
     method: Literal[35, -1, -2, -3, -4, 1, 2, 17, 18] = Field(
         35,
-        description="maxon's homing method. 35: where it stands, on confirmation. -1, -3: into the stop in the motor's "
-        "positive direction, -2, -4: in its negative one, by current, -1 and -2 then to the index. 1, 2, 17, 18: limit "
-        "switches.",
+        description="maxon's homing method. 35: home is the present position, on confirmation. By current, to the stop "
+        "in the motor's positive direction: -1, -3; in its negative direction: -2, -4; -1 and -2 then go to the index. "
+        "1, 2, 17, 18: to a limit switch.",
     )
     current_threshold_ma: Annotated[int, Field(ge=1, le=65535)] = Field(
-        500, description="Current at which a stop is believed to be reached [mA]."
+        500, description="Motor current that counts as having reached the stop [mA]."
     )
 
 
@@ -62,20 +62,20 @@ class Epos2Axis(AxisDescription):
     count_unit = "quadcounts"
 
     driver: Literal["epos2"] = Field("epos2", description="Kind of drive.")
-    node_id: NodeId = Field(description="CANopen node id of the drive, as its DIP switches are set.")
+    node_id: NodeId = Field(description="CANopen node id of the drive, as set by its DIP switches.")
     encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] | None = Field(
-        description="Lines of the encoder a turn of the motor; a quadcount is a quarter. null: unknown [-]."
+        description="Encoder lines per turn of the motor; a quadcount is a quarter of a line. null: unknown [-]."
     )
-    homing: Epos2Homing = Field(default_factory=Epos2Homing, description="How it is referenced.")
+    homing: Epos2Homing = Field(default_factory=Epos2Homing, description="How the axis gets its reference.")
     configuration_fingerprint: (
         tuple[Annotated[int, Field(ge=0, lt=2**32)], Annotated[int, Field(ge=0, lt=2**32)]] | None
     ) = Field(
         None,
-        description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed: a drive with "
-        "others is refused. null: not compared [-].",
+        description="Date and time in 0x1020 of the drive, which it clears when a parameter is changed; a drive with "
+        "other values is refused. null: not compared [-].",
     )
     limit_switches: tuple[Literal["negative", "positive"], ...] = Field(
-        (), description="Limit switches that are wired and must stop the drive; by default it ignores them."
+        (), description="Limit switches that are wired and must stop the drive. By default it ignores them."
     )
 
     @property
@@ -84,16 +84,16 @@ class Epos2Axis(AxisDescription):
         return (self.node_id,)
 
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
-        """Return the conversion to quadcounts, quarters of an encoder line, and rpm."""
+        """Return the conversion to quadcounts (quarters of an encoder line) and rpm."""
         quadcounts = 4 * (self.encoder_pulses_per_turn or 0)
         return AxisScale(quadcounts, gear_ratio, travel_per_turn, self.reversed)
 
     def homing_current_ma(self, method: int) -> int | None:
-        """Return the current by which a method feels its stop [mA]; None for one that does not."""
+        """Return the current at which a method finds its stop [mA]; None for a method without a current."""
         return self.homing.current_threshold_ma if method in BY_CURRENT else None
 
     def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
-        """Yield limits and speeds that the drive's numbers cannot hold."""
+        """Yield limits and speeds that the drive cannot represent."""
         yield from super().scale_conflicts(scale)
         rpm = self.max_speed * scale.speed_units_per_speed
         if rpm > MAX_RPM:
@@ -110,7 +110,7 @@ def drive_settings(axis: Epos2Axis, heartbeat: HeartbeatDescription) -> dict[Ent
     Raises
     ------
     InputError
-        When gear, lead or encoder are unknown.
+        When gear, lead or encoder is unknown.
     """
     scale = axis.scale()
     acceleration = scale.to_acceleration_units(axis.acceleration)
@@ -130,6 +130,6 @@ def drive_settings(axis: Epos2Axis, heartbeat: HeartbeatDescription) -> dict[Ent
 
 
 def fingerprint(settings: Mapping[Entry, int]) -> tuple[int, int]:
-    """Return what date and time of 0x1020 hold for these settings; the drive clears both when one is changed."""
+    """Return the date and time in 0x1020 for these settings; the drive clears both when one is changed."""
     text = ";".join(f"{entry.place}={value}" for entry, value in settings.items())
     return zlib.crc32(text.encode()), len(settings)

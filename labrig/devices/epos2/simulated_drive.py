@@ -1,4 +1,4 @@
-"""A simulated EPOS2: its objects, errors and homing, on state machine and motion of its profile."""
+"""A simulated EPOS2: its objects, errors and homing; state machine and motion are those of CiA 402."""
 
 from collections.abc import Callable, Mapping
 from typing import ClassVar
@@ -32,11 +32,11 @@ class SimulatedDrive(SimulatedCia402Drive):
     Parameters
     ----------
     wire, node_id, clock, shaft_counts, mechanics, boot_time_s
-        As `SimulatedCia402Drive` takes them.
+        See `SimulatedCia402Drive`.
     encoder_pulses : int
-        Lines of its encoder a turn.
+        Encoder lines per turn.
     hardware_version : int
-        What it says it is (0x2003:02).
+        Hardware version that it reports (0x2003:02).
     """
 
     state_bits: ClassVar[Mapping[DriveState, int]] = {
@@ -79,15 +79,15 @@ class SimulatedDrive(SimulatedCia402Drive):
         )
 
     def counts_per_turn(self) -> int:
-        """Return four quadcounts a line."""
+        """Return four quadcounts per encoder line."""
         return 4 * self._values(od.ENCODER_PULSES)
 
     def watched_switches(self) -> int:
-        """Return the limit switches that the execution mask lets stop the drive."""
+        """Return the limit switches that stop the drive by its execution mask."""
         return self._values(od.LIMIT_EXECUTION_MASK)
 
     def homing_offset(self) -> int:
-        """Return the home offset, which is a way here and no position."""
+        """Return the home offset, which is a distance here, not a position."""
         return self._values(co.HOME_OFFSET)
 
     def home_counter(self) -> int:
@@ -103,17 +103,17 @@ class SimulatedDrive(SimulatedCia402Drive):
         SimulatedDrive(self._wire, self.node_id, self._clock, shaft_counts=self.shaft_counts)
 
     def set_encoder(self, pulses: int) -> None:
-        """Have another encoder resolution than before, as if somebody had changed the settings."""
+        """Change the encoder resolution, as if somebody had changed the settings."""
         self.objects.set_fixed(od.ENCODER_PULSES, pulses)
 
     def take_object(self, entry: Entry, value: int, before: int) -> None:
-        """Lose the position when the encoder resolution is changed."""
+        """Lose the position if the encoder resolution is changed."""
         if entry == od.ENCODER_PULSES and value != before:
             self._referenced = False
             self.fail(_SENSOR_ERROR)
 
     def live_objects(self) -> dict[Entry, Callable[[], int]]:
-        """Return the objects whose value is made when it is read."""
+        """Return the objects whose value is computed when it is read."""
         return super().live_objects() | {
             od.FOLLOWING_ERROR_ACTUAL: lambda: max(
                 -32768, min(32767, round(self._shaft.demand - self._shaft.actual))

@@ -36,7 +36,7 @@ class FilesCamera(CameraKind[FilesCameraDescription]):
         )
 
     def check(self, section: FilesCameraDescription, camera: Camera) -> Iterator[CheckResult]:
-        """Yield that pictures arrive, and that they are recorded."""
+        """Yield that pictures arrive and are recorded ones."""
         height, width = camera.capture().image.shape[:2]
         value = f"{width}x{height} px, recorded pictures of {section.address}: they never steer"
         yield CheckResult("camera picture", CheckStatus.PASS, value)
@@ -46,7 +46,7 @@ def _open_pictures(section: FilesCameraDescription, path: Path) -> RecordedPictu
     if not path.is_dir():
         if section.times in {"sidecar", "modified"}:
             raise CameraError(
-                f"{path} is no folder, and times is {section.times}", "write times: null, or rate"
+                f"{path} is not a folder, and times is {section.times}", "write times: null, or rate"
             )
         return VideoFile(path, section.rate_hz if section.times == "rate" else None)
     paths = list_pictures(path)

@@ -22,9 +22,9 @@ class PictureFolder:
     Parameters
     ----------
     folder : Path
-        Holds them; nothing outside it is read.
+        The folder; nothing outside it is read.
     times_s : sequence of float or None
-        Time of each picture [s], rising; None where they have none.
+        Time of each picture [s], increasing; None if they have no times.
 
     Raises
     ------
@@ -73,7 +73,9 @@ def list_pictures(folder: Path) -> tuple[Path, ...]:
         ) from error
     for entry in found:
         if not entry.is_file(follow_symlinks=False):
-            raise CameraError(f"{entry.path} is no regular file", "copy the picture itself into the folder")
+            raise CameraError(
+                f"{entry.path} is not a regular file", "copy the picture itself into the folder"
+            )
     if not found:
         raise CameraError(
             f"folder {folder} holds no picture", f"pictures end in {' '.join(sorted(PICTURE_SUFFIXES))}"
@@ -87,7 +89,7 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
     Raises
     ------
     CameraError
-        When the file cannot be read, a picture has no time or two, or the folder does not hold a named picture.
+        When the file cannot be read, a picture has no time or two times, or a named picture is not in the folder.
     """
     file, names = folder / SIDECAR, {path.name for path in paths}
     try:
@@ -95,7 +97,8 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
             header, *rows = [*csv.reader(lines)] or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CameraError(
-            f"{file} cannot be read: {error}", "it holds a line picture,t_s for each"
+            f"{file} cannot be read: {error}",
+            "it must have the header picture,t_s and a line for each picture",
         ) from error
     if header != _COLUMNS:
         raise CameraError(f"{file}:1: the columns are {header}", f"expected {','.join(_COLUMNS)}")
@@ -107,7 +110,7 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
             raise CameraError(f"{file}:{number}: picture {name!r} {says}", "one line for each picture")
         times_s[name] = time_s
     if missing := [path.name for path in paths if path.name not in times_s]:
-        raise CameraError(f"{file} has no time of {missing[0]}", "one line for each picture")
+        raise CameraError(f"{file} has no time for {missing[0]}", "one line for each picture")
     return [times_s[path.name] for path in paths]
 
 
@@ -117,7 +120,7 @@ def _sidecar_line(where: str, row: Sequence[str]) -> tuple[str, float]:
         time_s = float(text)
     except ValueError as error:
         raise CameraError(
-            f"{where}: {','.join(row)!r} is no picture with its time", "write 1.png,0.04"
+            f"{where}: {','.join(row)!r} is not a picture with its time", "write 1.png,0.04"
         ) from error
     if not math.isfinite(time_s):
         raise CameraError(f"{where}: the time of {name} is {text}", "write seconds")
@@ -125,12 +128,12 @@ def _sidecar_line(where: str, row: Sequence[str]) -> tuple[str, float]:
 
 
 def require_rising(paths: Sequence[Path], times_s: Sequence[float]) -> None:
-    """Refuse times that do not rise. Raises `CameraError`."""
+    """Refuse times that do not increase. Raises `CameraError`."""
     for (first, early_s), (second, late_s) in pairwise(zip(paths, times_s, strict=True)):
         if late_s <= early_s:
             raise CameraError(
-                f"{second.name} is of {late_s:.6f} s, not later than {first.name} of {early_s:.6f} s",
-                "state times: rate where the pictures have no times of their own, or rename them in their order",
+                f"{second.name} is at {late_s:.6f} s, not later than {first.name} at {early_s:.6f} s",
+                "write times: rate if the pictures have no times of their own, or rename them in order of time",
             )
 
 
@@ -138,7 +141,7 @@ def _read(path: Path) -> Picture:
     try:
         size = path.stat().st_size
         if size > _MOST_BYTES:
-            raise CameraError(f"{path} has {size} bytes, {_MOST_BYTES} is the most", "save it smaller")
+            raise CameraError(f"{path} has {size} bytes, more than {_MOST_BYTES}", "save a smaller picture")
         return read_picture(path)
     except (OSError, PictureError) as error:
         raise CameraError(str(error), getattr(error, "hint", "")) from error

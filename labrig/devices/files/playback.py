@@ -1,4 +1,4 @@
-"""Recorded pictures as a source: each read takes the next picture, or the one that is due by its time."""
+"""Recorded pictures as a source: each read takes the next picture, or the one whose time has come."""
 
 from typing import Protocol
 
@@ -13,14 +13,14 @@ _LONGEST_GAP_S = 5.0
 
 
 class RecordedPictures(Protocol):
-    """Recorded pictures in their order, each taken once.
+    """Recorded pictures in order, each taken once.
 
     Attributes
     ----------
     description : str
-        Names them in messages.
+        Their name in messages.
     passed : int
-        Pictures that were taken or skipped.
+        Number of pictures taken or skipped.
     """
 
     description: str
@@ -30,7 +30,7 @@ class RecordedPictures(Protocol):
         """Return width and height of a picture."""
 
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
-        """Return the next picture that is not older than this [s after the first], and its time; None at the end."""
+        """Return the next picture not older than `from_s` [s after the first], and its time; None at the end."""
 
     def close(self) -> None:
         """Close the file."""
@@ -46,7 +46,7 @@ class PlaybackSource:
     clock : Clock
         Rig time.
     start_s : float
-        Time of the first read, since the first picture [s].
+        Time of the first read, counted from the first picture [s].
     """
 
     def __init__(self, pictures: RecordedPictures, clock: Clock, start_s: float) -> None:
@@ -59,12 +59,12 @@ class PlaybackSource:
 
     @property
     def description(self) -> str:
-        """What is played."""
+        """The name of the pictures in messages."""
         return self._pictures.description
 
     @property
     def exposures(self) -> int:
-        """Pictures taken or skipped."""
+        """Number of pictures taken or skipped."""
         return self._pictures.passed
 
     def set(self, name: str, value: Setting) -> None:
@@ -80,7 +80,7 @@ class PlaybackSource:
         Raises
         ------
         CameraError
-            When none is left, or the next one is seconds later.
+            When no picture is left, or the next one is too much later.
         """
         now_s = self._clock.now_s()
         if self._zero_s is None:
@@ -89,21 +89,21 @@ class PlaybackSource:
         taken = self._pictures.take(from_s)
         if taken is None:
             raise CameraError(
-                f"the pictures have ended: {self.description}, {self.exposures} taken or passed over{self._until()}",
-                "record more of them, or ask for fewer: labrig check PROTOCOL says how many a run takes",
+                f"the pictures have ended: {self.description}, {self.exposures} taken or skipped{self._until()}",
+                "record more pictures, or take fewer: labrig check PROTOCOL says how many a run takes",
             )
         image, self._last_s = taken
         if self._last_s is None:
             return Exposure(image)
         if self._last_s - from_s > _LONGEST_GAP_S:
             raise CameraError(
-                f"{self.description}: the next picture is of {self._last_s:.3f} s, one of {from_s:.3f} s was asked for",
-                f"pictures are waited for at most {_LONGEST_GAP_S:g} s",
+                f"{self.description}: the next picture is at {self._last_s:.3f} s, {from_s:.3f} s was requested",
+                f"labrig waits at most {_LONGEST_GAP_S:g} s for a picture",
             )
         return Exposure(image, self._zero_s + self._last_s, t_bound_s=0.0)
 
     def _until(self) -> str:
-        return "" if self._last_s is None else f", the last one taken of {self._last_s:.3f} s"
+        return "" if self._last_s is None else f", the last one taken at {self._last_s:.3f} s"
 
     def close(self) -> None:
         """Close the file."""

@@ -11,26 +11,26 @@ from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.model import Conflict
 
 MOST_PIXELS = 7680 * 4320
-"""Pixels of the largest picture, that of 8K video: a stream is not to fill the memory."""
+"""Pixels of the largest picture, that of 8K video: a stream must not fill the memory."""
 
 STREAMS = ("http", "https", "rtsp", "rtmp")
-"""Schemes of the streams that are opened."""
+"""URL schemes of the streams that labrig opens."""
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(//[^\s/?#]+)?")
 
 
 def _check_source(source: str) -> str:
     if source.startswith("-"):
-        raise ValueError("a name that starts with - is taken for an option; write ./ before it")
+        raise ValueError("a name that starts with - reads as an option; write ./ before it")
     if " ! " in source:
-        raise ValueError("a GStreamer pipeline is not opened; name a folder, a video file or a stream")
+        raise ValueError("labrig opens no GStreamer pipeline; name a folder, a video file or a stream")
     if not source.isprintable():
         raise ValueError("a control character is not allowed")
     found = _SCHEME.match(source)
     if found is not None and found[1].lower() not in STREAMS:
-        raise ValueError(f"{found[1]}: is none of the streams that are opened: {', '.join(STREAMS)}")
+        raise ValueError(f"{found[1]}: is not a stream that labrig opens: {', '.join(STREAMS)}")
     if found is not None and found[2] is None:
-        raise ValueError(f"a stream names its host: {found[1]}://HOST/...")
+        raise ValueError(f"the stream has no host, expected {found[1]}://HOST/...")
     return source
 
 
@@ -52,17 +52,17 @@ class FilesCameraDescription(CameraDescription):
     )
     times: Literal["rate", "sidecar", "modified"] | None = Field(
         None,
-        description="Where times come from. rate: a picture every 1 / rate_hz; sidecar: times.csv in the folder, with "
-        "the columns picture and t_s; modified: when each file was. null: a video has its own; from a folder, the next "
-        "picture is taken each time that one is asked for.",
+        description="Times of the pictures. rate: one every 1 / rate_hz; sidecar: from times.csv in the folder, with "
+        "the columns picture and t_s; modified: the modification time of each file. null: a video has its own times; a "
+        "folder gives its next picture at each request.",
     )
     start_s: Annotated[float, Field(ge=0, le=1e6)] = Field(
-        0.0, description="How long after the first picture the one was taken that a run takes first [s]."
+        0.0, description="Time of the picture that a run takes first, counted from the first picture [s]."
     )
     latency_s: Annotated[float, Field(ge=0, le=5)] = Field(
         0.5,
-        description="The longest that a picture of a stream is on its way, as measured: only one that arrives later "
-        "than this is known to be newer than its command [s].",
+        description="Longest measured latency of a picture of the stream; a picture counts as newer than its command "
+        "only if it arrives later than this [s].",
     )
 
     @property
@@ -76,20 +76,20 @@ class FilesCameraDescription(CameraDescription):
         return mask_passwords(self.source)
 
     def settings(self) -> dict[str, Setting]:
-        """Return what the pictures have to be; they were taken at a rate of their own."""
+        """Return the required size of the pictures; they have a rate of their own."""
         return {"width_px": self.width_px, "height_px": self.height_px}
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield pictures that are too large, and times that a stream cannot have."""
+        """Yield a picture size that is too large, and keys that a stream cannot have."""
         if self.width_px * self.height_px > MOST_PIXELS:
             yield Conflict(
                 "width_px",
-                f"a picture has {self.width_px * self.height_px} pixels, {MOST_PIXELS} is the most",
+                f"a picture has {self.width_px * self.height_px} pixels, more than {MOST_PIXELS}",
                 "record smaller pictures",
             )
         if self.is_stream and self.times is not None:
             yield Conflict(
-                "times", f"times is {self.times}, a stream has those of arrival", "write times: null"
+                "times", f"times is {self.times}, a stream has the times of arrival", "write times: null"
             )
         if self.is_stream and self.start_s:
             yield Conflict("start_s", f"start_s is {self.start_s:g}, a stream has no start", "leave it out")

@@ -49,7 +49,7 @@ def open_stream(url: str, address: str) -> cv2.VideoCapture:
     if url == address and "***@" in url:
         raise CameraError(
             f"the password of {address} is not known: records do not keep it",
-            "write it in the rig file, and name that with --rig FILE",
+            "write it in the rig file, and name that file with --rig FILE",
         )
     limits = (cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, cv2.CAP_PROP_READ_TIMEOUT_MSEC)
     milliseconds = int(1000 * TIMEOUT_S)
@@ -57,7 +57,7 @@ def open_stream(url: str, address: str) -> cv2.VideoCapture:
     if not capture.isOpened():
         raise CameraError(
             f"stream {address} cannot be opened within {TIMEOUT_S:g} s",
-            "check address, user and password, and that the other end is running",
+            "check address, user and password, and that the sender is running",
         )
     return capture
 
@@ -68,7 +68,7 @@ class StreamSource:
     Parameters
     ----------
     capture : StreamCapture
-        The opened stream; only the thread uses and closes it.
+        The open stream; only the thread uses and closes it.
     address : str
         Its name in messages.
     clock : Clock
@@ -117,12 +117,12 @@ class StreamSource:
         return self._size.get(name) or None
 
     def read(self) -> Exposure:
-        """Return a picture that arrived late enough after this call to have been taken after it.
+        """Return a picture that arrived so long after this call that it was taken after it.
 
         Raises
         ------
         CameraError
-            When none comes in time, or the stream has ended.
+            When no picture arrives in time, or the stream has ended.
         """
         asked_s, asked_rig_s = self._monotonic_s(), self._clock.now_s()
         with self._changed:
@@ -132,7 +132,7 @@ class StreamSource:
             found, is_over = self._newest_since(asked_s), self._is_over
         if found is None:
             how = "has ended" if is_over else f"gave no picture within {self._timeout_s:g} s"
-            raise CameraError(f"{self.description}: it {how}, after {self.exposures}", "check the other end")
+            raise CameraError(f"{self.description}: it {how}, after {self.exposures}", "check the sender")
         arrived_s, image = found
         age_s = self._monotonic_s() - arrived_s
         # Simulated time does not pass during the wait.

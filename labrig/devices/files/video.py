@@ -19,7 +19,7 @@ class VideoFile:
     path : Path
         The file: a regular file, not a list of other files.
     rate_hz : float or None
-        A picture every 1 / rate_hz; None takes the times in the file.
+        Rate of the pictures; None takes the times in the file.
 
     Raises
     ------
@@ -32,7 +32,7 @@ class VideoFile:
         self._capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise CameraError(
-                f"{path} is no video that OpenCV opens", "convert it to MJPEG in .avi, or to .mp4"
+                f"{path} is not a video that OpenCV can open", "convert it to MJPEG in .avi, or to .mp4"
             )
         self.description = f"recorded pictures of video {path}"
         self.passed = 0
@@ -48,7 +48,7 @@ class VideoFile:
         )
 
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
-        """Return the next picture of this time or later; None after the last."""
+        """Return the next picture at `from_s` or later, and its time; None after the last."""
         while self._capture.grab():
             time_s = self._time_s()
             self.passed += 1
@@ -63,8 +63,8 @@ class VideoFile:
         time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
         if time_s <= self._last_s:
             raise CameraError(
-                f"picture {self.passed} of {self._path} is of {time_s:.6f} s, not later than the one before it",
-                "state times: rate, and rate_hz as it was filmed",
+                f"picture {self.passed} of {self._path} is at {time_s:.6f} s, not later than the one before it",
+                "write times: rate, and the rate of the camera as rate_hz",
             )
         self._last_s = time_s
         return time_s

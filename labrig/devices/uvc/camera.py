@@ -30,7 +30,7 @@ class UvcCamera(CameraKind[UvcCameraDescription]):
         Raises
         ------
         CameraError
-            When there is no such device, or it is no camera.
+            When there is no such device, or it is not a camera.
         """
         # Opened first: it fails with a reason, where OpenCV prints to stderr and says no.
         controls = V4l2Controls(section.device)

@@ -1,8 +1,8 @@
 """Camera controls of Linux (Video4Linux2) through ioctl.
 
-OpenCV sets some of these controls as well, but rescales them, switches automatic modes back on between the
-calls and reports what it asked for instead of what the camera does. Numbers are those of linux/videodev2.h
-and v4l2-controls.h.
+OpenCV sets some of these controls too, but it rescales them, switches automatic modes back on between calls, and
+reports what it requested instead of what the camera does. The numbers are those of linux/videodev2.h and
+v4l2-controls.h.
 """
 
 import os
@@ -16,13 +16,13 @@ from labrig.posix import control_device
 _CONTROL = struct.Struct("=Ii")
 
 
-def _read_write(number: int) -> int:
+def _encode_read_write(number: int) -> int:
     """Return the request code _IOWR('V', number, struct v4l2_control)."""
     return 3 << 30 | _CONTROL.size << 16 | ord("V") << 8 | number
 
 
-GET_CONTROL = _read_write(27)
-SET_CONTROL = _read_write(28)
+GET_CONTROL = _encode_read_write(27)
+SET_CONTROL = _encode_read_write(28)
 
 _CAPABILITY_BYTES = 104
 QUERY_CAPABILITY = 2 << 30 | _CAPABILITY_BYTES << 16 | ord("V") << 8
@@ -33,7 +33,7 @@ _CAMERA = 0x009A0900
 
 @dataclass(frozen=True)
 class Control:
-    """One control: its id, our units a step of it, and the automatic mode that must be off first."""
+    """One control: its id, the units of the setting per step, and the automatic mode that must be off first."""
 
     identifier: int
     units_per_step: int = 1
@@ -64,7 +64,7 @@ class V4l2Controls:
     Raises
     ------
     CameraError
-        When it cannot be opened, or is no camera.
+        When the device cannot be opened or is not a camera.
     """
 
     def __init__(self, device: str) -> None:
@@ -85,33 +85,33 @@ class V4l2Controls:
         except OSError as error:
             os.close(self._handle)
             raise CameraError(
-                f"{device} is no camera: {error.strerror}", "ls /dev/video* shows which there are"
+                f"{device} is not a camera: {error.strerror}", "ls /dev/video* shows which there are"
             ) from error
 
     def set(self, name: str, value: float) -> None:
-        """Switch the automatic mode of a setting off, and make the setting.
+        """Switch the automatic mode of a setting off, and set its value.
 
-        A control that refuses keeps its value, which the camera's readback then shows.
+        A control that ignores the value keeps its own, which the camera's readback shows.
 
         Raises
         ------
         CameraError
-            When the device is no camera or has no such control.
+            When the device refuses the control.
         """
         control = CONTROLS[name]
-        if control.automatic is not None and self._ask(GET_CONTROL, control.automatic, 0) is not None:
-            self._ask(SET_CONTROL, control.automatic, control.manual)
+        if control.automatic is not None and self._request(GET_CONTROL, control.automatic, 0) is not None:
+            self._request(SET_CONTROL, control.automatic, control.manual)
         step = _MAINS_MENU[int(value)] if name == "mains_hz" else int(value) // control.units_per_step
-        if self._ask(SET_CONTROL, control.identifier, step) is None:
+        if self._request(SET_CONTROL, control.identifier, step) is None:
             raise CameraError(
-                f"camera {self._device} takes no {name} = {value:g}",
-                f"write camera.{name}: null where it has none; v4l2-ctl --list-ctrls shows what it has",
+                f"camera {self._device} does not accept {name} = {value:g}",
+                f"write camera.{name}: null if it has no such control; v4l2-ctl --list-ctrls lists its controls",
             )
 
     def get(self, name: str) -> float | None:
-        """Return the value of a setting as the camera tells it; None where it tells none."""
+        """Return the value of a setting that the camera reports; None if it reports none."""
         control = CONTROLS[name]
-        step = self._ask(GET_CONTROL, control.identifier, 0)
+        step = self._request(GET_CONTROL, control.identifier, 0)
         if step is None:
             return None
         if name == "mains_hz":
@@ -122,8 +122,8 @@ class V4l2Controls:
         """Close the device file."""
         os.close(self._handle)
 
-    def _ask(self, request: int, identifier: int, value: int) -> int | None:
-        """Return the value that the control has after the request; None when the device refuses it."""
+    def _request(self, request: int, identifier: int, value: int) -> int | None:
+        """Return the value of the control after the request; None if the device refuses it."""
         try:
             answer = control_device(self._handle, request, _CONTROL.pack(identifier, value))
         except OSError:

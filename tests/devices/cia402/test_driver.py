@@ -178,9 +178,9 @@ def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
 
 
 ANOTHER: dict[str, tuple[Entry, int, str]] = {
-    "product": (co.PRODUCT_CODE, 0x62200000, r"of product 0x62200000 \(0x1018:02\).*of 0x61500000"),
-    "vendor": (co.VENDOR_ID, 0x2F, r"of vendor 0x0000002F \(0x1018:01\)"),
-    "profile": (co.DEVICE_TYPE, 401, r"device type 0x00000191 \(0x1000:00\), no drive of CiA 402"),
+    "product": (co.PRODUCT_CODE, 0x62200000, r"has product 0x62200000 \(0x1018:02\).*for 0x61500000"),
+    "vendor": (co.VENDOR_ID, 0x2F, r"has vendor 0x0000002F \(0x1018:01\)"),
+    "profile": (co.DEVICE_TYPE, 401, r"device type 0x00000191 \(0x1000:00\), expected a CiA 402 drive"),
     "modes": (co.SUPPORTED_MODES, 0x24, r"no mode profile position \(0x6502:00 is 0x00000024\)"),
     "velocity": (
         od.VELOCITY_UNIT,
@@ -263,7 +263,7 @@ def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus)
     ready.node.objects.values[home] *= -1
     while not ready.driver.has_homed():
         ready.clock.sleep(0.01)
-    with pytest.raises(DriveError, match="home position with the other sign"):
+    with pytest.raises(DriveError, match="opposite sign for the home position"):
         ready.driver.finish_homing(homing)
     assert ready.driver.decode(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
 
@@ -273,7 +273,7 @@ def test_a_home_position_that_nothing_keeps_is_refused(tmp_path: Path) -> None:
     with drive_on_a_bus(section_of(tmp_path, objects={})) as one:
         one.get_ready()
         for homing in (Homing(HOMING_HERE, position=1.0), Homing(17, offset=1.0)):
-            with pytest.raises(DriveError, match="keeps no home position but zero"):
+            with pytest.raises(DriveError, match="has no home position but zero"):
                 one.driver.start_homing(homing)
 
 

@@ -47,13 +47,13 @@ def test_numbers_are_read_as_manufacturers_write_them() -> None:
 
 
 REFUSED = {
-    "no section": ("VendorNumber=1\n", "is no EDS file"),
-    "bytes": ("\x7fELF\x00\x01", "is no EDS file"),
-    "a YAML file": ("axes:\n  insertion: {}\n", "is no EDS file"),
-    "a section twice": ("[DeviceInfo]\n[6040]\nDataType=6\n[6040]\nDataType=7\n", "is no EDS file"),
+    "no section": ("VendorNumber=1\n", "is not an EDS file"),
+    "bytes": ("\x7fELF\x00\x01", "is not an EDS file"),
+    "a YAML file": ("axes:\n  insertion: {}\n", "is not an EDS file"),
+    "a section twice": ("[DeviceInfo]\n[6040]\nDataType=6\n[6040]\nDataType=7\n", "is not an EDS file"),
     "no device": ("[6040]\nDataType=6\nAccessType=rw\n", "no section [DeviceInfo]"),
-    "no vendor": (eds_text(device={"VendorNumber": None}), "does not say VendorNumber"),
-    "no product": (eds_text(device={"ProductNumber": ""}), "does not say ProductNumber"),
+    "no vendor": (eds_text(device={"VendorNumber": None}), "has no VendorNumber"),
+    "no product": (eds_text(device={"ProductNumber": ""}), "has no ProductNumber"),
 }
 
 

@@ -34,7 +34,7 @@ from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
 from labrig.runner.experiment import Experiment, RunPlan
-from labrig.runner.plan import estimate
+from labrig.runner.plan import estimate_disk_bytes
 from labrig.runner.session import Session
 
 
@@ -78,10 +78,9 @@ def perform(order: RunOrder) -> FinishedRun:
     plan = order.experiment.plan(order.protocol, order.rig)
     if plan.problems:
         raise FileFormatError(plan.problems)
-    needs = estimate(plan, order.rig)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
-    require_free_bytes(order.runs_dir, needs.disk_bytes + int(1e6 * least_free_mb))
-    return finish(_record(order, plan, needs.work), order.command_line)
+    require_free_bytes(order.runs_dir, estimate_disk_bytes(plan, order.rig) + int(1e6 * least_free_mb))
+    return finish(_record(order, plan), order.command_line)
 
 
 def finish(recorded: RecordedRun, command_line: tuple[str, ...]) -> FinishedRun:
@@ -125,7 +124,7 @@ def _make_unmeasured(path: Path, signal_name: str) -> FinishedRun:
     return FinishedRun(path, "success", message, None, None, InterruptedRunError(message), "")
 
 
-def _record(order: RunOrder, plan: RunPlan, work: float) -> RecordedRun:
+def _record(order: RunOrder, plan: RunPlan) -> RecordedRun:
     """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
@@ -134,7 +133,7 @@ def _record(order: RunOrder, plan: RunPlan, work: float) -> RecordedRun:
             recorder = _open_record(order, plan, rig.clock, rig.describe())
             return recorder.path, conduct(experiment, protocol, Session(rig, recorder, reporter))
 
-        return record_on_rig(experiment, protocol, order.rig, work, order.command_line, act)
+        return record_on_rig(experiment, protocol, order.rig, plan.work, order.command_line, act)
     clock = SystemClock()
     recorder = _open_record(order, plan, clock, {})
     return RecordedRun(recorder.path, conduct_without_rig(experiment, recorder, clock), "", None)

@@ -34,7 +34,7 @@ def check(
     from labrig.experiments.registry import find_experiment
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.protocol.load import load_protocol
-    from labrig.runner.plan import estimate
+    from labrig.runner.plan import estimate_disk_bytes
 
     protocol_settings, rig_settings = split_overrides(settings)
     faults = _report_plugin_faults(EXPERIMENTS)
@@ -54,17 +54,17 @@ def check(
     experiment.require_parts()
     plan = experiment.plan(loaded, description)
     problems = plan.problems if plan.refusal is None else (plan.refusal,)
-    needs = estimate(plan, description)
+    disk_bytes = estimate_disk_bytes(plan, description)
     if as_json:
-        _print_check(problems, needs.duration_s, needs.disk_bytes, faults)
+        _print_check(problems, plan.duration_s, disk_bytes, faults)
     else:
         _print_problems(problems)
         verdict = "cannot run" if problems else "can run"
         where = "without a rig" if description is None else f"on rig {description.name}"
         print_wrapped(
-            f"{protocol} {verdict} {where}: {needs.duration_s / 60:.0f} min of motion, "
-            f"{plural(needs.operator_steps, 'operator step')}, {plural(needs.pictures, 'picture')}, "
-            f"{needs.disk_bytes / 1e6:.0f} MB"
+            f"{protocol} {verdict} {where}: {plan.duration_s / 60:.0f} min of motion, "
+            f"{plural(plan.operator_steps, 'operator step')}, {plural(plan.pictures, 'picture')}, "
+            f"{disk_bytes / 1e6:.0f} MB"
         )
     return 1 if problems else 0
 

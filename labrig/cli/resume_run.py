@@ -29,7 +29,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment, Remainder
-from labrig.runner.plan import estimate
+from labrig.runner.plan import estimate_disk_bytes
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import recorded_path
 
@@ -89,11 +89,10 @@ def resume_run(
     say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left")
     continuation = Continuation(run, experiment, recorded, remainder, description, command_line)
     plan = experiment.plan(recorded, description)
-    needs = estimate(plan, description)
     share = remainder.left / plan.trials
     least_free_mb = description.recording.least_free_mb
-    require_free_bytes(path, int(share * needs.disk_bytes + 1e6 * least_free_mb))
-    return finish(_record_rest(continuation, needs.work), command_line)
+    require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
+    return finish(_record_rest(continuation, plan.work), command_line)
 
 
 def _suggest_alternative(run: Run, experiment: Experiment) -> str:

@@ -200,7 +200,7 @@ def check_travel(rig: Rig, name: str, distance: float, speed: float | None = Non
     before = _read_scale(rig, name, "Lay a scale beside the axis, positive the way the axis counts.")
     _jog(rig, name, distance, speed)
     after = _read_scale(rig, name, "The axis has moved.")
-    return judge_travel(name, _description(rig, name), distance, after - before)
+    return judge_travel(name, rig.axis(name).description, distance, after - before)
 
 
 def check_backlash(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
@@ -213,7 +213,7 @@ def check_backlash(rig: Rig, name: str, distance: float, speed: float | None = N
     before = _read_scale(rig, name, "The axis has come from below.")
     _jog(rig, name, -abs(distance), speed)
     after = _read_scale(rig, name, "The axis has gone back.")
-    return judge_backlash(name, _description(rig, name), distance, after - before)
+    return judge_backlash(name, rig.axis(name).description, distance, after - before)
 
 
 def check_limits(rig: Rig, name: str, speed: float | None = None) -> list[Finding]:
@@ -286,10 +286,6 @@ def _read_scale(rig: Rig, name: str, instruction: str) -> float:
     if not answer.confirmed or answer.reading is None:
         raise SafetyStopError("no reading was given", "start again when the scale can be read")
     return math.radians(answer.reading) if turns else answer.reading
-
-
-def _description(rig: Rig, name: str) -> AxisDescription:
-    return dict(rig.description.axes.items())[name]
 
 
 def _confirm(rig: Rig, request: OperatorRequest) -> None:

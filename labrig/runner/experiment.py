@@ -58,6 +58,11 @@ class RunPlan:
     problems: tuple[Problem, ...] = ()
     refusal: Problem | None = None
 
+    @property
+    def work(self) -> float:
+        """What progress counts up to: rig time [s], or pictures where nothing moves."""
+        return self.duration_s or float(self.pictures)
+
 
 @dataclass(frozen=True)
 class Remainder:

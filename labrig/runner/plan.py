@@ -1,7 +1,6 @@
 """What a run is going to ask of a rig, checked and estimated before anything moves."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Protocol
 
 from labrig.devices.check import check_calibration
@@ -34,21 +33,6 @@ class Speeds(Protocol):
     def withdraw_speed_mm_s(self) -> float:
         """Speed of the way back [mm/s]."""
         ...
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What a run will take: rig time without the operator's, pictures, bytes on disk, and what the operator does."""
-
-    duration_s: float
-    pictures: int
-    disk_bytes: int
-    operator_steps: int
-
-    @property
-    def work(self) -> float:
-        """What progress counts up to: rig time [s], or pictures where nothing moves."""
-        return self.duration_s or float(self.pictures)
 
 
 def insertion_moves(key: str, length_mm: float, speeds: Speeds, sheath: Sheath) -> tuple[PlannedMove, ...]:
@@ -125,12 +109,11 @@ def find_move_problems(
     return tuple(problems)
 
 
-def estimate(plan: RunPlan, rig: RigDescription | None) -> Estimate:
-    """Return what a run will take of time, disk and the operator; a run without a rig (None) takes none of them."""
+def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:
+    """Return how much of the disk a run will take; a run without a rig (None) takes none."""
     if rig is None:
-        return Estimate(0.0, 0, 0, 0)
+        return 0
     share = 1.0 if rig.camera.store == "raw" else _PNG_SHARE
     frame_bytes = int(share * rig.camera.width_px * rig.camera.height_px)
     states_bytes = int(plan.duration_s * rig.recording.state_rate_hz * _BYTES_A_STATE)
-    disk_bytes = plan.pictures * frame_bytes + states_bytes
-    return Estimate(plan.duration_s, plan.pictures, disk_bytes, plan.operator_steps)
+    return plan.pictures * frame_bytes + states_bytes

@@ -22,7 +22,6 @@ from labrig.record.json_lines import as_recorded
 from labrig.record.reader import Run
 from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_rig
 from labrig.runner.experiment import Experiment
-from labrig.runner.plan import estimate
 from labrig.runner.session import Progress, Session
 
 _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "truth"}
@@ -90,8 +89,7 @@ def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) 
     """Return what the progress of a replay counts up to."""
     if not experiment.moves_rig:
         return 1.0
-    rig = load_recorded_rig(run)
-    return estimate(experiment.plan(protocol, rig), rig).work
+    return experiment.plan(protocol, load_recorded_rig(run)).work
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ A needle that has been turned on its way lies in a track with bends in several d
 back, its stiff tip would cut another one. The path is what the axes read while it went in.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -33,22 +33,8 @@ class ReverseMove:
     position: float
 
 
-@dataclass(frozen=True)
-class WithdrawalSpeeds:
-    """How fast a needle is withdrawn; each is rounded down to what the motor's integer rpm allow."""
-
-    insertion_mm_s: float = 1.0
-    rotation_rad_s: float = 0.5
-    linear_mm_s: float = 1.0
-
-    def of(self, axis: str) -> float:
-        """Return the speed of an axis [mm/s or rad/s]."""
-        speeds = {"insertion": self.insertion_mm_s, "rotation": self.rotation_rad_s}
-        return speeds.get(axis, self.linear_mm_s)
-
-
-SLOWLY = WithdrawalSpeeds()
-"""The speeds at which a needle is withdrawn unless somebody says otherwise."""
+SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
+"""The speed of each axis at which a needle is withdrawn unless somebody says otherwise [mm/s or rad/s]."""
 
 
 def recorded_path(run: Run) -> tuple[AxisPositions, ...]:
@@ -136,7 +122,7 @@ def _joined(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
     return joined
 
 
-def withdraw(session: Session, path: Sequence[AxisPositions], speeds: WithdrawalSpeeds = SLOWLY) -> None:
+def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[str, float] = SLOWLY) -> None:
     """Withdraw the needle from where it stands along the path by which it came, and the sheath after it.
 
     The needle counts as out when every axis has a reference and has arrived; where positions are only believed, when
@@ -148,8 +134,8 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Withdrawal
         Every axis of its rig has a reference, or a position that a person has confirmed.
     path : sequence of Stance
         The path so far, as `recorded_path` or the states of this trial give it.
-    speeds : WithdrawalSpeeds
-        How fast.
+    speeds : mapping of str to float
+        How fast each axis moves [mm/s or rad/s]; rounded down to what the motor's integer rpm allow.
 
     Raises
     ------
@@ -163,7 +149,7 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Withdrawal
     session.record(WithdrawalStart(moves=len(moves)))
     for move in moves:
         axis = rig.axis(move.axis)
-        session.move(move.axis, move.position, axis.nearest_speed(min(speeds.of(move.axis), axis.max_speed)))
+        session.move(move.axis, move.position, axis.nearest_speed(min(speeds[move.axis], axis.max_speed)))
     if not all(axis.referenced for axis in rig.axes):
         session.ask(ConfirmNeedleOut("the positions from which it was withdrawn were only believed"))
     rig.needle.mark_out()

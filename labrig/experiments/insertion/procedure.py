@@ -41,7 +41,7 @@ from labrig.experiments.shared.roll_zero_search import find_roll_zero
 from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
-from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
+from labrig.runner.withdrawal import withdraw
 from labrig.steering.planner import sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
 from labrig.steering.step import SteeringState, start_steering, step_steering
@@ -284,10 +284,11 @@ class _Insertion:
         )
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
-        rotation = session.rig.rotation
-        speeds = WithdrawalSpeeds(
-            protocol.insertion.withdraw_speed_mm_s, rotation.max_speed / 2, protocol.sheath.speed_mm_s
-        )
+        speeds = {
+            "insertion": protocol.insertion.withdraw_speed_mm_s,
+            "rotation": session.rig.rotation.max_speed / 2,
+            "linear": protocol.sheath.speed_mm_s,
+        }
         withdraw(session, self.path, speeds)
         reached = command.stop == "target_reached"
         session.record(

@@ -18,7 +18,7 @@ from labrig.protocol.sections import Advance, GridSentinel, Needle, RollZeroStep
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import WithdrawalSpeeds, withdraw
+from labrig.runner.withdrawal import withdraw
 from labrig.steering.roll_zero import fit_roll_zero
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
@@ -107,9 +107,11 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
     if origin is None or origin.accepted:
         session.move("insertion", steps.length_mm, advance.speed_mm_s)
         picture = session.take_picture(RollZeroRole.NEEDLE)
-    speeds = WithdrawalSpeeds(
-        advance.withdraw_speed_mm_s, rig.rotation.max_speed / 2, order.sheath.speed_mm_s
-    )
+    speeds = {
+        "insertion": advance.withdraw_speed_mm_s,
+        "rotation": rig.rotation.max_speed / 2,
+        "linear": order.sheath.speed_mm_s,
+    }
     withdraw(session, (AxisPositions(0.0, roll_rad, order.sheath.depth_mm),), speeds)
     if picture is None:
         reason = "" if origin is None else (origin.reason or "")

@@ -31,15 +31,12 @@ class Past:
         Its insertions so far.
     insertions : tuple of PastInsertion
         The same, as a gel remembers them.
-    unmarked : tuple of int
-        Trials that have no end yet.
-    needle_path : tuple of Stance
+    needle_path : tuple of AxisPositions
         How the needle came to where it was last seen; empty where it was out.
     """
 
     begun: tuple[BegunTrial, ...]
     insertions: tuple[PastInsertion, ...]
-    unmarked: tuple[int, ...]
     needle_path: tuple[AxisPositions, ...]
 
 
@@ -53,31 +50,12 @@ def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
     RecordError
         When the record is damaged.
     """
-    past = read_past(run)
-    kept = sum(trial.finished for trial in past.begun)
-    left = remaining_trials(protocol, past.begun)
+    begun = run.read_trials(SweepTrialStart, SweepTrialStop)
+    insertions = tuple(_insertions(run.states, [trial.start for trial in begun]))
+    past = Past(begun, insertions, recorded_path(run))
+    kept = sum(trial.exit_status == "success" for trial in begun)
+    left = remaining_trials(protocol, begun)
     return Remainder(kept, len(left), partial(_go_on, protocol, past))
-
-
-def read_past(run: Run) -> Past:
-    """Read what a run holds of its sweep. Raises `RecordError` when the record is damaged."""
-    trials = run.read_trials(SweepTrialStart, SweepTrialStop)
-    return Past(
-        begun=tuple(
-            BegunTrial(
-                trial=trial.start.trial,
-                specimen=trial.start.specimen,
-                hole=trial.start.hole,
-                hole_position_mm=trial.start.hole_position_mm,
-                finished=trial.exit_status == "success",
-                repeats=trial.start.repeats,
-            )
-            for trial in trials
-        ),
-        insertions=tuple(_insertions(run.states, [trial.start for trial in trials])),
-        unmarked=tuple(trial.start.trial for trial in trials if trial.stop is None),
-        needle_path=recorded_path(run),
-    )
 
 
 def _insertions(states: pd.DataFrame, starts: Sequence[SweepTrialStart]) -> Iterator[PastInsertion]:
@@ -100,8 +78,9 @@ def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None
     Nothing is homed or referenced before the needle is known to be out.
     """
     left = remaining_trials(protocol, past.begun)
-    for trial in past.unmarked:
-        session.record(TrialStop(trial=trial, exit_status=INTERRUPTED))
+    for trial in past.begun:
+        if trial.stop is None:
+            session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
     _take_needle_out(session, past.needle_path)
     mount_and_reference(protocol, session)
     session.rig.recall(past.insertions)

@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from labrig.errors import InputError
+from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Specimen
+from labrig.record.events import RecordedTrial
 
 
 @dataclass(frozen=True)
@@ -33,16 +36,8 @@ class PlannedTrial:
     repeats: int | None = None
 
 
-@dataclass(frozen=True)
-class BegunTrial:
-    """One insertion that a record holds: where it went in, and whether it came to its end."""
-
-    trial: int
-    specimen: str
-    hole: int
-    hole_position_mm: float
-    finished: bool
-    repeats: int | None = None
+BegunTrial: TypeAlias = RecordedTrial[SweepTrialStart, SweepTrialStop]
+"""One insertion that a record holds: where it went in, and whether it came to its end."""
 
 
 def planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
@@ -66,7 +61,7 @@ def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
     InputError
         When a block has no room for another entry point.
     """
-    numbers = {trial.trial for trial in begun}
+    numbers = {trial.start.trial for trial in begun}
     left = [trial for trial in planned_trials(protocol) if trial.trial not in numbers]
     left += _repeats(protocol, begun)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
@@ -74,16 +69,17 @@ def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
 
 
 def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
-    repeated = {trial.repeats for trial in begun}
+    starts = [trial.start for trial in begun]
+    repeated = {start.repeats for start in starts}
     specimens = {specimen.name: specimen for specimen in protocol.specimens}
     planned = planned_trials(protocol)
     used = [(trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in planned]
     used += [
-        (trial.specimen, trial.hole, trial.hole_position_mm) for trial in begun if trial.repeats is not None
+        (start.specimen, start.hole, start.hole_position_mm) for start in starts if start.repeats is not None
     ]
-    number = max([len(planned) - 1, *(trial.trial for trial in begun)]) + 1
-    for lost in begun:
-        if lost.finished or lost.trial in repeated:
+    number = max([len(planned) - 1, *(start.trial for start in starts)]) + 1
+    for lost in [trial.start for trial in begun if trial.exit_status != "success"]:
+        if lost.trial in repeated:
             continue
         holes = [hole for name, hole, _ in used if name == lost.specimen]
         places_mm = [place_mm for name, _, place_mm in used if name == lost.specimen]
@@ -94,7 +90,9 @@ def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Ite
         yield again
 
 
-def _free_place_mm(protocol: SteerabilityProtocol, lost: BegunTrial, places_mm: Sequence[float]) -> float:
+def _free_place_mm(
+    protocol: SteerabilityProtocol, lost: SweepTrialStart, places_mm: Sequence[float]
+) -> float:
     """Return where a block can be entered once more, as far from every other entry point as the protocol asks."""
     spacing_mm = protocol.hole_spacing_mm
     last_mm = protocol.specimen_width_mm - protocol.lateral_reach_mm

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.errors import InputError
+from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import (
     BegunTrial,
@@ -26,14 +27,18 @@ def protocol(*overrides: str) -> SteerabilityProtocol:
 
 def begun(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
     """Return a trial as the record has it."""
-    return BegunTrial(
-        planned.trial,
-        planned.specimen.name,
-        planned.hole,
-        planned.hole_position_mm,
-        finished,
-        planned.repeats,
+    start = SweepTrialStart(
+        t_s=0.0,
+        trial=planned.trial,
+        specimen=planned.specimen.name,
+        gelatin_percent=planned.specimen.gelatin_percent,
+        hole=planned.hole,
+        hole_position_mm=planned.hole_position_mm,
+        needle_id="n",
+        repeats=planned.repeats,
     )
+    exit_status = "success" if finished else "interrupted"
+    return BegunTrial(start, SweepTrialStop(t_s=1.0, trial=planned.trial, exit_status=exit_status))
 
 
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
@@ -82,9 +87,10 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cu
         left = remaining_trials(wide, past)
         past += [begun(one, finished=number < cut) for number, one in enumerate(left[: cut + 1])]
     past += [begun(one, finished=True) for one in remaining_trials(wide, past)]
-    finished = [one for one in past if one.finished]
+    finished = [trial for trial in past if trial.exit_status == "success"]
+    starts = [trial.start for trial in past]
     assert len(finished) == len(planned_trials(wide))
-    assert len({one.trial for one in past}) == len(past)
-    assert len({(one.specimen, one.hole_position_mm) for one in past}) == len(past)
-    assert len({(one.specimen, one.hole) for one in past}) == len(past)
+    assert len({start.trial for start in starts}) == len(past)
+    assert len({(start.specimen, start.hole_position_mm) for start in starts}) == len(past)
+    assert len({(start.specimen, start.hole) for start in starts}) == len(past)
     assert remaining_trials(wide, past) == ()

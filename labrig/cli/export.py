@@ -26,7 +26,7 @@ def export(
 ) -> int:
     """Exit with 4 when the record is damaged; what can be read of it is written all the same."""
     from labrig.record.reader import open_run
-    from labrig.record.urls import output_folder
+    from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     if not formats and not mcap and not record:
@@ -34,6 +34,7 @@ def export(
     if record and (formats or mcap):
         raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
     opened = open_run(run)
+    require_apart(out, run, record=record)
     with output_folder(out, force=force) as folder:
         if record:
             opened.copy_to(folder)

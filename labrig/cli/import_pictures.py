@@ -3,6 +3,7 @@
 import hashlib
 import re
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from labrig.cli.mapping import load_plane_map
@@ -14,6 +15,7 @@ from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.protocol.model import Direction
 from labrig.protocol.yaml_file import dump_yaml, validate_values
+from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_provenance
 from labrig.record.writer import Recorder
 from labrig.vision.mask import load_mask
@@ -64,19 +66,16 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
     ------
     InputError
         When no picture of the folder can be read, or the scale is not given.
-    OutputExistsError
-        When a run of that name exists.
     """
     load_plane_map(order.intrinsics, order.plane, order.px_per_mm, order.origin_px, order.insertion)
     clock = SystemClock()
     started = clock.utc()
     protocol = _make_protocol(folder, order)
-    name = f"{started:%Y%m%d-%H%M%S}-{_make_run_name(folder)}"
     pictures = _require_readable(folder)
-    recorder = Recorder.create(
+    create = partial(
+        Recorder.create,
         order.runs_dir,
-        name,
-        {
+        manifest={
             "experiment": protocol.experiment,
             "title": protocol.title,
             "operator": protocol.operator,
@@ -86,10 +85,11 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
             "provenance": collect_provenance(order.command_line),
             "devices": {},
         },
-        dump_yaml(protocol),
-        None,
-        _find_kept_files(order),
+        protocol_yaml=dump_yaml(protocol),
+        rig_yaml=None,
+        calibration_files=_find_kept_files(order),
     )
+    recorder = create_under_free_name(started, _make_run_name(folder), create)
     refused = _copy_pictures(pictures, recorder)
     reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
     recorder.close("success", reason, clock.utc())

@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from labrig.cli.analyze import analyze
@@ -29,6 +29,7 @@ from labrig.errors import (
 )
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
@@ -194,33 +195,23 @@ def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[
         },
         "devices": devices,
     }
-    name = order.run_name
-    if name is None:
-        name = find_free_name(order.runs_dir, started, order.protocol.experiment)
-    protocol_yaml, rig = dump_yaml(order.protocol), order.rig
-    if rig is None:
-        return Recorder.create(
-            order.runs_dir, name, manifest, protocol_yaml, None, {}, code_diff=collect_code_diff()
-        )
-    return Recorder.create(
+    rig = order.rig
+    create = partial(
+        Recorder.create,
         order.runs_dir,
-        name,
-        manifest,
-        protocol_yaml,
-        dump_yaml(rig),
-        rig.calibration_files(),
-        fsync_period_s=rig.recording.fsync_period_s,
-        least_free_bytes=int(1e6 * rig.recording.least_free_mb),
-        picture_store=rig.camera.store,
+        manifest=manifest,
+        protocol_yaml=dump_yaml(order.protocol),
+        rig_yaml=None if rig is None else dump_yaml(rig),
+        calibration_files={} if rig is None else rig.calibration_files(),
         code_diff=collect_code_diff(),
     )
-
-
-def find_free_name(runs_dir: Path, started: datetime, experiment: str) -> str:
-    """Return a name that no run has; runs that start in the same second get different names."""
-    name = f"{started:%Y%m%d-%H%M%S}-{experiment}"
-    number = 1
-    while (runs_dir / name).exists():
-        number += 1
-        name = f"{started:%Y%m%d-%H%M%S}-{experiment}-{number}"
-    return name
+    if rig is not None:
+        create = partial(
+            create,
+            fsync_period_s=rig.recording.fsync_period_s,
+            least_free_bytes=int(1e6 * rig.recording.least_free_mb),
+            picture_store=rig.camera.store,
+        )
+    if order.run_name is not None:
+        return create(order.run_name)
+    return create_under_free_name(started, order.protocol.experiment, create)

@@ -3,11 +3,11 @@
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
-from labrig.cli.pipeline import find_free_name
 from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.needle_state import NeedleState
@@ -16,6 +16,7 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
+from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
@@ -143,12 +144,13 @@ def _begin_record(rig: Rig, left: Run) -> Recorder:
         "devices": rig.describe(),
         WITHDRAWS: folder.name,
     }
-    return Recorder.create(
+    create = partial(
+        Recorder.create,
         folder.parent,
-        find_free_name(folder.parent, started, "withdrawal"),
-        manifest,
-        left.protocol_path.read_text(encoding="utf-8"),
-        dump_yaml(rig.description),
-        {},
+        manifest=manifest,
+        protocol_yaml=left.protocol_path.read_text(encoding="utf-8"),
+        rig_yaml=dump_yaml(rig.description),
+        calibration_files={},
         code_diff=collect_code_diff(),
     )
+    return create_under_free_name(started, "withdrawal", create)

@@ -9,11 +9,12 @@ from typing import Any
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES, MANIFEST, NOTES, TRIAL_STOP, inside
+from labrig.record.layout import EVENT_LINES, MANIFEST, NOTES, PROTOCOL, TRIAL_STOP, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
 from labrig.record.run_index import NO_FILE, RunIndex, Value, ask_index, signature_of
 
-# What a summary is read from. The manifest comes first: a folder without a manifest is no run.
+# What a summary is read from. The manifest comes first, the events last: a folder without a manifest is no run, and
+# one without events may be an export.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES)
 
 
@@ -62,7 +63,7 @@ class FoundRun:
 
 
 def list_runs(runs_dir: Path, *, reverse: bool = False) -> list[RunSummary]:
-    """List the runs of a folder, newest first, damaged runs last; other folders and links are left out.
+    """List the runs of a folder, newest first, damaged runs last; other folders, exports and links are left out.
 
     Parameters
     ----------
@@ -87,7 +88,17 @@ def sign_runs(runs_dir: Path) -> dict[str, str]:
     """Return the signature of the files that each run's summary is read from, by the name of the run's folder."""
     root = os.fspath(runs_dir)
     signatures = {name: signature_of(f"{root}/{name}", _SUMMARY_FILES) for name in _folders(runs_dir)}
-    return {name: signature for name, signature in signatures.items() if not signature.startswith(NO_FILE)}
+    return {
+        name: signature
+        for name, signature in signatures.items()
+        if not signature.startswith(NO_FILE) and not _is_export(f"{root}/{name}", signature)
+    }
+
+
+def _is_export(folder: str, signature: str) -> bool:
+    """Return whether a folder with a manifest holds tables of a run, and nothing that a run begins with."""
+    has_events = not signature.endswith(NO_FILE)
+    return not has_events and not os.path.lexists(f"{folder}/{PROTOCOL}")
 
 
 def read_summaries(index: RunIndex, runs_dir: Path, signatures: Mapping[str, str]) -> dict[str, RunSummary]:
@@ -104,7 +115,11 @@ def read_summaries(index: RunIndex, runs_dir: Path, signatures: Mapping[str, str
 def _folders(runs_dir: Path) -> list[str]:
     try:
         with os.scandir(runs_dir) as entries:
-            return sorted(entry.name for entry in entries if entry.is_dir(follow_symlinks=False))
+            return sorted(
+                entry.name
+                for entry in entries
+                if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
+            )
     except FileNotFoundError:
         return []
     except OSError as error:

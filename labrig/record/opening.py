@@ -1,8 +1,12 @@
 """The files that a run has before anything moves: protocol, rig, calibration and the opening manifest."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import datetime
+from itertools import count
 from pathlib import Path
+from typing import TypeVar
 
 from labrig.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.errors import InputError, OutputExistsError
@@ -20,6 +24,8 @@ from labrig.record.layout import (
 )
 
 _RESERVE_BYTES = 2**20
+
+_Created = TypeVar("_Created")
 
 
 def collect_opening_files(
@@ -101,6 +107,23 @@ def make_run_directory(path: Path) -> None:
             path.mkdir()
         except FileExistsError as error:
             raise OutputExistsError(f"{path} exists already", "give the run another name") from error
+
+
+def create_under_free_name(started: datetime, what: str, create: Callable[[str], _Created]) -> _Created:
+    """Create a run under the first name that is free: TIME-WHAT, TIME-WHAT-2 ...
+
+    A name belongs to whoever makes its folder, so runs that start in the same second get different names.
+
+    Parameters
+    ----------
+    create : callable
+        Creates a run of a name. Its `OutputExistsError` has the next name tried; other errors are raised.
+    """
+    name = f"{started:%Y%m%d-%H%M%S}-{what}"
+    for number in count(1):
+        with suppress(OutputExistsError):
+            return create(name if number == 1 else f"{name}-{number}")
+    raise AssertionError("count() has no end")
 
 
 def write_opening_files(path: Path, texts: Mapping[str, bytes]) -> None:

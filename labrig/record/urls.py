@@ -19,6 +19,8 @@ import fsspec
 from labrig.durable import disk_errors
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
+from labrig.record.layout import MANIFEST, PROTOCOL
+from labrig.record.manifest import read_document
 
 # A Path keeps only one of the slashes; one letter and a colon are a Windows drive.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
@@ -89,6 +91,50 @@ def fetch_run(url: str, into: Path) -> Path:
     if not names:
         raise RecordError(f"{url} is no run: nothing is there", _NOT_THERE)
     return run
+
+
+def require_apart(out: str, run: str, *, record: bool) -> None:
+    """Refuse to export a run into itself, or over another run.
+
+    Parameters
+    ----------
+    out : str
+        Where to: a folder or URL.
+    run : str
+        What is exported: a folder or URL.
+    record : bool
+        Whether the record itself is copied. Only that may replace a run, and only a copy of the same run.
+
+    Raises
+    ------
+    InputError
+        When `out` is the run, or lies in it.
+    OutputExistsError
+        When `out` is a run that would no longer be one.
+    """
+    target, source = _resolve_place(out), _resolve_place(run)
+    if target == source or f"{target}/".startswith(f"{source}/"):
+        raise InputError(f"{out} lies in {run}, the run that is exported", "name a folder outside of it")
+    folder = Path(target)
+    if is_url(target) or not all((folder / name).exists() for name in (MANIFEST, PROTOCOL)):
+        return
+    if not record:
+        raise OutputExistsError(f"{out} is a run, and tables are not written into it", "name another folder")
+    if not is_url(source) and _read_identity(folder) != _read_identity(Path(source)):
+        raise OutputExistsError(f"{out} is another run than {run}", "name another folder")
+
+
+def _resolve_place(place: str) -> str:
+    """Return the absolute path of a folder, also of one behind a file: URL, or another URL as it is."""
+    if not is_url(place):
+        return str(Path(place).resolve())
+    url = restore_url(place).rstrip("/")
+    return str(Path(_open_filesystem(url)[1]).resolve()) if url.startswith(("file:", "local:")) else url
+
+
+def _read_identity(run: Path) -> tuple[object, ...]:
+    manifest = read_document(run)
+    return tuple(manifest.get(key) for key in ("run", "started", "seed", "hashes"))
 
 
 @contextmanager

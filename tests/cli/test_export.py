@@ -7,6 +7,7 @@ import fsspec
 import pytest
 
 from tests.cli.conftest import ROOT, SWEEP, Labrig
+from tests.record.runs import closed_run
 
 FIRST = ROOT / "data" / "first-record"
 
@@ -85,6 +86,51 @@ def test_what_makes_no_sense_is_refused(
 ) -> None:
     """No place, no format, or a record mixed with tables exits with 2."""
     assert labrig("export", FIRST, *arguments).exit_code == exit_code
+
+
+@pytest.mark.parametrize("form", ["--csv", "--record"])
+@pytest.mark.parametrize("out", ["", "/", "/tables", "/../run"])
+@pytest.mark.parametrize("scheme", ["", "file://"])
+def test_a_run_is_not_exported_into_itself(
+    form: str, out: str, scheme: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """The run and every folder in it are refused as the place to write to, with --force too; nothing is written."""
+    run = tmp_path / "run"
+    shutil.copytree(FIRST, run)
+    (tmp_path / "same").symlink_to(run)
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+    for place in (run, tmp_path / "same"):
+        done = labrig("export", run, form, "--out", f"{scheme}{place}{out}", "--force", "--json")
+        assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
+    assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
+
+
+def test_an_export_replaces_no_other_run(labrig: Labrig, tmp_path: Path) -> None:
+    """Even with --force tables do not go into a run, nor a record over another one; a copy of the same is renewed."""
+    assert labrig("export", FIRST, "--record", "--out", tmp_path / "copy").exit_code == 0
+    other = closed_run(tmp_path)
+    manifest = (other / "manifest.json").read_bytes()
+    tables = labrig("export", FIRST, "--csv", "--out", tmp_path / "copy", "--force", "--json")
+    assert (tables.exit_code, tables.json()["error"]["type"]) == (2, "OutputExistsError")
+    record = labrig("export", FIRST, "--record", "--out", other, "--force", "--json")
+    assert (record.exit_code, record.json()["error"]["type"]) == (2, "OutputExistsError")
+    assert (other / "manifest.json").read_bytes() == manifest
+    again = ("export", FIRST, "--record", "--out", f"file://{tmp_path}/copy")
+    assert labrig(*again).exit_code == 2
+    assert labrig(*again, "--force").exit_code == 0
+    assert labrig("runs", "check", tmp_path / "copy").exit_code == 0
+
+
+def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path) -> None:
+    """Of a run, its copy and its tables in one folder, the first two are listed and found."""
+    runs = tmp_path / "runs"
+    shutil.copytree(FIRST, runs / "first")
+    assert labrig("export", runs / "first", "--csv", "--parquet", "--out", runs / "tables").exit_code == 0
+    assert labrig("export", runs / "first", "--record", "--out", runs / "copy").exit_code == 0
+    shutil.copytree(runs / "copy", runs / ".copy-unfinished")
+    for condition in ((), ("--where", "exit_status=success")):
+        listed = labrig("runs", "--runs-dir", runs, *condition, "--json").json()
+        assert sorted(Path(row["run"]).name for row in listed) == ["copy", "first"]
 
 
 def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
+from labrig.record.opening import create_under_free_name
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, begin, closed_run, fill, interrupted_run, picture
@@ -105,6 +108,19 @@ def test_an_existing_folder_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError, match="run exists already"):
         begin(tmp_path)
     assert not any((tmp_path / "run").iterdir())
+
+
+def test_runs_that_start_in_the_same_second_get_a_name_each(tmp_path: Path) -> None:
+    """Of runs that begin at once none fails, and none is given the folder of another."""
+    with ThreadPoolExecutor(8) as pool:
+        begun = [
+            pool.submit(create_under_free_name, STARTED, "sweep", partial(begin, tmp_path)) for _ in range(16)
+        ]
+        recorders = [each.result() for each in begun]
+    endings = ["", *(f"-{number}" for number in range(2, 17))]
+    assert {recorder.run_name for recorder in recorders} == {f"20260302-093000-sweep{end}" for end in endings}
+    for recorder in recorders:
+        recorder.close("success", "", ENDED)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What `labrig devices check` says of any CiA 402 drive: its reference, and the limits that it holds."""
+"""The checks of any CiA 402 drive in `labrig devices check`: its reference and its limits."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from labrig.devices.cia402_drive import Cia402Drive
 
 
 def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> CheckResult:
-    """Compare the limits that the drive holds with those of the rig file; without a reference it holds none."""
+    """Compare the limits in the drive with those of the rig file; without a reference it has none."""
     low, high = axis.limits
     value = f"[{low:g}, {high:g}] {axis.unit}, {axis.max_speed:g} {axis.unit}/s"
     if not drive.has(co.LOWER_LIMIT):
-        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}; the drive holds none")
+        return CheckResult(f"limits {name}", CheckStatus.PASS, f"{value}; the drive has no limits")
     if axis.unknown or not drive.is_referenced():
         return CheckResult(
             f"limits {name}", CheckStatus.PASS, f"{value}; the drive has none until referenced"
@@ -33,7 +33,7 @@ def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> C
 
 
 def check_reference(name: str, drive: Cia402Drive[Any]) -> CheckResult:
-    """Tell whether the drive has kept its reference, and the state in which it is."""
+    """Report whether the drive has its reference, and its state."""
     state = drive.decode(drive.statusword()).name
     if drive.is_referenced():
         return CheckResult(f"reference {name}", CheckStatus.PASS, f"referenced, {state}")

@@ -1,22 +1,22 @@
-"""What drives of the profile CiA 402 have in common on a CANopen bus; each kind adds its objects, errors and identity.
+"""The common part of CiA 402 drivers on a CANopen bus; each kind of drive adds its objects, errors and identity.
 
 What is decided here
 --------------------
-- SDO through our own client; `canopen`'s `BaseNode402` is not used, because it resets faults, enables
-  power and reads signs of homing methods by itself, wrongly for maxon.
-- While axes move, statusword and position come at each SYNC in one process-data frame a drive instead of four; a
-  report that does not come is asked for by SDO, and counted. Its map is not written: where it is not the
-  one that is looked for, or the drive refuses to switch the report on, SDO does it all.
-- Nothing is believed that has not been read back: each setting after writing, the set-point acknowledge with
-  both edges, the position at the end of a move, standing still after a stop.
-- Power is never switched on but by `enable`, which holds Halt and has the actual position as target, so that
-  nothing moves until a move is commanded. A fault is reset by `reset_fault` alone, once a person has confirmed.
+- SDO goes through our own client. `canopen`'s `BaseNode402` is not used: it resets faults and enables power by itself,
+  and its signs of homing methods are wrong for maxon.
+- While axes move, each drive sends statusword and position at each SYNC in one process-data frame, instead of four SDO
+  frames. A missing report is requested by SDO and counted. The mapping of the report is not written: if it is not the
+  expected one, or the drive refuses to switch the report on, SDO does all of it.
+- Nothing counts until it has been read back: each setting after writing, both edges of the set-point acknowledge, the
+  position at the end of a move, standstill after a stop.
+- Only `enable` switches power on. It sets Halt and takes the actual position as target, so nothing moves until a move
+  is commanded. Only `reset_fault` resets a fault, after a person has confirmed.
 - Only settings that differ are written.
-- A drive is watched: its heartbeat, its EMCY and its boot-up become errors as soon as the rig looks.
-- A question without an answer is asked once more, and that is counted.
-- Unsure until tried on a device: that bit 12 falls when a homing starts, which a fresh attained bit needs (where
-  it does not, homing ends in its timeout with the axis halted); that two nodes of one id both answer (on a wire
-  they may as well destroy each other's frames, and are silent then).
+- A lost heartbeat, an EMCY and a boot-up of the drive become errors at the next call of `check` or `read`.
+- A request without an answer is sent once more, and counted.
+- Uncertain until tried on a device: whether bit 12 falls when homing starts, as a fresh attained bit requires (if not,
+  homing ends in its timeout with the axis halted); whether two nodes with one id both answer (on a wire they may
+  destroy each other's frames and seem silent).
 """
 
 import math
@@ -50,7 +50,7 @@ from labrig.devices.cia402_states import (
     decode_standard_state,
     plan_controlword,
 )
-from labrig.devices.drive import STILL_LOOK_S, DriveReading, Homing, RoundedMove
+from labrig.devices.drive import STILL_POLL_S, DriveReading, Homing, RoundedMove
 from labrig.devices.error_codes import Emergency, describe_abort
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
@@ -66,19 +66,19 @@ from labrig.errors import (
 
 POLL_S = 0.005
 ANSWER_TIME_S = 1.0
-"""Rig time within which a drive attains a state, acknowledges a set-point or finishes homing on the spot."""
+"""Longest rig time to reach a state, acknowledge a set-point or finish homing at the present position."""
 
 STILL_COUNTS = 2
-"""A servo at rest dithers by so much [counts]."""
+"""Dither of a servo at rest [counts]."""
 
 LONGEST_STILL_TIME_S = 0.4
-"""For so long a position must stay within the dither where nobody knows how fast the slowest creep counts [s]."""
+"""Time for which a position must stay within the dither if the speed of the slowest creep is unknown [s]."""
 
 _CLASHING_ANSWERS = 3
-"""Answers that nobody asked for among those to who a drive is: one may be a frame that came twice."""
+"""Unexpected answers while a drive is identified that show two nodes; a single one may be a repeated frame."""
 
 _RESET_TIME_S = 0.05
-"""How long a drive is given to take the reset of a fault."""
+"""Time that a drive gets to reset a fault."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
 _NMT_START, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x80, 0x82
@@ -90,17 +90,17 @@ _EMERGENCY = struct.Struct("<HB")
 _REPORT_MAP = (2, co.STATUSWORD.index << 16 | 16, co.POSITION_ACTUAL.index << 16 | 32)
 _REPORT, _NO_REMOTE, _AT_EACH_SYNC = struct.Struct("<Hi"), 0x40000000, 1
 _REPORT_PATIENCE = 0.25
-"""Part of the time for an answer that a report may take: it is a frame that is already on its way."""
+"""Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
 
 Section = TypeVar("Section", bound=AxisDescription)
 
 
 def still_time_s(slowest_counts_per_s: float | None) -> float:
-    """Return for how long a position must stay within `STILL_COUNTS` before an axis is said to stand still [s].
+    """Return the time for which a position must stay within `STILL_COUNTS` before an axis counts as still [s].
 
-    In this time the slowest speed that the drive can be told counts more than the dither at either end of the time:
-    such a creep never counts as standing still. Where that takes longer than `LONGEST_STILL_TIME_S`, or the speed is
-    unknown (None), it is that time, and a slower creep is not seen.
+    In this time the slowest commandable speed moves the counter by more than the dither at both ends, so a creep never
+    counts as standstill. The time is at most `LONGEST_STILL_TIME_S`, also if the speed is unknown (None); a slower
+    creep is not noticed.
     """
     if slowest_counts_per_s is None:
         return LONGEST_STILL_TIME_S
@@ -117,22 +117,22 @@ class Cia402Drive(Generic[Section]):
     section : AxisDescription
         Section of its axis in the rig file; may be incomplete.
     axis : str
-        The axis that it drives, for messages.
+        Name of its axis, for messages.
     clock : Clock
-        Whose time bounds waiting.
+        Time for timeouts.
     node_id : int
         Its node id.
     still_time_s : float
-        For how long a position must stay within `STILL_COUNTS` before the axis is said to stand still [s].
+        Time for which a position must stay within `STILL_COUNTS` before the axis counts as still [s].
 
     Attributes
     ----------
     tool : str
         The manufacturer's program, for hints.
     reset_communication_first : frozenset of int
-        Faults whose reset the drive takes only after its communication has been reset.
+        Faults that the drive resets only after its communication has been reset.
     report_pdo : int
-        Transmit PDO, counted from 0, in which statusword and position are looked for.
+        Transmit PDO, counted from 0, that is expected to hold statusword and position.
     """
 
     tool: ClassVar[str] = "the program of its manufacturer"
@@ -155,7 +155,7 @@ class Cia402Drive(Generic[Section]):
         self._clock = clock
         self._link = link
         self.sdo = SdoClient(link, node_id)
-        self._looks_until_still = 1 + math.ceil(still_time_s / STILL_LOOK_S)
+        self._readings_until_still = 1 + math.ceil(still_time_s / STILL_POLL_S)
         self._offset_counts = 0
         self._target: int | None = None
         self._settings: dict[Entry, int] = {}
@@ -181,25 +181,25 @@ class Cia402Drive(Generic[Section]):
 
     @cached_property
     def scale(self) -> AxisScale:
-        """The conversion to counts and speeds of the drive. Raises `InputError` where an entry is unknown."""
+        """The conversion to counts and speeds of the drive. Raises `InputError` if an entry is unknown."""
         return self.section.scale()
 
     def _counter(self, position: float) -> int:
-        """Return what the drive's counter reads at a position."""
+        """Return the drive's counter at a position."""
         return self.scale.to_counts(position) - self._offset_counts
 
     def _position(self, counter: int) -> float:
-        """Return the position at which the drive's counter reads this."""
+        """Return the position at a value of the drive's counter."""
         return self.scale.to_position(counter + self._offset_counts)
 
     @property
     def _window_counts(self) -> int:
         return self.scale.to_distance_counts(self.section.position_window)
 
-    # What a kind of drive has of its own
+    # Overridden by kinds of drive
 
     def decode(self, statusword: int) -> DriveState:
-        """Return the state that a statusword tells, as CiA 402 has it."""
+        """Return the CiA 402 state of a statusword."""
         return decode_standard_state(statusword)
 
     def own_entry(self, entry: Entry) -> Entry:
@@ -223,9 +223,9 @@ class Cia402Drive(Generic[Section]):
         try:
             return entry.unpack(self.sdo.upload(entry.index, entry.subindex))
         except SdoAbortedError as error:
-            raise self._refused(entry.name, error) from error
+            raise self._make_refusal(entry.name, error) from error
         except SdoSilenceError as error:
-            raise self._silent(entry.name) from error
+            raise self._make_silence(entry.name) from error
 
     def download(self, entry: Entry, value: int) -> None:
         """Write an object. Raises as `upload`."""
@@ -234,11 +234,11 @@ class Cia402Drive(Generic[Section]):
         try:
             self.sdo.download(entry.index, entry.subindex, entry.pack(value))
         except SdoAbortedError as error:
-            raise self._refused(what, error) from error
+            raise self._make_refusal(what, error) from error
         except SdoSilenceError as error:
-            raise self._silent(what) from error
+            raise self._make_silence(what) from error
 
-    def _refused(self, what: str, error: SdoAbortedError) -> DriveRefusedError:
+    def _make_refusal(self, what: str, error: SdoAbortedError) -> DriveRefusedError:
         text = describe_abort(error.code)
         return DriveRefusedError(
             f"{self.name} refused {what}: {text} (SDO abort 0x{error.code:08X})",
@@ -247,7 +247,7 @@ class Cia402Drive(Generic[Section]):
             text=text,
         )
 
-    def _silent(self, what: str) -> DriveSilentError:
+    def _make_silence(self, what: str) -> DriveSilentError:
         return DriveSilentError(
             f"{self.name} did not answer within {self._link.answer_timeout_s:g} s, asked {1 + RETRIES} times "
             f"({what})",
@@ -255,7 +255,7 @@ class Cia402Drive(Generic[Section]):
         )
 
     def counts(self) -> dict[str, int]:
-        """Return how often it had to be asked again, and how many of its answers nobody had asked for."""
+        """Return how many requests were repeated, and how many answers were unexpected."""
         return {
             "retries": self.sdo.retries + self._missed_reports,
             "strays": self.sdo.strays + self._stray_reports,
@@ -264,7 +264,7 @@ class Cia402Drive(Generic[Section]):
     # Connecting
 
     def wake(self) -> int:
-        """Return the vendor id; a node that `labrig devices stop` has stopped answers nothing until it is woken."""
+        """Return the vendor id; first start a node that `labrig devices stop` has stopped, as it answers nothing."""
         try:
             return self.upload(co.VENDOR_ID)
         except DriveSilentError:
@@ -272,9 +272,9 @@ class Cia402Drive(Generic[Section]):
             return self.upload(co.VENDOR_ID)
 
     def require_alone(self, strays: int) -> None:
-        """Refuse a node id for which two nodes have answered, since there were so many stray answers.
+        """Refuse a node id with which two nodes have answered, given the stray answers before.
 
-        Answers to whoever asked before do not count. Raises `DriveError`.
+        Answers to earlier requests do not count. Raises `DriveError`.
         """
         if self.sdo.strays - strays >= _CLASHING_ANSWERS:
             raise DriveError(
@@ -291,7 +291,7 @@ class Cia402Drive(Generic[Section]):
         return frozenset(value & 0x7FF for value in values if not value & _PDO_UNUSED)
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
-        """Hold the drive off and give it its settings; heartbeats are watched from here."""
+        """Switch the drive off and write its settings; from here on its heartbeat is monitored."""
         self.hold_off()
         self._heartbeat = heartbeat
         self.watch(heartbeat.period_ms, heartbeat.timeout_ms / 1000)
@@ -301,7 +301,7 @@ class Cia402Drive(Generic[Section]):
         self.let_report()
 
     def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
-        """Return what the drive must be set to for its section, the dead-man too."""
+        """Return the settings of the drive for its section, including the heartbeat consumer."""
         raise NotImplementedError
 
     def limit_current(self, max_current_ma: int | None) -> dict[Entry, int]:
@@ -310,7 +310,7 @@ class Cia402Drive(Generic[Section]):
         Raises
         ------
         DriveError
-            Where the drive has no limit.
+            When the drive has no limit.
         """
         if max_current_ma is None:
             return {}
@@ -326,15 +326,15 @@ class Cia402Drive(Generic[Section]):
         return {entry: min(math.floor(max_current_ma / milliamperes), own)}
 
     def find_current_limit(self) -> tuple[Entry, float] | None:
-        """Return the object that limits the current and what one unit of it is [mA]; None where there is none."""
+        """Return the object that limits the current, and its unit [mA]; None without such an object."""
         return None
 
     def settings(self) -> dict[str, int]:
-        """Return what each setting was asked to be; each was read back, those that differed were written."""
+        """Return the required value of each setting; each was read back, and written if it differed."""
         return {entry.place: value for entry, value in self._settings.items()}
 
     def describe(self) -> dict[str, object]:
-        """Return how the drive is set, for the record."""
+        """Return the settings of the drive, for the record."""
         return {
             "drive_settings": self.settings(),
             "settings_written": list(self._written),
@@ -342,19 +342,19 @@ class Cia402Drive(Generic[Section]):
         }
 
     def close(self) -> None:
-        """Switch power off, give the drive its current limit back, and let both heartbeats end, which is no fault."""
+        """Switch power off, restore the current limit, and end both heartbeats without a fault."""
         self.disable()
         if self._own_limits:
             self.adjust(self._own_limits)
         self.unwatch()
 
     def hold_off(self) -> None:
-        """Start the node, stop what moves, and switch the power stage off.
+        """Start the node, stop the axis, and switch the power stage off.
 
         Raises
         ------
         DriveError
-            Also when it reports a fault.
+            Also when the drive reports a fault.
         """
         self.send_nmt(_NMT_START)
         self.raise_if_faulted()
@@ -363,7 +363,7 @@ class Cia402Drive(Generic[Section]):
         self.go_to(TargetState.POWER_OFF)
 
     def write_settings(self, settings: Mapping[Entry, int]) -> tuple[str, ...]:
-        """Bring settings to what they must be, each read back; return the places of those that were written.
+        """Read each setting and write those that differ; return the places of those that were written.
 
         Raises
         ------
@@ -372,11 +372,11 @@ class Cia402Drive(Generic[Section]):
         return tuple(entry.place for entry, value in settings.items() if self.ensure(entry, value))
 
     def adjust(self, settings: Mapping[Entry, int]) -> bool:
-        """Bring settings to what operation asks for; return whether any was written. Raises `DriveError`."""
+        """Write the settings that operation needs and that differ; return whether any did. Raises `DriveError`."""
         return bool(self.write_settings(settings))
 
     def ensure(self, entry: Entry, value: int) -> bool:
-        """Write an object where it differs, and read it back; return whether it was written."""
+        """Write an object if it differs, and read it back; return whether it was written."""
         if self.upload(entry) == value:
             return False
         self.download(entry, value)
@@ -395,17 +395,17 @@ class Cia402Drive(Generic[Section]):
     # Heartbeats
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Let the drive stop by itself when the computer falls silent, and read that back."""
+        """Make the drive stop by itself when the computer's heartbeat stops, and read that setting back."""
         self.adjust({co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms})
 
     def watch(self, period_ms: int, silence_s: float) -> None:
-        """Let the drive beat, and count it as silent when no beat is heard for `silence_s`."""
+        """Switch the drive's heartbeat on; it counts as silent after `silence_s` without one."""
         self.adjust({co.PRODUCER_HEARTBEAT: period_ms})
         self._heard_s = self._clock.now_s()
         self._silence_s = silence_s
 
     def unwatch(self) -> None:
-        """Let both heartbeats end: the drive is left alone without power, which is no fault."""
+        """End both heartbeats without a fault: the drive is left without power."""
         self._silence_s = math.inf
         self.adjust({co.CONSUMER_HEARTBEAT: 0, co.PRODUCER_HEARTBEAT: 0})
 
@@ -417,7 +417,7 @@ class Cia402Drive(Generic[Section]):
         Raises
         ------
         DriveError
-            On a fault when it is to be enabled, or when it has been in a state for too long, also on and off.
+            On a fault if it is to be enabled, or when it stays in a state, or returns to it, for too long.
         """
         since_s: dict[DriveState, float] = {}
         while True:
@@ -439,7 +439,7 @@ class Cia402Drive(Generic[Section]):
             self._clock.sleep(POLL_S)
 
     def enable(self) -> None:
-        """Switch the power stage on; the axis holds where it is."""
+        """Switch the power stage on; the axis holds its position."""
         self.ensure(co.MODE, _PROFILE_POSITION)
         self.download(co.CONTROLWORD, HALT)
         self.download(co.TARGET_POSITION, self.upload(co.POSITION_ACTUAL))
@@ -454,7 +454,7 @@ class Cia402Drive(Generic[Section]):
         return self.upload(co.POSITION_ACTUAL)
 
     def position(self) -> float:
-        """Return where the axis stands [mm or rad]."""
+        """Return the position of the axis [mm or rad]."""
         return self._position(self.counter())
 
     def statusword(self) -> int:
@@ -464,7 +464,7 @@ class Cia402Drive(Generic[Section]):
         return statusword
 
     def let_report(self) -> None:
-        """Let the drive report at each SYNC, where a PDO of it carries statusword and position and may be switched on.
+        """Make the drive report at each SYNC, if a PDO has statusword and position and can be switched on.
 
         Raises
         ------
@@ -487,14 +487,14 @@ class Cia402Drive(Generic[Section]):
             self._has_reports = False
 
     def expect_report(self) -> None:
-        """Forget what has been reported: the next `report` is of the SYNC that is about to be sent."""
+        """Drop earlier reports: the next `report` is that of the coming SYNC."""
         self._awaits_report = self._has_reports
         while not self._reports.empty():
             self._reports.get_nowait()
             self._stray_reports += 1
 
     def report(self) -> tuple[int, int]:
-        """Return statusword and position [counts]: as reported, or asked for when no report is expected or comes.
+        """Return statusword and position [counts], as reported, or read by SDO if no report is expected or arrives.
 
         Raises
         ------
@@ -517,14 +517,14 @@ class Cia402Drive(Generic[Section]):
     # Moving
 
     def round_move(self, position: float, speed: float) -> RoundedMove:
-        """Return the move in whole counts and units of speed that is nearest to this one."""
+        """Return the nearest move in whole counts and units of speed."""
         counter, units = self._counter(position), self.scale.to_speed_units(speed)
         return RoundedMove(
             self._position(counter), self.scale.to_speed(units), self.name_sent(counter, units)
         )
 
     def name_sent(self, counter: int, speed_units: int) -> dict[str, int]:
-        """Return what goes over the wire, by the names that the record gives it."""
+        """Return what goes over the wire, by its names in the record."""
         return {"sent_counts": counter, "sent_speed_units": speed_units}
 
     def start_move(self, position: float, speed: float) -> None:
@@ -533,7 +533,7 @@ class Cia402Drive(Generic[Section]):
         self.start_profile(self._target, self.scale.to_speed_units(speed))
 
     def read(self) -> DriveReading:
-        """Read statusword and position. Raises `DriveError` where the drive cannot move."""
+        """Read statusword and position. Raises `DriveError` if the drive cannot move."""
         statusword, counter = self.report()
         self.refuse_unless_enabled(statusword)
         arrived = self._target is None or (
@@ -547,16 +547,16 @@ class Cia402Drive(Generic[Section]):
         Parameters
         ----------
         target : int
-            Where to [counts].
+            Target [counts].
         speed_units : int
-            Speed of the motor, as the drive takes it.
+            Speed of the motor in units of the drive.
 
         Raises
         ------
         DriveError
         """
-        # A set-point is taken at the rising edge of its bit; an acknowledge left from another would look like
-        # success.
+        # The drive takes a set-point at the rising edge of its bit; an acknowledge of an earlier one would seem
+        # to be its own.
         self._wait_for_bit(SETPOINT_ACKNOWLEDGED, 0, "get ready for a set-point")
         self._refuse_unless_enabled(self.statusword())
         self.ensure(co.MODE, _PROFILE_POSITION)
@@ -570,12 +570,12 @@ class Cia402Drive(Generic[Section]):
     # Stopping
 
     def stop(self) -> None:
-        """Decelerate and hold, if the axis is powered; power is never switched on by this."""
+        """Decelerate and hold, if power is on; this never switches power on."""
         if self.decode(self.statusword()) is DriveState.OPERATION_ENABLED:
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
     def send_stop(self) -> None:
-        """Tell a drive that was enabled when it was last heard to halt, and wait for nothing. Raises `BusError`."""
+        """Send Halt to a drive that was last known enabled, and wait for no answer. Raises `BusError`."""
         if self._was_enabled:
             data = self.own_entry(co.CONTROLWORD).pack(ENABLE | HALT)
             self.sdo.post(co.CONTROLWORD.index, co.CONTROLWORD.subindex, data)
@@ -585,14 +585,14 @@ class Cia402Drive(Generic[Section]):
         self.go_to(TargetState.QUICK_STOPPED)
 
     def settle(self, within_s: float) -> None:
-        """Return once the axis stands still. Raises `DriveError` when it still moves after `within_s`."""
+        """Return when the axis stands still. Raises `DriveError` if it still moves after `within_s`."""
         for _ in self.wait_until_still(within_s):
-            self._clock.sleep(STILL_LOOK_S)
+            self._clock.sleep(STILL_POLL_S)
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
-        """Look at the position until all that were read in `still_time_s` lie within its dither.
+        """Poll the position until all readings of `still_time_s` lie within the dither.
 
-        Ends once it stands still; until then the caller lets `STILL_LOOK_S` pass after each look.
+        Ends when the axis stands still; until then the caller lets `STILL_POLL_S` pass after each reading.
 
         Raises
         ------
@@ -600,40 +600,40 @@ class Cia402Drive(Generic[Section]):
             When it still moves after `within_s`.
         """
         deadline_s = self._clock.now_s() + within_s
-        seen = deque([self.counter()], maxlen=self._looks_until_still)
-        while len(seen) < self._looks_until_still or max(seen) - min(seen) > STILL_COUNTS:
+        readings = deque([self.counter()], maxlen=self._readings_until_still)
+        while len(readings) < self._readings_until_still or max(readings) - min(readings) > STILL_COUNTS:
             if self._clock.now_s() > deadline_s:
                 raise DriveError(
                     f"{self.name} still moves {within_s:.1f} s after it was stopped "
-                    f"({seen[0]} -> {seen[-1]} {self.section.count_unit})",
+                    f"({readings[0]} -> {readings[-1]} {self.section.count_unit})",
                     "press the emergency stop",
                 )
             yield
-            seen.append(self.counter())
+            readings.append(self.counter())
 
     # Reference
 
     def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
-        """Yield what a homing needs written, mode and method left out; each kind has its own objects."""
+        """Yield the settings that a homing needs besides mode and method; each kind has its own objects."""
         raise NotImplementedError
 
     def home_counter(self, homing: Homing) -> int:
-        """Return what the counter reads where home has been found."""
+        """Return the counter at home."""
         return self.scale.to_counts(homing.position)
 
     def start_homing(self, homing: Homing) -> None:
-        """Begin to look for home; `has_homed` says when it is found, `finish_homing` is due then."""
+        """Start homing; `has_homed` tells when home is found, then call `finish_homing`."""
         self._offset_counts, self._target = 0, None
         self._homing_due_s = self._clock.now_s() + homing.timeout_s
         method = {co.MODE: _HOMING, co.HOMING_METHOD: self.homing_method(homing.method)}
         self.adjust(method | dict(self.homing_settings(homing)))
         self.download(co.CONTROLWORD, ENABLE)
-        # An attained bit left from an earlier homing is not believed until it has been seen to fall.
+        # An attained bit from an earlier homing does not count until it has fallen.
         self._attained_is_fresh = not self.statusword() & HOMING_ATTAINED or homing.method == HOMING_HERE
         self.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
 
     def homing_method(self, method: int) -> int:
-        """Return the number under which the drive has a homing method."""
+        """Return the drive's own number of a homing method."""
         return method
 
     def has_homed(self) -> bool:
@@ -642,7 +642,7 @@ class Cia402Drive(Generic[Section]):
         Raises
         ------
         DriveError
-            When the drive says that it cannot be found, is in fault, or takes longer than the homing may.
+            When the drive reports that it cannot be found, is in fault, or exceeds the timeout of the homing.
         """
         statusword = self.statusword()
         self.refuse_unless_enabled(statusword)
@@ -660,9 +660,9 @@ class Cia402Drive(Generic[Section]):
         return False
 
     def finish_homing(self, homing: Homing) -> None:
-        """Check that the counter is where homing leaves it, and hold there in profile position mode."""
+        """Check the counter, and hold at home in profile position mode."""
         self.settle(ANSWER_TIME_S)
-        # Even a fresh bit can be wrong; that the counter has been set cannot be.
+        # Even a fresh bit can be wrong; the counter shows whether home was set.
         counter, home = self.counter(), self.home_counter(homing)
         if homing.method == HOMING_HERE and abs(counter - home) > STILL_COUNTS:
             raise DriveError(
@@ -674,16 +674,16 @@ class Cia402Drive(Generic[Section]):
         self.ensure(co.MODE, _PROFILE_POSITION)
 
     def is_referenced(self) -> bool:
-        """Tell whether the drive itself knows its position to be referenced; lost with its power."""
+        """Tell whether the drive has its reference, which it loses with its power."""
         return bool(self.statusword() & REFERENCED)
 
     def assume_position(self, position: float) -> None:
-        """Take the axis to stand at this position [mm or rad]; the drive keeps its counter."""
+        """Assume that the axis is at this position [mm or rad]; the drive keeps its counter."""
         self._offset_counts = self.scale.to_counts(position) - self.counter()
         self._target = None
 
     def set_limits(self, limits: tuple[float, float] | None) -> None:
-        """Give the drive limits, wider by the window: one count beyond is a fault to it. None takes them off."""
+        """Set the limits of the drive, wider by the window: a count beyond them is a fault. None removes them."""
         if limits is None:
             self.adjust({entry: entry.default for entry in (co.LOWER_LIMIT, co.UPPER_LIMIT)})
             return
@@ -694,18 +694,18 @@ class Cia402Drive(Generic[Section]):
     # Faults
 
     def raise_if_faulted(self) -> None:
-        """Raise what the drive reported by itself, or what its statusword says.
+        """Raise a fault that the drive has reported or that its statusword shows.
 
         Raises
         ------
         DriveError
-            Names the error code, what it means and what to do.
+            Names the error code, its meaning and the remedy.
         """
         self.check()
         self._refuse_fault(self.statusword())
 
     def check(self) -> None:
-        """Raise a restart, an emergency or a silence that has been noticed; asks the drive nothing.
+        """Raise a restart, emergency or silence that was noticed; send nothing to the drive.
 
         Raises
         ------
@@ -717,7 +717,7 @@ class Cia402Drive(Generic[Section]):
                 "find out why it lost power; do not home while a needle is in tissue",
             )
         if self._emergency is not None:
-            raise self._fault(*self._emergency)
+            raise self._make_fault(*self._emergency)
         silent_s = self._clock.now_s() - self._heard_s
         if silent_s > self._silence_s:
             raise DriveSilentError(
@@ -728,7 +728,7 @@ class Cia402Drive(Generic[Section]):
             )
 
     def refuse_unless_enabled(self, statusword: int) -> None:
-        """Raise when a statusword of this drive says that it cannot move. Raises `DriveError`."""
+        """Refuse a statusword with which the drive cannot move. Raises `DriveError`."""
         self.check()
         self._refuse_unless_enabled(statusword)
 
@@ -743,17 +743,17 @@ class Cia402Drive(Generic[Section]):
 
     def _refuse_fault(self, statusword: int) -> None:
         if self.decode(statusword) in FAULTED:
-            raise self._fault(self.error_code(), self.upload(co.ERROR_REGISTER))
+            raise self._make_fault(self.error_code(), self.upload(co.ERROR_REGISTER))
 
     def error_code(self) -> int:
-        """Return the code of the newest error, as far as the drive tells it; 0 where it does not."""
+        """Return the code of the newest error that the drive reports; 0 without one."""
         return self.upload(co.LAST_ERROR) & 0xFFFF if self.upload(co.ERROR_COUNT) else 0
 
     def describe_emergency(self, code: int) -> Emergency:
         """Return what an error code means; each kind has its own table."""
         return Emergency(code, 0x01, "unknown to labrig", "look it up in the manual of the drive")
 
-    def _fault(self, code: int, register: int) -> DriveFaultError:
+    def _make_fault(self, code: int, register: int) -> DriveFaultError:
         emergency = self.describe_emergency(code)
         return DriveFaultError(
             f"{self.name} is in fault: {emergency} (error register 0x{register:02X})",
@@ -764,16 +764,16 @@ class Cia402Drive(Generic[Section]):
         )
 
     def current_ma(self) -> float | None:
-        """Return nothing: the profile has no current in milliamperes."""
+        """Return None: the profile has no current in milliamperes."""
         return None
 
     def current_limit_ma(self) -> int | None:
-        """Return the output current that the drive does not exceed [mA]; None where it has no such limit."""
+        """Return the limit of the output current [mA]; None if the drive has none."""
         found = self.find_current_limit()
         return None if found is None else math.floor(self.upload(found[0]) * found[1])
 
     def faults(self) -> tuple[DriveFaultError, ...]:
-        """Return the newest fault, where the drive is in one as its statusword says."""
+        """Return the newest fault, if the statusword shows one."""
         try:
             self._refuse_fault(self.upload(co.STATUSWORD))
         except DriveFaultError as fault:
@@ -781,12 +781,12 @@ class Cia402Drive(Generic[Section]):
         return ()
 
     def reset_fault(self) -> None:
-        """Reset a fault, as a person has confirmed; power stays off and nothing moves.
+        """Reset a fault that a person has confirmed; power stays off and nothing moves.
 
         Raises
         ------
         DriveFaultError
-            When the cause is still there.
+            When the cause persists.
         """
         faults = self.faults()
         if not faults:
@@ -802,11 +802,11 @@ class Cia402Drive(Generic[Section]):
         self._clock.sleep(_RESET_TIME_S)
         self.download(co.CONTROLWORD, 0)
         self._emergency = None
-        for left in self.faults():
-            raise left.reword(f"{left.message}; it could not be reset, its cause is still there")
+        for fault in self.faults():
+            raise fault.reword(f"{fault.message}; it could not be reset, its cause is still there")
 
     def _restore_communication(self) -> None:
-        """Bring back what resetting the communication took: both heartbeats and the report, once configured."""
+        """Restore what the reset of the communication cleared: heartbeats and report, once configured."""
         if self._heartbeat is not None:
             self.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
             self.verify_dead_man(self._heartbeat)

@@ -34,7 +34,7 @@ from labrig.plugins import DRIVES, INTERFACE, find_plugin
 DEFAULT_DRIVER = "epos2"
 """Kind of drive of an axis section without the key `driver`, as in older rig files."""
 
-STILL_LOOK_S = 0.05
+STILL_POLL_S = 0.05
 """Time between two readings of a position while waiting for standstill [s]."""
 
 
@@ -219,7 +219,7 @@ class Drive(Protocol):
         """Stop with the quick stop deceleration; afterwards the drive must be enabled again."""
 
     def wait_until_still(self, within_s: float) -> Iterator[None]:
-        """Poll the position until the axis stands still; the caller lets `STILL_LOOK_S` pass after each reading.
+        """Poll the position until the axis stands still; the caller lets `STILL_POLL_S` pass after each reading.
 
         Raises
         ------
@@ -408,5 +408,5 @@ def wait_for_all(waits: Mapping[str, Iterator[None]], clock: Clock) -> dict[str,
                 failures[name] = error.message
                 del moving[name]
         if moving:
-            clock.sleep(STILL_LOOK_S)
+            clock.sleep(STILL_POLL_S)
     return failures

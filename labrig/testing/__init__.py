@@ -1,5 +1,5 @@
-"""testing: conformance suites that every driver passes, ours and a lab's own.
+"""testing: the conformance tests that every driver passes, labrig's own and yours.
 
-A suite is a class of tests. Inherit it in a test file under a name that begins with Test, say how the device is opened,
-and run pytest; it needs nothing of pytest itself, and labrig imports nothing of it.
+A suite is a class of tests. Derive a class from it in a test file, with a name that begins with Test and a method that
+opens the device, and run pytest. The suites do not import pytest, and no other room imports them.
 """

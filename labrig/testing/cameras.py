@@ -1,4 +1,4 @@
-"""What every camera does: pictures of the size that was promised, new ones, at times that rise."""
+"""Tests of every camera: pictures have the stated size, are new, and have increasing times."""
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -17,7 +17,7 @@ _PICTURES = 5
 
 @dataclass(frozen=True)
 class OpenedCamera:
-    """A source of pictures, its section of the rig file, and the rig time in which it was opened."""
+    """An open source of pictures, its section of the rig file, and its clock."""
 
     source: PictureSource
     section: CameraDescription
@@ -25,26 +25,26 @@ class OpenedCamera:
 
 
 class CameraConformance:
-    """Tests of a kind of camera; a subclass says how one is opened."""
+    """Tests of a kind of camera; a subclass opens one."""
 
     def open_camera(self) -> OpenedCamera:
-        """Open the camera; each test opens it anew."""
+        """Open the camera; each test opens it again."""
         raise NotImplementedError
 
     @contextmanager
-    def _opened(self) -> Iterator[tuple[Camera, OpenedCamera]]:
+    def _open(self) -> Iterator[tuple[Camera, OpenedCamera]]:
         opened = self.open_camera()
         with closing(opened.source):
             yield Camera(opened.source, opened.section, opened.clock), opened
 
-    def test_every_setting_is_taken_and_read_back(self) -> None:
-        """Each setting of the section is asked for, and the camera tells that it uses it."""
-        with self._opened() as (camera, opened):
+    def test_every_setting_is_made_and_read_back(self) -> None:
+        """The camera reads back each setting of the section as requested."""
+        with self._open() as (camera, opened):
             assert set(camera.settings.readback) == set(opened.section.settings())
             assert None not in camera.read_settings().values()
 
-    def test_a_size_that_the_camera_has_not_is_refused(self) -> None:
-        """A section that promises another width is refused when the camera is opened, or with its first picture."""
+    def test_a_size_that_the_camera_lacks_is_refused(self) -> None:
+        """A section with another width is refused when the camera is opened, or at its first picture."""
         opened = self.open_camera()
         other = opened.section.model_copy(update={"width_px": opened.section.width_px + 1})
         with closing(opened.source):
@@ -54,26 +54,26 @@ class CameraConformance:
                 return
         raise AssertionError(f"a picture of width {other.width_px} px was taken")
 
-    def test_pictures_are_of_the_size_that_was_promised(self) -> None:
-        """A picture is (H, W) or (H, W, 3) uint8, of the section's size."""
-        with self._opened() as (camera, opened):
+    def test_pictures_have_the_stated_size(self) -> None:
+        """A picture is (H, W) or (H, W, 3) uint8, with the size of the section."""
+        with self._open() as (camera, opened):
             image = camera.capture().image
             assert image.dtype == np.uint8
             assert image.shape[:2] == (opened.section.height_px, opened.section.width_px)
             assert image.ndim == 2 or image.shape[2:] == (3,)
 
     def test_a_picture_is_not_older_than_its_command(self) -> None:
-        """After a pause the picture is one from after the call, and the call has not ended before it was taken."""
-        with self._opened() as (camera, opened):
+        """After a pause, the time of a picture lies between the call and its return."""
+        with self._open() as (camera, opened):
             camera.capture()
             opened.clock.sleep(_PAUSE_S)
             asked_s = opened.clock.now_s()
             frame = camera.capture()
             assert asked_s - 1e-6 <= frame.t_s <= opened.clock.now_s() + 1e-6
 
-    def test_times_rise_from_picture_to_picture(self) -> None:
-        """Each picture is later than the one before it where rig time passes, and numbered after it."""
-        with self._opened() as (camera, opened):
+    def test_times_increase_from_picture_to_picture(self) -> None:
+        """If rig time passes, each picture is later than the one before it, with the next number."""
+        with self._open() as (camera, opened):
             frames = []
             for _ in range(_PICTURES):
                 frames.append(camera.capture())
@@ -82,17 +82,17 @@ class CameraConformance:
             assert times_s == sorted(set(times_s))
             assert [frame.sequence for frame in frames] == list(range(_PICTURES))
 
-    def test_a_time_that_is_told_has_a_bound(self) -> None:
-        """A source that tells a time says how far it may be wrong."""
-        with self._opened() as (_, opened):
+    def test_a_reported_time_has_a_bound(self) -> None:
+        """A source that reports a time also reports how far it may be wrong."""
+        with self._open() as (_, opened):
             exposure = opened.source.read()
             assert exposure is not None
             assert (exposure.t_s is None) == (exposure.t_bound_s is None)
             assert exposure.t_bound_s is None or exposure.t_bound_s >= 0
 
-    def test_a_picture_stays_as_it_was_taken(self) -> None:
-        """The next picture is not written over the one before it."""
-        with self._opened() as (camera, _):
+    def test_a_picture_is_not_overwritten(self) -> None:
+        """The next picture leaves the one before it unchanged."""
+        with self._open() as (camera, _):
             first = camera.capture().image
             kept = first.copy()
             second = camera.capture().image
@@ -100,14 +100,14 @@ class CameraConformance:
             assert np.array_equal(first, kept)
 
     def test_exposures_are_counted(self) -> None:
-        """Every picture counts, as does each that was thrown away for it."""
-        with self._opened() as (camera, opened):
+        """Every picture counts, also those that were dropped."""
+        with self._open() as (camera, opened):
             before = opened.source.exposures
             camera.capture()
             assert opened.source.exposures > before
 
-    def test_closing_twice_does_no_harm(self) -> None:
-        """A camera that was let go of is let go of again without an error."""
+    def test_closing_twice_is_no_error(self) -> None:
+        """A closed camera can be closed again."""
         source = self.open_camera().source
         source.close()
         source.close()

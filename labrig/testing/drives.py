@@ -1,7 +1,7 @@
-"""What every drive does: it verifies, holds, moves, and stops by itself when the computer falls silent.
+"""Tests of every drive: it verifies, holds, moves, and stops by itself when the computer falls silent.
 
-On real hardware the axis moves by `OpenedDrive.distance` to either side of where it stands: let it stand free, without
-a needle, and keep a hand on the emergency stop.
+On real hardware the axis moves by `OpenedDrive.distance` to both sides of its position. Clear its travel, remove the
+needle, and keep a hand on the emergency stop.
 """
 
 import json
@@ -15,7 +15,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drive import STILL_LOOK_S, Drive, Homing, find_drive_kind, open_drive
+from labrig.devices.drive import STILL_POLL_S, Drive, Homing, find_drive_kind, open_drive
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.simulated.bus import InProcessWire, attach
@@ -23,16 +23,16 @@ from labrig.devices.simulated.shaft import Mechanics
 from labrig.errors import DriveError
 
 _ANSWER_TIMEOUT_S = 0.12
-_LOOK_S = 0.01
-_PATIENCE_S = 30.0
+_POLL_S = 0.01
+_TIMEOUT_S = 30.0
 _SYNC = 0x080
 
 
 @dataclass(frozen=True)
 class OpenedDrive:
-    """A bus with a drive, its section of the rig file, and the rig time in which both are.
+    """A bus with a drive, its section of the rig file, and its clock.
 
-    `distance` is how far the axis may move to either side of where it stands [mm or rad].
+    `distance` is how far the axis may move to either side of its position [mm or rad].
     """
 
     link: CanLink
@@ -46,7 +46,7 @@ class OpenedDrive:
 def simulated_drive(
     driver: str, node_id: int = 1, section: AxisDescription | None = None
 ) -> Iterator[OpenedDrive]:
-    """Put the simulated drive of a kind on a bus inside the process; without a section it has its example section."""
+    """Put the simulated drive of a kind on a bus inside the process; the default is its example section."""
     kind, clock, wire = find_drive_kind(driver), SimulatedClock(), InProcessWire()
     section = section or kind.example_section(node_id)
     link = attach(wire, clock, _ANSWER_TIMEOUT_S)
@@ -58,7 +58,7 @@ def simulated_drive(
 
 
 class _Bench:
-    """A drive under test, looked after as a rig would: every wait sends the computer's heartbeat."""
+    """A drive under test; every wait sends the computer's heartbeat, as a rig does."""
 
     def __init__(self, opened: OpenedDrive) -> None:
         self.opened = opened
@@ -75,16 +75,16 @@ class _Bench:
         self.drive.enable()
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Let rig time pass until something is so."""
-        given_up_s = self.clock.now_s() + _PATIENCE_S
+        """Let rig time pass until a condition holds."""
+        deadline_s = self.clock.now_s() + _TIMEOUT_S
         while not condition():
-            assert self.clock.now_s() < given_up_s, "it takes too long"
-            self.clock.sleep(_LOOK_S)
+            assert self.clock.now_s() < deadline_s, "it takes too long"
+            self.clock.sleep(_POLL_S)
 
     def wait_until_still(self) -> None:
         """Let rig time pass until the axis stands still."""
-        for _ in self.drive.wait_until_still(_PATIENCE_S):
-            self.clock.sleep(STILL_LOOK_S)
+        for _ in self.drive.wait_until_still(_TIMEOUT_S):
+            self.clock.sleep(STILL_POLL_S)
 
     def move_to(self, position: float) -> None:
         """Move and wait for the end."""
@@ -92,14 +92,14 @@ class _Bench:
         self.wait_until(lambda: self.drive.read().target_reached)
 
     def start_moving(self) -> float:
-        """Start a move forwards, wait until the axis has left where it stood, and return that place."""
+        """Start a move forwards, wait until the axis has left its position, and return that position."""
         start = self.drive.position()
         self.drive.start_move(start + self.opened.distance, self.speed / 4)
         self.wait_until(lambda: abs(self.drive.position() - start) > self.window)
         return start
 
     def home_here(self, position: float = 0.0) -> None:
-        """Take the position where the axis stands."""
+        """Home at the present position."""
         homing = Homing(HOMING_HERE, position)
         self.drive.start_homing(homing)
         self.wait_until(self.drive.has_homed)
@@ -107,10 +107,10 @@ class _Bench:
 
 
 class DriveConformance:
-    """Tests of a kind of drive; a subclass says how one is opened."""
+    """Tests of a kind of drive; a subclass opens one."""
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
-        """Open the bus of the drive; each test opens it anew."""
+        """Open the bus of the drive; each test opens it again."""
         raise NotImplementedError
 
     @contextmanager
@@ -125,8 +125,8 @@ class DriveConformance:
             yield bench
             bench.drive.close()
 
-    def test_it_says_what_it_is_and_writes_nothing_for_it(self) -> None:
-        """Model and versions are told; no object is written until the drive is configured."""
+    def test_identifying_it_writes_nothing(self) -> None:
+        """The drive reports model and versions; no object is written before it is configured."""
         with self._bench() as bench:
             identity = bench.drive.identify()
             assert identity.model
@@ -139,13 +139,13 @@ class DriveConformance:
             assert all(data[0] == 0x40 for data in sent)
 
     def test_it_shares_no_process_data_with_another_drive(self) -> None:
-        """The COB-IDs that it sends and obeys are told, and none is both."""
+        """It reports the COB-IDs that it sends and those that it obeys, and none is both."""
         with self._bench() as bench:
             sent, obeyed = bench.drive.cob_ids()
             assert not sent & obeyed
 
-    def test_its_settings_are_told_and_power_is_off_until_it_is_enabled(self) -> None:
-        """What was asked is in the record, ready for JSON; a move without power is refused."""
+    def test_power_is_off_after_configuring(self) -> None:
+        """The settings are ready for the record; reading for a move is refused without power."""
         with self._bench() as bench:
             bench.drive.identify()
             bench.drive.configure(bench.opened.heartbeat, None)
@@ -155,7 +155,7 @@ class DriveConformance:
             bench.drive.verify_dead_man(bench.opened.heartbeat)
 
     def test_enabling_moves_nothing(self) -> None:
-        """The axis holds where it stands."""
+        """The axis holds its position."""
         with self._ready() as bench:
             before = bench.drive.position()
             bench.clock.sleep(0.2)
@@ -165,7 +165,7 @@ class DriveConformance:
             bench.drive.check()
 
     def test_moves_arrive_in_the_window(self) -> None:
-        """Forwards and back, and what is read stands at the rounded target."""
+        """Forwards and back, the position read is that of the rounded target."""
         with self._ready() as bench:
             start = bench.drive.position()
             for target in (start + bench.opened.distance, start):
@@ -176,14 +176,14 @@ class DriveConformance:
                 assert abs(bench.drive.read().position - rounded.position) <= bench.window
 
     def test_a_move_can_be_replaced_on_its_way(self) -> None:
-        """The second target is where the axis ends, also backwards."""
+        """The axis ends at the second target, also backwards."""
         with self._ready() as bench:
             start = bench.start_moving()
             bench.move_to(start)
             assert abs(bench.drive.position() - start) <= bench.window
 
-    def test_a_report_at_a_sync_tells_where_the_axis_is(self) -> None:
-        """A read that was announced returns the same as one that asks."""
+    def test_a_report_at_a_sync_has_the_position(self) -> None:
+        """A read by report returns the same position as a read by SDO."""
         with self._ready() as bench:
             bench.drive.expect_report()
             bench.opened.link.send(_SYNC, b"")
@@ -192,7 +192,7 @@ class DriveConformance:
             assert all(count >= 0 for count in bench.drive.counts().values())
 
     def test_stopping_holds_and_keeps_power(self) -> None:
-        """A stop that is only sent, and one that is answered: the axis stands still and can move again."""
+        """After a stop that is only sent, and after one that is answered, the axis stands still and can move again."""
         with self._ready() as bench:
             for stop in (bench.drive.send_stop, bench.drive.stop):
                 start = bench.start_moving()
@@ -202,7 +202,7 @@ class DriveConformance:
                 bench.move_to(start)
 
     def test_a_quick_stop_needs_enabling_again(self) -> None:
-        """The axis stands still and refuses to move until then."""
+        """Until then the axis stands still and refuses to move."""
         with self._ready() as bench:
             start = bench.start_moving()
             bench.drive.quick_stop()
@@ -211,15 +211,15 @@ class DriveConformance:
             bench.drive.enable()
             bench.move_to(start)
 
-    def test_an_axis_that_moves_is_not_said_to_stand_still(self) -> None:
-        """Standing still is read from the position."""
+    def test_a_moving_axis_does_not_count_as_still(self) -> None:
+        """Standstill is judged by the position."""
         with self._ready() as bench:
             start = bench.start_moving()
             assert _refuses(lambda: list(_wait_until_still(bench, 0.0)))
             bench.move_to(start)
 
     def test_homing_here_sets_the_position(self) -> None:
-        """Nothing moves; the drive knows itself referenced, and moves count from there."""
+        """Nothing moves; the drive is referenced, and positions count from there."""
         with self._ready() as bench:
             bench.home_here(2 * bench.opened.distance)
             assert bench.drive.is_referenced()
@@ -227,8 +227,8 @@ class DriveConformance:
             bench.home_here()
             assert abs(bench.drive.position()) <= bench.window
 
-    def test_a_position_that_is_assumed_needs_no_reference(self) -> None:
-        """Positions count from there, moves too, until the axis is homed."""
+    def test_an_assumed_position_needs_no_reference(self) -> None:
+        """Positions and moves count from there until the axis is homed."""
         with self._ready() as bench:
             bench.drive.assume_position(40 * bench.window)
             assert abs(bench.drive.position() - 40 * bench.window) <= bench.window
@@ -238,7 +238,7 @@ class DriveConformance:
             assert abs(bench.drive.position()) <= bench.window
 
     def test_the_drive_itself_holds_the_limits(self) -> None:
-        """A target beyond them is not reached, whatever the computer asks for."""
+        """A target beyond them is not reached, whatever the computer commands."""
         with self._ready() as bench:
             bench.home_here()
             near = bench.opened.distance / 4
@@ -256,9 +256,9 @@ class DriveConformance:
             bench.move_to(0.0)
 
     def test_the_drive_stops_when_the_computer_falls_silent(self) -> None:
-        """The dead-man: without heartbeats it stops by itself, says why, and moves only once its fault is reset."""
+        """Without heartbeats it stops by itself, reports why, and moves only after its fault has been reset."""
         with self._ready() as bench:
-            # One that has never heard the computer does not miss it.
+            # A drive misses only a heartbeat that it has received before.
             bench.clock.sleep(2 * bench.opened.heartbeat.period_ms / 1000)
             start = bench.drive.position()
             bench.drive.start_move(start + bench.opened.distance, bench.speed / 100)
@@ -273,7 +273,7 @@ class DriveConformance:
             bench.move_to(start)
 
     def test_its_condition_can_be_read(self) -> None:
-        """Faults, current, its limit and inputs are what the drive measures, None where it does not."""
+        """Faults, current, current limit and inputs have the types that `Drive` states."""
         with self._ready() as bench:
             assert bench.drive.faults() == ()
             assert isinstance(bench.drive.current_ma(), float | None)
@@ -281,8 +281,8 @@ class DriveConformance:
             assert limit_ma is None or limit_ma > 0
             assert all(isinstance(active, bool) for active in bench.drive.inputs().values())
 
-    def test_a_current_limit_ends_with_the_opening(self) -> None:
-        """It holds while the drive is open, and the drive's own is back afterwards; a drive without one refuses."""
+    def test_closing_restores_the_current_limit(self) -> None:
+        """A limit holds until `close`, then the drive has its own again; a drive without a limit refuses one."""
         with self._bench() as bench:
             own_ma = bench.drive.current_limit_ma()
             if own_ma is None:
@@ -295,8 +295,8 @@ class DriveConformance:
             bench.drive.close()
             assert bench.drive.current_limit_ma() == own_ma
 
-    def test_a_closed_drive_is_without_power_and_misses_nobody(self) -> None:
-        """Both heartbeats end with it, which is no fault."""
+    def test_a_closed_drive_has_neither_power_nor_fault(self) -> None:
+        """Closing ends both heartbeats without a fault."""
         with self._ready() as bench:
             bench.drive.close()
             bench.opened.clock.sleep(2 * bench.opened.heartbeat.timeout_ms / 1000)
@@ -306,7 +306,7 @@ class DriveConformance:
 
 def _wait_until_still(bench: _Bench, within_s: float) -> Iterator[None]:
     for _ in bench.drive.wait_until_still(within_s):
-        bench.clock.sleep(STILL_LOOK_S)
+        bench.clock.sleep(STILL_POLL_S)
         yield
 
 

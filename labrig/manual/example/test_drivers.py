@@ -1,4 +1,4 @@
-"""The drive and the camera pass the tests that every driver passes."""
+"""The drive and the camera pass the conformance tests."""
 
 from contextlib import AbstractContextManager
 

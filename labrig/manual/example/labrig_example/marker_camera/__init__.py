@@ -1,4 +1,4 @@
-"""A camera that draws a marker: a bright disc, which drifts to the right as rig time goes by."""
+"""A camera that draws a marker: a bright disc that drifts to the right with rig time."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -35,7 +35,7 @@ class MarkerSource:
         self._settings: dict[str, Setting] = {}
 
     def set(self, name: str, value: Setting) -> None:
-        """Make a setting."""
+        """Set a value."""
         self._settings[name] = value
 
     def get(self, name: str) -> Setting | None:
@@ -53,7 +53,7 @@ class MarkerSource:
         return Exposure((_BACKGROUND + (_DISC - _BACKGROUND) * share).astype(np.uint8))
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: nothing is open."""
 
 
 class MarkerCamera(CameraKind[MarkerDescription]):

@@ -1,4 +1,4 @@
-"""repeatability: an axis goes to a place and back, and pictures show whether a marker on it comes back too."""
+"""repeatability: an axis moves away and back, and pictures show whether a marker on it comes back too."""
 
 from labrig.experiments.declaration import ExperimentDeclaration
 

@@ -1,4 +1,4 @@
-"""From the pictures to the result; imports nothing that moves a motor."""
+"""Computes the result from the pictures; imports nothing that moves a motor."""
 
 import math
 
@@ -14,7 +14,7 @@ from labrig_example.repeatability.result import RepeatabilityResult, Visit
 
 
 def analyze(run: Run, protocol: RepeatabilityProtocol, request: AnalysisRequest) -> Findings:
-    """Find the marker in the picture of each visit that was finished, and how far its places spread.
+    """Find the marker in the picture of each finished visit, and the spread of its positions.
 
     Raises
     ------

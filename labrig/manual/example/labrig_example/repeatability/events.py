@@ -1,21 +1,21 @@
-"""What a run writes: used by the procedure that writes it and by the analysis that reads it."""
+"""The events of a run, which the procedure writes and the analysis reads."""
 
 from labrig.record.events import PictureRole, TrialStart, TrialStop
 
 
 class VisitStart(TrialStart):
-    """The axis sets out."""
+    """The axis moves away."""
 
     far_mm: float
 
 
 class VisitStop(TrialStop):
-    """The axis is back, and the picture that was taken there."""
+    """The axis is back; `final_frame` is the picture taken there."""
 
     final_frame: int
 
 
 class Role(PictureRole):
-    """What a picture was taken for."""
+    """Purpose of a picture."""
 
     MARKER = "marker"

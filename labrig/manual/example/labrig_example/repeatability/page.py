@@ -1,4 +1,4 @@
-"""The result as people read it: on the page, and in a terminal."""
+"""The result on the page and in a terminal."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,7 +24,7 @@ def make_page(
     if result is None:
         return Page(facts)
     visits = result.content.visits
-    pictures = [data_uri(jpeg(run.read_frame(each.frame), THUMBNAIL), "image/jpeg") for each in visits]
+    pictures = [data_uri(jpeg(run.read_frame(visit.frame), THUMBNAIL), "image/jpeg") for visit in visits]
     return Page(
         facts,
         TEMPLATE,
@@ -34,9 +34,9 @@ def make_page(
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return what a terminal shows, and the number that a reanalysis is compared by."""
+    """Return what a terminal shows, and the number by which reanalyses are compared."""
     rows = tuple(
-        (each["trial"], number(each["u_px"], 2), number(each["v_px"], 2)) for each in document["visits"]
+        (visit["trial"], number(visit["u_px"], 2), number(visit["v_px"], 2)) for visit in document["visits"]
     )
     return Summary(
         (_verdict(document), TextTable(("visit", "u [px]", "v [px]"), rows)),

@@ -1,4 +1,4 @@
-"""What the experiment asks of a rig, and what it does on one."""
+"""What the experiment needs of a rig, and how it runs on one."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from labrig_example.repeatability.protocol import RepeatabilityProtocol
 
 @dataclass(frozen=True)
 class AttachMarker(OperatorRequest):
-    """Attach the marker, once."""
+    """Attach the marker."""
 
     sentence = (
         "Attach the marker to the {axis} axis. Confirm that no needle is mounted and that the axes stand at zero: "
@@ -25,7 +25,7 @@ class AttachMarker(OperatorRequest):
 
 
 def plan(protocol: RepeatabilityProtocol, rig: RigDescription) -> RunPlan:
-    """Return what the protocol is going to ask of a rig."""
+    """Return what the protocol needs of a rig."""
     far_mm, speed_mm_s = protocol.far_mm, protocol.speed_mm_s
     moves = (
         PlannedMove("far_mm", "linear", 0.0, far_mm, speed_mm_s),
@@ -41,7 +41,7 @@ def plan(protocol: RepeatabilityProtocol, rig: RigDescription) -> RunPlan:
 
 
 def run(protocol: RepeatabilityProtocol, session: Session) -> None:
-    """Go and come back, and take a picture each time."""
+    """Move away and back, and take a picture each time."""
     confirm_needle_out(session)
     session.ask(AttachMarker("linear"))
     session.rig.reference_axes()

@@ -1,4 +1,4 @@
-"""What the analysis found, as it is stored in `RUN/analysis/NNN/`."""
+"""The result of the analysis, stored in `RUN/analysis/NNN/`."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -8,7 +8,7 @@ from labrig.protocol.model import Model
 
 
 class Visit(Model):
-    """Where the marker stood when the axis had come back; None where the picture does not show it."""
+    """Position of the marker after the axis came back; None if the picture does not show it."""
 
     trial: int
     frame: int
@@ -17,7 +17,7 @@ class Visit(Model):
 
 
 class RepeatabilityResult(Result):
-    """How far the marker stood from its first place at most, and whether that is within the protocol's limit."""
+    """Largest distance of the marker from its first position, and whether the protocol's limit allows it."""
 
     kind: Literal["repeatability"] = "repeatability"
     accepted: bool
@@ -26,5 +26,5 @@ class RepeatabilityResult(Result):
 
     @property
     def tables(self) -> Mapping[str, Rows]:
-        """The visits, row by row: written as `visits.csv`."""
+        """The visits, written as `visits.csv`."""
         return {"visits": Rows(Visit, self.visits)}

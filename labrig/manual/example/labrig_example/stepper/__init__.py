@@ -1,4 +1,4 @@
-"""A stepper drive of the profile CiA 402, as a kind of drive."""
+"""The kind of drive `example-stepper`: a CiA 402 stepper drive."""
 
 from labrig.clock import Clock
 from labrig.devices import canopen_objects as co

@@ -1,4 +1,4 @@
-"""The driver of the stepper: what it adds to the profile CiA 402, and what `labrig devices check` says of it."""
+"""The driver of the stepper: its additions to CiA 402, and its part of `labrig devices check`."""
 
 from collections.abc import Iterator
 
@@ -23,7 +23,7 @@ class Stepper(Cia402Drive[StepperAxis]):
         super().__init__(link, section, axis, clock, node_id=section.node_id)
 
     def identify(self) -> Identity:
-        """Return what the drive is. Raises `DriveError` where it is no such stepper."""
+        """Return the identity of the drive. Raises `DriveError` if it is another one."""
         found = (self.wake(), self.upload(co.PRODUCT_CODE))
         if found != (VENDOR, PRODUCT):
             raise DriveError(
@@ -33,7 +33,7 @@ class Stepper(Cia402Drive[StepperAxis]):
         return Identity("example stepper", self.upload(co.SERIAL_NUMBER))
 
     def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
-        """Return the settings of its section, and after which silence of the computer it stops."""
+        """Return the settings of its section, including the heartbeat consumer."""
         section, scale = self.section, self.scale
         acceleration = scale.to_acceleration_units(section.acceleration)
         return {
@@ -48,7 +48,7 @@ class Stepper(Cia402Drive[StepperAxis]):
         }
 
     def homing_settings(self, homing: Homing) -> Iterator[tuple[Entry, int]]:
-        """Yield what the position is to be where the axis stands."""
+        """Yield the counter that the present position is to get."""
         yield co.HOME_OFFSET, self.home_counter(homing)
 
     def inputs(self) -> dict[str, bool]:
@@ -61,9 +61,9 @@ def check_axis(
     axis: StepperAxis,
     name: str,
     clock: Clock,
-    heartbeat: HeartbeatDescription,  # noqa: ARG001 - the drive keeps nothing of it
+    heartbeat: HeartbeatDescription,  # noqa: ARG001 - nothing of it is checked
 ) -> Iterator[CheckResult]:
-    """Check that the drive answers and is in no fault; nothing is written."""
+    """Check that the drive answers and has no fault; nothing is written."""
     drive = Stepper(link, axis, name, clock)
     try:
         identity = drive.identify()

@@ -19,7 +19,7 @@ class StepperAxis(AxisDescription):
     driver: Literal["example-stepper"] = Field("example-stepper", description="Kind of drive.")
     node_id: NodeId = Field(description="CANopen node id of the drive.")
     microsteps_per_turn: Annotated[int, Field(ge=200, le=51_200)] = Field(
-        description="Microsteps a turn of the motor [-]."
+        description="Microsteps per turn of the motor [-]."
     )
 
     @property

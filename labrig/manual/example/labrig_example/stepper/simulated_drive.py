@@ -1,4 +1,4 @@
-"""A simulated stepper drive: a node on a bus, with the profile's state machine, faults and motion."""
+"""A simulated stepper drive: a node on a bus with the state machine, faults and motion of CiA 402."""
 
 from typing import ClassVar
 
@@ -46,7 +46,7 @@ class SimulatedStepper(SimulatedCia402Drive):
         )
 
     def counts_per_turn(self) -> int:
-        """Return the microsteps a turn of the motor."""
+        """Return the microsteps per turn of the motor."""
         return self._section.microsteps_per_turn
 
     def error_register(self, code: int) -> int:  # noqa: ARG002 - the same for every error
@@ -58,5 +58,5 @@ class SimulatedStepper(SimulatedCia402Drive):
         SimulatedStepper(self._wire, self._section, self._clock, self._shaft.mechanics)
 
     def set_encoder(self, pulses: int) -> None:
-        """Make another number of microsteps a turn."""
+        """Change the microsteps per turn."""
         self._section = self._section.model_copy(update={"microsteps_per_turn": pulses})

@@ -19,6 +19,7 @@ Rooms, top to bottom; each may import only what stands below it (`lint-imports` 
 - `durable` writes files whole or not at all, under names of its own until they are complete
 - `posix` is what the operating system must give
 - `plugins` finds the experiments, drives and cameras of installed packages
+- `input_file` reads files and JSON that anybody may have made, within bounds
 - `errors`, `clock` and `text` are the error tree, what a clock is, and how numbers are written
 
 Beside them, `manual` holds the manual, and in `manual/example` a package of a lab's own to copy; it is imported by

@@ -30,6 +30,7 @@
     │   └── SafetyStopError        stopped because continuing was not known to be safe
     ├── RecordError           (4)  a damaged run, or a folder that is not a run
     │   └── RecordEndsError        a replay has reached the end of its record
+    ├── BugError              (5)  labrig itself failed; names the file that holds the traceback
     └── InterruptedRunError (130)  INT, TERM or HUP
 
 A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
@@ -307,6 +308,12 @@ class RecordError(LabrigError):
 
 class RecordEndsError(RecordError):
     """A replay of an interrupted run has reached the end of its record."""
+
+
+class BugError(LabrigError):
+    """Something in labrig failed that should not; the message names the file that holds the traceback."""
+
+    exit_code = 5
 
 
 class InterruptedRunError(LabrigError):

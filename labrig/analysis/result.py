@@ -9,6 +9,7 @@ import io
 import math
 import shutil
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +21,11 @@ from pydantic import ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
+from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.protocol.model import Model
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
+from labrig.record.results import list_numbered_folders
 from labrig.record.tables import escape_formula
 
 RESULT_FILE = "result.json"
@@ -232,7 +235,8 @@ def _write_parts(path: Path, findings: Findings) -> AnyResult:
 def list_result_numbers(run: Run) -> tuple[int, ...]:
     """Return the numbers of the run's results in order. Raises `RecordError` if their folder is a link."""
     folder = run.own("analysis")
-    return tuple(sorted(int(file.parent.name) for file in folder.glob(f"[0-9]*/{RESULT_FILE}")))
+    numbers = list_numbered_folders(folder)
+    return tuple(sorted(number for number in numbers if (folder / f"{number:03d}" / RESULT_FILE).exists()))
 
 
 def find_newest_result_folder(run: Run) -> Path | None:
@@ -267,7 +271,7 @@ def load_result(run: Run, model: type[Result], number: int | None = None) -> Any
     try:
         for file in path.iterdir():
             run.own(f"analysis/{wanted:03d}/{file.name}")
-        content = model.model_validate_json((path / RESULT_FILE).read_bytes())
+        content = model.model_validate_json(read_file(path / RESULT_FILE, MAX_RESULT_BYTES))
     except (OSError, ValidationError) as error:
         raise RecordError(f"{path / RESULT_FILE} cannot be read: {_describe_error(error)}", _AGAIN) from error
     return AnalysisResult(path, content)
@@ -284,10 +288,25 @@ def load_centre_lines(folder: Path) -> CentreLines:
     if not file.exists():
         return NO_LINES
     try:
-        with np.load(file, allow_pickle=False) as arrays:
-            return _unpack({name: arrays[name] for name in arrays.files})
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        with zipfile.ZipFile(io.BytesIO(read_file(file, MAX_RESULT_BYTES))) as archive:
+            return _unpack({name: _read_array(archive, name) for name in _ARRAYS})
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordError(f"{file} cannot be read: {error}", _AGAIN) from error
+
+
+def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Return an array of numbers, whose size is known before memory is taken for it; else as `zipfile` raises."""
+    info = archive.getinfo(f"{name}.npy")
+    if info.file_size > MAX_RESULT_BYTES:
+        raise ValueError(f"{name} has {info.file_size} bytes, at most {MAX_RESULT_BYTES} are read")
+    data = io.BytesIO(archive.read(info))
+    if np.lib.format.read_magic(data) != (1, 0):
+        raise ValueError(f"{name} is of another version of NumPy's format")
+    shape, by_column, dtype = np.lib.format.read_array_header_1_0(data)
+    content = data.read()
+    if dtype.kind not in "if" or math.prod(shape) * dtype.itemsize != len(content):
+        raise ValueError(f"{name} is no array of numbers, or of another size than it states")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if by_column else "C")
 
 
 def _describe_error(error: OSError | ValidationError) -> str:
@@ -296,6 +315,9 @@ def _describe_error(error: OSError | ValidationError) -> str:
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     return f"{place}: {first['msg']}" if place else first["msg"]
+
+
+_ARRAYS = ("frames", "starts", "windows", "mm", "px")
 
 
 def _pack(lines: CentreLines) -> bytes:
@@ -319,6 +341,7 @@ def _pack(lines: CentreLines) -> bytes:
 
 
 def _unpack(arrays: Mapping[str, NDArray[Any]]) -> CentreLines:
+    _require_fitting(arrays)
     frames = [int(frame) for frame in arrays["frames"]]
     inner = arrays["starts"][1:-1]
     mm = np.split(arrays["mm"].astype(np.float64), inner) if frames else []
@@ -329,6 +352,25 @@ def _unpack(arrays: Mapping[str, NDArray[Any]]) -> CentreLines:
         dict(zip(frames, px, strict=True)),
         dict(zip(frames, windows, strict=True)),
     )
+
+
+def _require_fitting(arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse arrays that are not of one set of lines. Raises `ValueError`."""
+    lines, points = arrays["frames"].size, arrays["mm"].size // 2
+    shapes = {
+        "frames": (lines,),
+        "starts": (lines + 1,),
+        "windows": (lines, 2),
+        "mm": (points, 2),
+        "px": (points, 2),
+    }
+    for name, shape in shapes.items():
+        array, kind = arrays[name], "f" if name in {"mm", "px"} else "i"
+        if array.shape != shape or array.dtype.kind != kind or not np.isfinite(array).all():
+            raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, expected {shape}, all finite")
+    starts = arrays["starts"]
+    if starts[0] != 0 or starts[-1] != points or (np.diff(starts) < 0).any():
+        raise ValueError("starts does not divide the points")
 
 
 # A pair of numbers becomes two columns.

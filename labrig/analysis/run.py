@@ -15,6 +15,7 @@ from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measur
 from labrig.analysis.result import AnyResult, Stamp, list_result_numbers, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import InputError, RecordError
+from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -155,7 +156,7 @@ def _hash_inputs(path: Path) -> dict[str, str]:
     files = [path / name for name in ("protocol.yaml", "frames.jsonl", "events.jsonl", "truth.jsonl")]
     files += sorted((path / "calibration").glob("*.json"))
     return {
-        file.relative_to(path).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        file.relative_to(path).as_posix(): hashlib.sha256(read_file(file, MAX_LOG_BYTES)).hexdigest()
         for file in files
         if file.is_file()
     }

@@ -18,6 +18,9 @@ from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.cli.template import template
 from labrig.durable import write_atomically
 from labrig.errors import CalibrationRefusedError, InputError, RecordError
+from labrig.input_file import read_file
+
+_MOST_DIGITS = 2
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -185,7 +188,7 @@ def adopt(
             path, force, "replace the old calibration with --force; the run that made it keeps it"
         )
     for name, path in targets.items():
-        write_atomically(path, (result.path / name).read_bytes())
+        write_atomically(path, read_file(result.path / name))
     if as_json:
         print_json({"run": str(run_path), "written": [str(path) for path in targets.values()]})
     else:
@@ -196,7 +199,9 @@ def adopt(
 def _read_board_size(board: str) -> tuple[int, int]:
     """Read `9x6` as nine columns and six rows of inner corners."""
     columns, _, rows = board.lower().partition("x")
-    if columns.isdigit() and rows.isdigit() and int(columns) >= 3 and int(rows) >= 3:
+    if columns.isdecimal() and rows.isdecimal() and max(len(columns), len(rows)) > _MOST_DIGITS:
+        raise InputError(f"--board is {board[:40]!r}, at most 99x99 are searched for", "count inner corners")
+    if columns.isdecimal() and rows.isdecimal() and int(columns) >= 3 and int(rows) >= 3:
         return int(columns), int(rows)
     raise InputError(
         f"--board is {board!r}, and has to name inner corners, at least 3x3", "for example --board 9x6"

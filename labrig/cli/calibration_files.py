@@ -9,7 +9,10 @@ import typer
 
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, OutputExistsError
+from labrig.input_file import read_file
+from labrig.record.json_lines import plain_text
 from labrig.record.provenance import collect_provenance
+from labrig.vision.picture import MAX_PICTURE_BYTES
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Calibration file to write.", show_default=False)
@@ -43,6 +46,8 @@ def collect_calibration_provenance(images: list[Path]) -> dict[str, object]:
         **collect_provenance(sys.argv),
         "created": SystemClock().utc().isoformat(timespec="seconds"),
         "pictures": {
-            path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in images if path.is_file()
+            plain_text(path.name): hashlib.sha256(read_file(path, MAX_PICTURE_BYTES)).hexdigest()
+            for path in images
+            if path.is_file()
         },
     }

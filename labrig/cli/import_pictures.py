@@ -13,13 +13,15 @@ from labrig.errors import InputError, PictureError
 from labrig.experiments.imported_pictures.events import PictureRefused
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.shared.needle_events import NeedleRole
+from labrig.input_file import read_file
 from labrig.protocol.model import Direction
 from labrig.protocol.yaml_file import dump_yaml, validate_values
+from labrig.record.json_lines import plain_text
 from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_provenance
 from labrig.record.writer import Recorder
 from labrig.vision.mask import load_mask
-from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture
+from labrig.vision.picture import MAX_PICTURE_BYTES, PICTURE_SUFFIXES, number_order, read_picture
 
 
 @dataclass(frozen=True)
@@ -112,15 +114,16 @@ def _copy_pictures(pictures: list[Path], recorder: Recorder) -> list[Path]:
         except PictureError as error:
             refused.append(path)
             say(f"left out: {error.message}")
-            recorder.record_event(PictureRefused(source=path.name, reason=error.message), float(number))
+            refusal = PictureRefused(source=plain_text(path.name), reason=plain_text(error.message))
+            recorder.record_event(refusal, float(number))
             continue
         recorder.frame(
             image,
             float(number),
             trial=None,
             role=NeedleRole.IMPORTED,
-            source=path.name,
-            source_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            source=plain_text(path.name),
+            source_sha256=hashlib.sha256(read_file(path, MAX_PICTURE_BYTES)).hexdigest(),
         )
     return refused
 

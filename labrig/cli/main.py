@@ -1,7 +1,10 @@
 """The `labrig` command: its commands, and how every failure becomes an exit code."""
 
+import functools
 import importlib
 import itertools
+import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
@@ -10,7 +13,7 @@ import typer
 from labrig import __version__
 from labrig.cli.output import print_failure, print_line
 from labrig.cli.signals import Interruption, raise_on_signals
-from labrig.errors import DiskError, InputError, InterruptedRunError, LabrigError
+from labrig.errors import BugError, DiskError, InputError, InterruptedRunError, LabrigError, MachineError
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "run": (
@@ -91,7 +94,25 @@ def _make_app(arguments: Sequence[str]) -> typer.Typer:
 def _import_command(place: str) -> Callable[..., object]:
     file, name = place.split(".")
     command: Callable[..., object] = getattr(importlib.import_module(f"labrig.cli.{file}"), name)
+    if not isinstance(command, typer.Typer):
+        return _require_finite(command)
+    for info in command.registered_commands:
+        info.callback = info.callback and _require_finite(info.callback)
     return command
+
+
+def _require_finite(command: Callable[..., object]) -> Callable[..., object]:
+    """Return a command that refuses NaN and infinity for any of its numbers."""
+
+    @functools.wraps(command)
+    def call(**options: object) -> object:
+        for name, value in options.items():
+            for number in value if isinstance(value, tuple | list) else (value,):
+                if isinstance(number, float) and not math.isfinite(number):
+                    raise InputError(f"--{name.replace('_', '-')} is {number}", "give a finite number")
+        return command(**options)
+
+    return call
 
 
 def _unused() -> None:
@@ -99,18 +120,22 @@ def _unused() -> None:
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit code: 0, 1, 2, 3, 4 or 130, as listed in README."""
+    """Run a command line and return its exit code: 0 to 5 or 130, as listed in README."""
     try:
         with raise_on_signals():
             return _invoke(arguments)
-    except Interruption as interruption:
-        failure: LabrigError = InterruptedRunError(f"interrupted by {interruption}")
+    except (Interruption, KeyboardInterrupt) as interruption:
+        failure: LabrigError = InterruptedRunError(f"interrupted by {str(interruption) or 'SIGINT'}")
     except typer.TyperException as error:
         failure = InputError(error.format_message(), _hint_at_help(arguments))
     except LabrigError as error:
         failure = error
     except OSError as error:
         failure = _make_disk_error(error)
+    except MemoryError:
+        failure = MachineError("this computer has too little memory for that", "give it less at once")
+    except Exception as error:  # noqa: BLE001 - the one place where a bug ends, with a code of its own
+        failure = _keep_traceback(error)
     if failure.message:  # empty if no command was given: its help has been printed
         print_failure(failure, "--json" in arguments)
     return failure.exit_code
@@ -133,6 +158,28 @@ def _hint_at_help(arguments: Sequence[str]) -> str:
     place, _ = COMMANDS.get(words[0], ("", "")) if words else ("", "")
     command = words[: 1 + place.endswith(".app")] if place else []
     return " ".join(["see: labrig", *command, "--help"])
+
+
+def _keep_traceback(error: Exception) -> BugError:
+    """Write the traceback of a bug into a new file, which the returned error names."""
+    import tempfile
+    import traceback
+
+    what = f"labrig itself failed: {type(error).__name__}: {error}"
+    lines = [f"labrig {__version__}: {' '.join(sys.argv)}\n\n", *traceback.format_exception(error)]
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w",
+            encoding="utf-8",
+            errors="backslashreplace",
+            prefix="labrig-bug-",
+            suffix=".txt",
+            delete=False,
+        ) as file:
+            file.writelines(lines)
+    except OSError as unwritten:
+        return BugError(what, f"its traceback could not be written: {unwritten.strerror}; please report it")
+    return BugError(what, f"please report it, with the traceback in {file.name}")
 
 
 def _make_disk_error(error: OSError) -> DiskError:

@@ -1,6 +1,5 @@
 """Continues a sweep after a crash, a power cut or a stop, on the same rig and with the same protocol."""
 
-import json
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.durable import require_free_bytes
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
 from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.input_file import parse_json, read_file
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
@@ -168,7 +168,7 @@ def _find_calibration_problems(run: Run, description: RigDescription) -> Iterato
     hashes = run.manifest.get("hashes")
     recorded = hashes.get("calibration", {}) if isinstance(hashes, Mapping) else {}
     for name in sorted({*recorded, *files}):
-        now = files[name].read_bytes() if name in files else b""
+        now = read_file(files[name]) if name in files else b""
         digest = sha256(now).hexdigest() if name in files else None
         if digest != recorded.get(name):
             yield Problem(
@@ -177,8 +177,8 @@ def _find_calibration_problems(run: Run, description: RigDescription) -> Iterato
                 "a run continues with what it began with: restore that file, or start a new run",
             )
             if name in files and name in recorded and name.endswith(".json"):
-                before = run.calibration_path(name).read_bytes()
-                yield from _find_problems(f"calibration {name}", json.loads(before), json.loads(now))
+                before = read_file(run.calibration_path(name))
+                yield from _find_problems(f"calibration {name}", parse_json(before), parse_json(now))
 
 
 def _shorten(digest: object) -> str:

@@ -14,6 +14,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.errors import InputError
+from labrig.input_file import read_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
 from labrig.record.opening import create_under_free_name
@@ -148,7 +149,7 @@ def _begin_record(rig: Rig, left: Run) -> Recorder:
         Recorder.create,
         folder.parent,
         manifest=manifest,
-        protocol_yaml=left.protocol_path.read_text(encoding="utf-8"),
+        protocol_yaml=read_file(left.protocol_path).decode(),
         rig_yaml=dump_yaml(rig.description),
         calibration_files={},
         code_diff=collect_code_diff(),

@@ -19,6 +19,7 @@ from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.needle_state import require_own_state
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LockedError
+from labrig.input_file import parse_json
 from labrig.posix import LineSocket, connect, identify_user, listen, make_private_folder
 from labrig.record.lock import FileLock, read_lock_owner
 
@@ -208,7 +209,7 @@ def ask_to_stop(rig: RigDescription) -> Reply | None:
 
 def _parse_reply(line: str | None) -> dict[str, Any]:
     try:
-        document = json.loads(line or "{}")
+        document = parse_json((line or "{}").encode())
     except ValueError:
         return {}
     return document if isinstance(document, dict) else {}

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from labrig.devices.axis import Axis
 from labrig.errors import DiskError, LabrigError, MachineError
+from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import NO_LINKS
 from labrig.record.json_lines import decode_line, encode_line
 
@@ -29,7 +30,7 @@ def motion_log_path(state_path: Path) -> Path:
 def last_motion(state_path: Path) -> dict[str, object] | None:
     """Return the last line of a rig's log; None if there is none, or it is torn or damaged."""
     try:
-        lines = motion_log_path(state_path).read_bytes().splitlines()
+        lines = read_file(motion_log_path(state_path), MAX_LOG_BYTES).splitlines()
         return decode_line(lines[-1]) if lines else None
     except (OSError, ValueError):
         return None

@@ -9,10 +9,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from labrig.devices.axis_description import AXES
 from labrig.durable import write_atomically
 from labrig.errors import OutputExistsError, SafetyStopError
+from labrig.input_file import open_file, parse_json, read_file
 
 _KIND = "labrig-rig-state"
 _VERSION = 1
@@ -175,7 +177,7 @@ def require_own_state(path: Path) -> None:
 
 def _is_state_or_empty(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             begin = file.read(_BEGIN_BYTES)
     except OSError:
         return False
@@ -191,12 +193,12 @@ def _load(path: Path) -> RigState:
     if not path.exists():
         return RigState(None, note="this rig has no state file yet")
     try:
-        return _parse(json.loads(path.read_text(encoding="utf-8")))
+        return _parse(parse_json(read_file(path)))
     except (OSError, ValueError, KeyError, TypeError) as error:
         return RigState(None, note=f"the rig's state file {path.name} cannot be read ({error})")
 
 
-def _parse(document: dict[str, object]) -> RigState:
+def _parse(document: Any) -> RigState:
     if (document["kind"], document["schema_version"]) != (_KIND, _VERSION):
         raise ValueError(f"kind {document['kind']}, version {document['schema_version']}")
     needle, since, referenced = document["needle_in_tissue"], document["since_run"], document["referenced"]

@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labrig.errors import FileFormatError, InputError, Problem
+from labrig.input_file import read_file
 from labrig.protocol.design_file import NeedleDesign, load_design
 from labrig.protocol.formatting import Plain, show
 from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
+from labrig.protocol.yaml_tree import MAX_BYTES
 
 KEY = "design_file"
 _DESIGN = ("needle", KEY)
@@ -122,4 +124,4 @@ def _resolve_name(named: Plain, folder: Path) -> Path:
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_file(path, MAX_BYTES)).hexdigest()

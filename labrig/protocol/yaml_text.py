@@ -136,6 +136,7 @@ class _Composer(Composer):
         super().__init__(loader)
         self.warn_double_anchors = False  # the later anchor counts
         self.start: Any = None
+        self._values = 0
         self._extents: dict[int, tuple[int, int]] = {}
 
     def compose_document(self) -> Any:
@@ -144,8 +145,13 @@ class _Composer(Composer):
 
     def compose_node(self, parent: Node | None, index: Node | int | None) -> Any:
         event = self.parser.peek_event()
+        is_key = isinstance(parent, MappingNode) and index is None
+        self._values += not is_key
+        if self._values > MAX_VALUES:  # the extent of a list is known only at its end
+            message = f"holds more than {MAX_VALUES} values, at most {MAX_VALUES} are read"
+            raise _RefusedError(message, event.start_mark)
         if isinstance(event, AliasEvent):
-            self._check_alias(event, is_key=isinstance(parent, MappingNode) and index is None)
+            self._check_alias(event, is_key=is_key)
             return super().compose_node(parent, index)
         node = super().compose_node(parent, index)
         node.ctag = event.ctag

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from labrig.errors import FileFormatError
+from labrig.input_file import open_file
 from labrig.protocol.formatting import Plain
 from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
 from labrig.protocol.yaml_text import read_tree
@@ -66,7 +67,7 @@ def require_kind(tree: Tree, others: Mapping[str, tuple[str, str]]) -> None:
 
 def _read_bytes(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             content = file.read(MAX_BYTES + 1)
     except FileNotFoundError as error:
         raise _file_error(path, "there is no such file", _hint_at_files(path)) from error
@@ -74,9 +75,9 @@ def _read_bytes(path: Path) -> bytes:
         raise _file_error(
             path, "this is a folder, expected a YAML file", _hint_at_files(path / "x")
         ) from error
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise _file_error(path, f"cannot be read: {reason}", "check the name and the permissions") from error
+    except OSError as error:
+        message = f"cannot be read: {error.strerror}"
+        raise _file_error(path, message, "check the name and the permissions") from error
     if len(content) > MAX_BYTES:
         message = f"larger than {MAX_BYTES // 1024} kB, expected a file written by hand"
         raise _file_error(path, message, "is this the right file?")

@@ -14,6 +14,7 @@ from typing import Literal
 
 from labrig.durable import disk_errors, open_descriptor, write_fully
 from labrig.errors import InputError, RecordError
+from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import sync_directory
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, inside, require_name
@@ -157,7 +158,7 @@ class _Remarks:
 
 def _find_torn_end(path: Path) -> tuple[int, bytes]:
     """Return where the last whole line ends, and the newline to add if only that was torn off."""
-    content = path.read_bytes()
+    content = read_file(path, MAX_LOG_BYTES)
     rest = content[content.rfind(b"\n") + 1 :]
     try:
         decode_line(rest)

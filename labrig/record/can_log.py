@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from labrig.errors import Problem, RecordError
+from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import CAN_LOG, CAN_SUMS, COPY_HINT, inside
 
@@ -86,6 +87,6 @@ def _find_torn_end(content: bytes, covered: int) -> tuple[Problem, ...]:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_file(path, MAX_LOG_BYTES)
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

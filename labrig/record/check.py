@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
+from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
 from labrig.record.can_log import read_can_log
 from labrig.record.json_lines import Scan, scan_lines
 from labrig.record.layout import (
@@ -266,7 +267,9 @@ def find_changes_since_closing(run: Path, *, lines_only: bool = False) -> Iterat
         yield Problem(SHA256SUMS, "it is missing, though the run was closed", COPY_HINT)
         return
     listed = set()
-    for number, line in enumerate(path.read_bytes().decode(errors="replace").splitlines(), start=1):
+    for number, line in enumerate(
+        read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines(), start=1
+    ):
         sha256, blanks, name = line[:64], line[64:66], line[66:]
         if blanks != "  " or not name or any(part in {"", ".", ".."} for part in name.split("/")):
             yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
@@ -282,7 +285,7 @@ def find_changes_since_closing(run: Path, *, lines_only: bool = False) -> Iterat
 def hash_file(path: Path) -> str:
     """Return the SHA-256 of a file. Raises `RecordError` if it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

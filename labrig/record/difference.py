@@ -1,12 +1,12 @@
 """Compare two runs: endings, protocols, rigs, calibrations, versions, devices and results."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
 from labrig.errors import RecordError
+from labrig.input_file import parse_json, read_file
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.layout import CALIBRATION, COPY_HINT, PROTOCOL, RIG, inside
 from labrig.record.manifest import read_manifest
@@ -113,7 +113,7 @@ def _read_document(run: Path, name: str) -> Mapping[str, object]:
     if path.suffix != ".json":
         return {}
     try:
-        document = _as_mapping(json.loads(path.read_bytes()))
+        document = _as_mapping(parse_json(read_file(path)))
     except (OSError, ValueError) as error:
         raise RecordError(f"cannot read {path}: {error}", COPY_HINT) from error
     return {key: value for key, value in document.items() if key not in {*_STAMP, "views"}}

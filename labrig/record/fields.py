@@ -9,7 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from labrig.errors import FileFormatError, RecordError
-from labrig.protocol.yaml_tree import load_yaml_values, parse_yaml_values
+from labrig.input_file import read_file
+from labrig.protocol.yaml_tree import MAX_BYTES, load_yaml_values, parse_yaml_values
 from labrig.record.annotations import Annotations
 from labrig.record.json_lines import plain_text
 from labrig.record.layout import PROTOCOL, inside
@@ -77,7 +78,7 @@ def _protocol_fields(path: Path) -> Leaves:
     """
     fields: Leaves = {}
     try:
-        for section in _SECTION.split(path.read_text(encoding="utf-8")):
+        for section in _SECTION.split(read_file(path, MAX_BYTES).decode("utf-8")):
             found = _section_fields(section)
             if fields.keys() & found.keys():
                 return _leaves(load_yaml_values(path), "protocol", _LEFT_OUT)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from labrig.errors import InputError, Problem, RecordError
+from labrig.input_file import MAX_LOG_BYTES, parse_json, read_file
 
 _Read = TypeVar("_Read")
 
@@ -50,7 +51,7 @@ def decode_line(line: bytes) -> dict[str, object]:
         When the checksum does not fit or the content is no JSON object.
     """
     body = _read_body(line)
-    fields = json.loads(body.decode("utf-8", "surrogatepass"))
+    fields = parse_json(body)
     if not isinstance(fields, dict):
         raise ValueError("it is no JSON object")
     return fields
@@ -132,7 +133,7 @@ def scan_lines(path: Path) -> Scan:
         except ValueError as error:
             message = f"the line is damaged, its content lost: {error}"
             damaged.append(Problem(f"{path.name}:{number}", message, _COPY))
-    content = path.read_bytes()
+    content = read_file(path, MAX_LOG_BYTES)
     return Scan(
         tuple(lines),
         tuple(damaged),
@@ -176,7 +177,7 @@ def _read_body(line: bytes) -> bytes:
 def _split_lines(path: Path) -> tuple[list[bytes], tuple[Problem, ...]]:
     """Split a file into lines. The text behind the last newline is kept if its checksum fits; else it is torn."""
     try:
-        *lines, rest = path.read_bytes().split(b"\n")
+        *lines, rest = read_file(path, MAX_LOG_BYTES).split(b"\n")
     except OSError as error:
         raise RecordError(f"cannot read {path}: {error.strerror}", "the record is not whole") from error
     if not rest:

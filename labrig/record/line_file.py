@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from labrig.durable import write_fully
+from labrig.input_file import open_file
 from labrig.posix import NO_LINKS
 from labrig.record.json_lines import encode_line
 
@@ -33,7 +34,7 @@ class LineFile:
     def reopen(cls, path: Path) -> Self:
         """Open a file of whole lines for appending. Raises `OSError` if it is a link or missing."""
         file = cls(path, os.open(path, os.O_WRONLY | os.O_APPEND | NO_LINKS))
-        with path.open("rb") as written:
+        with open_file(path) as written:
             file._sha256 = hashlib.file_digest(written, "sha256")
             file._length = written.tell()
         return file

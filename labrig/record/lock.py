@@ -17,6 +17,7 @@ from typing import Self
 
 from labrig.durable import disk_errors, write_fully
 from labrig.errors import LockedError
+from labrig.input_file import parse_json, read_file
 from labrig.posix import NO_LINKS, lock_at_once
 
 _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
@@ -143,13 +144,13 @@ def _is_current(path: Path, descriptor: int) -> bool:
 
 def _read_text(path: Path) -> bytes:
     with suppress(OSError):
-        return path.read_bytes()
+        return read_file(path)
     return b""
 
 
 def _parse_owner(text: bytes) -> LockOwner | None:
     try:
-        fields = json.loads(text)
+        fields = parse_json(text)
     except ValueError:
         return None
     if not isinstance(fields, Mapping) or not isinstance(fields.get("pid"), int):

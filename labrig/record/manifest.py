@@ -1,11 +1,11 @@
 """Read and check the manifest of a run."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from labrig.errors import Problem, RecordError
+from labrig.input_file import parse_json, read_file
 from labrig.record.json_lines import checksum
 from labrig.record.layout import CALIBRATION, CODE_DIFF, MANIFEST, PROTOCOL, RIG, SCHEMA_VERSION, inside
 
@@ -42,7 +42,7 @@ def read_document(run: Path) -> dict[str, object]:
         raise RecordError(f"{run} is a symbolic link and is not followed", "give the folder itself")
     path = inside(run, MANIFEST)
     try:
-        manifest = json.loads(path.read_bytes())
+        manifest = parse_json(read_file(path))
     except OSError as error:
         raise RecordError(
             f"{run} is no run: cannot read {MANIFEST}: {error.strerror}",

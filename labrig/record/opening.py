@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from labrig.durable import disk_errors, open_descriptor, write_and_rename
 from labrig.errors import InputError, OutputExistsError
+from labrig.input_file import read_file
 from labrig.posix import reserve, sync_directory
 from labrig.record.json_lines import checksum, encode_document
 from labrig.record.layout import (
@@ -48,7 +49,7 @@ def _read_source(source: Path | bytes) -> bytes:
     if isinstance(source, bytes):
         return source
     try:
-        return source.read_bytes()
+        return read_file(source)
     except OSError as error:
         raise InputError(
             f"cannot read the calibration file {source}: {error.strerror}", "check the rig file"

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.durable import sync_file, write_and_rename
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, PictureError, RecordError
+from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
 from labrig.posix import sync_directory
 from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
+from labrig.vision.picture import MAX_PICTURE_BYTES, decode_picture
 
 Picture = NDArray[np.uint8]
 Store = Literal["png", "raw"]
@@ -156,10 +158,10 @@ class RecordedPicture:
             raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", COPY_HINT)
         if self.shape is not None:
             return np.frombuffer(content, np.uint8).reshape(self.shape)
-        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise RecordError(f"{path} is no picture", COPY_HINT)
-        return picture.astype(np.uint8, copy=False)
+        try:
+            return decode_picture(content, path)
+        except PictureError as error:
+            raise RecordError(error.message, COPY_HINT) from error
 
     @property
     def end(self) -> int:
@@ -174,8 +176,8 @@ class RecordedPicture:
     def _read_content(self, path: Path) -> bytes:
         try:
             if self.shape is None:
-                return path.read_bytes()
-            with path.open("rb") as file:
+                return read_file(path, MAX_PICTURE_BYTES)
+            with open_file(path) as file:
                 file.seek(self.offset)
                 return file.read(self.end - self.offset)
         except OSError as error:
@@ -200,7 +202,7 @@ def locate_picture(run: Path, line: Mapping[str, object]) -> RecordedPicture | N
 def count_pictures(run: Path) -> int:
     """Return how many pictures frames.jsonl lists, without decoding it; 0 if it cannot be read."""
     try:
-        return inside(run, FRAME_LINES).read_bytes().count(b"\n")
+        return read_file(inside(run, FRAME_LINES), MAX_LOG_BYTES).count(b"\n")
     except (OSError, RecordError):
         return 0
 

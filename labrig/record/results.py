@@ -1,6 +1,6 @@
 """The numbered results of a run: made from the record, stored in it, never overwritten."""
 
-import json
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from itertools import count
@@ -8,9 +8,11 @@ from pathlib import Path
 
 from labrig.durable import disk_errors
 from labrig.errors import RecordError
+from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.layout import ANALYSIS, inside
 
 _RESULT = "result.json"
+_NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
 
 
 def new_result_dir(run: Path) -> Path:
@@ -22,7 +24,7 @@ def make_numbered_folder(parent: Path) -> Path:
     """Make the next of the folders 001, 002 ...; two callers at once get a folder each. Raises `DiskError`."""
     with disk_errors(parent):
         parent.mkdir(exist_ok=True)
-        for number in count(max(_list_numbers(parent), default=0) + 1):
+        for number in count(max(list_numbered_folders(parent), default=0) + 1):
             with suppress(FileExistsError):
                 folder = parent / f"{number:03d}"
                 folder.mkdir()
@@ -36,7 +38,7 @@ def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] |
     Top-level lists named in `without` come back empty, which saves most of the time when they are long.
     """
     parent = inside(run, ANALYSIS)
-    for number in sorted(_list_numbers(parent), reverse=True):
+    for number in sorted(list_numbered_folders(parent), reverse=True):
         path = inside(run, f"{ANALYSIS}/{number:03d}/{_RESULT}")
         if path.exists():
             return _read_result(path, without)
@@ -50,17 +52,18 @@ def _empty_list(content: bytes, name: bytes) -> bytes:
     return content if min(start, end) < 0 else b'%s\n  "%s": [%s' % (content[:start], name, content[end:])
 
 
-def _list_numbers(parent: Path) -> list[int]:
+def list_numbered_folders(parent: Path) -> list[int]:
+    """Return the numbers of the folders 001, 002 ...; whatever else stands there is not labrig's."""
     folders = parent.iterdir() if parent.is_dir() else ()
-    return [int(folder.name) for folder in folders if folder.name.isdecimal()]
+    return [int(folder.name) for folder in folders if _NUMBER.fullmatch(folder.name)]
 
 
 def _read_result(path: Path, without: Iterable[str]) -> dict[str, object]:
     try:
-        content = path.read_bytes()
+        content = read_file(path, MAX_RESULT_BYTES)
         for name in without:
             content = _empty_list(content, name.encode())
-        result = json.loads(content)
+        result = parse_json(content)
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} is damaged: {error}", "make a new one with labrig reanalyze") from error
     if not isinstance(result, dict):

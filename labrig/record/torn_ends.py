@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from labrig.durable import disk_errors, open_descriptor, write_and_rename
+from labrig.input_file import open_file
 from labrig.posix import sync_directory
 from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, list_leftover_pictures
@@ -67,7 +68,7 @@ def _torn_ends(run: Path) -> Iterator[tuple[str, int]]:
 
 def _move_end(path: Path, keep_bytes: int, to: Path) -> None:
     with disk_errors(to):
-        with path.open("rb") as file:
+        with open_file(path) as file:
             file.seek(keep_bytes)
             write_and_rename(to, file.read())
         sync_directory(to.parent)

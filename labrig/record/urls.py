@@ -25,6 +25,11 @@ from labrig.record.manifest import read_document
 # A Path keeps only one of the slashes; one letter and a colon are a Windows drive.
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:(:|/)")
 _ONE_SLASH = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/(?!/)")
+# Those that hand on what stands in a file; others, such as `reference:`, do what a file from elsewhere tells them.
+_SCHEMES = (
+    "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "oss", "sftp", "ssh", "ftp", "http", "https", "smb",
+    "hdfs", "webhdfs", "webdav", "file", "local", "memory", "zip", "tar", "simplecache", "filecache",
+)  # fmt: skip
 _NOT_THERE = "check the address, that its server is up, and the access rights of this account"
 _ZIP = "a run in a zip file is named zip::file:///folder/run.zip"
 
@@ -206,6 +211,12 @@ def _move_files(folder: Path, target: Path) -> None:
 
 
 def _open_filesystem(url: str) -> tuple[fsspec.AbstractFileSystem, str]:
+    for link in url.split("::"):
+        scheme = link.partition(":")[0].lower()
+        if scheme not in _SCHEMES and scheme in fsspec.available_protocols():
+            raise InputError(
+                f"{url} cannot be used: labrig does not follow {scheme}:", f"it knows {', '.join(_SCHEMES)}"
+            )
     try:
         files, root = fsspec.core.url_to_fs(url)
     except ImportError as error:

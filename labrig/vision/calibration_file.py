@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, Problem
+from labrig.input_file import parse_json, read_file
 from labrig.vision.intrinsics import Intrinsics, ViewResidual
 from labrig.vision.plane import Bend, Insertion, PlaneMap, Radial, Variation
 from labrig.vision.refraction import Gel, PaperPlace
@@ -162,7 +163,8 @@ def load_plane(path: Path, intrinsics: Intrinsics | None) -> PlaneMap:
 def read_creation_time(path: Path) -> datetime | None:
     """Return when a calibration was made, from its provenance; None if that is unknown."""
     with suppress(ValueError, KeyError, TypeError):
-        created = datetime.fromisoformat(json.loads(_read_text(path))["provenance"]["created"])
+        document: Any = parse_json(_read(path))
+        created = datetime.fromisoformat(document["provenance"]["created"])
         return created if created.tzinfo else None
     return None
 
@@ -186,17 +188,19 @@ def to_json_text(document: Mapping[str, Any]) -> str:
 
 
 def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
-    text = _read_text(path)
+    content = _read(path)
     try:
-        document = json.loads(text)
+        document = parse_json(content, finite=False)
     except json.JSONDecodeError as error:
         problem = Problem(
             f"{path}:{error.lineno}:{error.colno}", f"is not JSON: {error.msg}", _remake_hint(kind)
         )
         raise FileFormatError((problem,)) from error
+    except ValueError as error:
+        raise FileFormatError((Problem(str(path), f"is not JSON: {error}", _remake_hint(kind)),)) from error
     _check_kind(path, kind, document)
     try:
-        return model.model_validate_json(text)
+        return model.model_validate_json(content)
     except ValidationError as error:
         problems = tuple(
             Problem(f"{path} {'.'.join(map(str, fault['loc']))}", fault["msg"], _remake_hint(kind))
@@ -205,9 +209,11 @@ def _load(path: Path, kind: str, model: type[_Document]) -> _Document:
         raise FileFormatError(problems) from error
 
 
-def _read_text(path: Path) -> str:
+def _read(path: Path) -> bytes:
     try:
-        return path.read_text(encoding="utf-8")
+        content = read_file(path)
+        content.decode("utf-8")
+        return content
     except (OSError, UnicodeDecodeError) as error:
         if isinstance(error, FileNotFoundError):
             fault = "does not exist"

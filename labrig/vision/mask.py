@@ -8,7 +8,6 @@ for a single picture under its file name::
 """
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from labrig.errors import FileFormatError, InputError, Problem
-from labrig.vision.picture import Picture, as_grey, read_picture, require_size, size_of
+from labrig.input_file import parse_json, read_file
+from labrig.vision.picture import MAX_PICTURE_BYTES, Picture, as_grey, read_picture, require_size, size_of
 
 BoolArray = NDArray[np.bool_]
 Polygon = tuple[tuple[float, float], ...]
@@ -28,6 +28,7 @@ EVERY_PICTURE = "*"
 _WHITE = 128
 _POLYGONS: TypeAdapter[dict[str, tuple[Polygon, ...]]] = TypeAdapter(dict[str, tuple[Polygon, ...]])
 _LEAST_CORNERS = 3
+_FARTHEST_PX = 2**20  # no picture is that large; drawn in 32-bit integers, far corners would wrap round
 _SUBPIXEL_BITS = 4
 # Sides of the boxes [px] whose mean fills a masked pixel, and the least visible share of a box.
 _BOXES_PX = (15, 61, 241, 961)
@@ -104,10 +105,10 @@ def load_mask(path: Path) -> Mask:
     """
     if path.suffix.lower() != ".json":
         picture = as_grey(read_picture(path))
-        return Mask(picture, {}, path.name, path.read_bytes())
+        return Mask(picture, {}, path.name, read_file(path, MAX_PICTURE_BYTES))
     try:
-        data = path.read_bytes()
-        found = _POLYGONS.validate_python(json.loads(data))
+        data = read_file(path)
+        found = _POLYGONS.validate_python(parse_json(data))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}", "check the path") from error
     except (ValueError, ValidationError) as error:
@@ -119,6 +120,12 @@ def load_mask(path: Path) -> Mask:
                     path,
                     f"{name!r} has a polygon of {len(polygon)} corners, or with a corner that is not finite",
                 )
+            if np.abs(polygon).max() > _FARTHEST_PX:
+                raise _malformed(
+                    path, f"{name!r} has a corner more than {_FARTHEST_PX} px from the picture's"
+                )
+            if np.abs(polygon).max() > _FARTHEST_PX:
+                raise _malformed(path, f"{name!r} has a corner farther out than {_FARTHEST_PX} px")
     return Mask(None, found, path.name, data)
 
 

@@ -18,22 +18,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labrig.errors import MeasurementRefusedError, PictureError
+from labrig.input_file import read_file
 
 Picture = NDArray[np.uint8]
 
 PICTURE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff"})
 """Suffixes of picture files."""
 
+MAX_PICTURE_BYTES = 2**28
+MAX_PIXELS = 2**26
+"""The largest picture that is decoded: 8192 x 8192 pixels."""
+
 _JPEG = b"\xff\xd8\xff"
 _JPEG_START_OF_SCAN = 0xDA
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_BMP = b"BM"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_EXIF, _PNG_END = b"eXIf", b"IEND"
 # Least range of grey levels of a picture that shows something.
 _LEAST_RANGE = 8
 _CONVERT = "save it as an 8-bit PNG or JPEG"
 _JPEG_APP1 = 0xE1
+_TIFF_LONG = 4
 _EXIF = b"Exif\x00\x00"
-_ORIENTATION_TAG, _UPRIGHT = 0x0112, 1
+_WIDTH_TAG, _HEIGHT_TAG, _ORIENTATION_TAG, _UPRIGHT = 0x0100, 0x0101, 0x0112, 1
 # How viewers show a picture, by the value of the tag (CIPA DC-008, 4.6.5.1).
 _SHOWN = {
     2: "mirrored",
@@ -52,10 +60,14 @@ def read_picture(path: Path) -> Picture:
     Raises
     ------
     PictureError
-        If the file is missing, a folder, unreadable, empty, truncated, not a picture, not of 8 bits a channel, or
-        not upright by its EXIF orientation.
+        If the file is missing, a folder, unreadable, empty, truncated, not a picture, not of 8 bits a channel, too
+        large, or not upright by its EXIF orientation.
     """
-    data = _read_bytes(path)
+    return decode_picture(_read_bytes(path), path)
+
+
+def decode_picture(data: bytes, path: Path) -> Picture:
+    """Return the picture in the content of a file; `path` names it in messages. Raises as `read_picture`."""
     if _is_truncated(data):
         raise PictureError(
             f"{path} is truncated or damaged: {len(data)} bytes without an end", "copy it again"
@@ -66,6 +78,7 @@ def read_picture(path: Path) -> Picture:
             f"{path} is to be shown {shown} (EXIF orientation), so its pixels are not where a viewer shows them",
             "save it upright without that mark (mogrify -auto-orient turns it), every picture of this camera alike",
         )
+    _check_pixels(data, path)
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -83,7 +96,7 @@ def read_picture(path: Path) -> Picture:
 
 def number_order(path: Path) -> list[tuple[int, str]]:
     """Return the sort key of natural order: picture2 before picture10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def as_grey(image: Picture) -> Picture:
@@ -121,7 +134,7 @@ def require_contrast(image: Picture) -> None:
 
 def _read_bytes(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        data = read_file(path, MAX_PICTURE_BYTES)
     except FileNotFoundError as error:
         raise PictureError(f"{path} does not exist", "check the path") from error
     except IsADirectoryError as error:
@@ -131,6 +144,31 @@ def _read_bytes(path: Path) -> bytes:
     if not data:
         raise PictureError(f"{path} is empty", "copy it again")
     return data
+
+
+def _check_pixels(data: bytes, path: Path) -> None:
+    """Refuse a picture whose header states no size or too many pixels, before memory is taken for them."""
+    width, height = _read_size(data)
+    if not width or not height:
+        raise PictureError(f"{path} is not a picture", _CONVERT)
+    if width * height > MAX_PIXELS:
+        raise PictureError(f"{path} has {width} x {height} pixels, at most {MAX_PIXELS} are read", "crop it")
+
+
+def _read_size(data: bytes) -> tuple[int, int]:
+    """Return the width and height that the header of a PNG, JPEG, BMP or TIFF states; 0 if it states none."""
+    with suppress(struct.error):
+        if data.startswith(_PNG):
+            width, height = struct.unpack_from(">II", data, 16)
+            return width, height
+        if data.startswith(_BMP):
+            width, height = struct.unpack_from("<ii", data, 18)
+            return abs(width), abs(height)
+        if data.startswith(_JPEG):
+            sizes = [body[1:5] for marker, body in _jpeg_segments(data) if marker in _JPEG_FRAMES]
+            height, width = max((struct.unpack(">HH", size) for size in sizes), default=(0, 0))
+            return width, height
+    return _read_tiff_value(data, _WIDTH_TAG) or 0, _read_tiff_value(data, _HEIGHT_TAG) or 0
 
 
 def _is_truncated(data: bytes) -> bool:
@@ -152,6 +190,9 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Yield marker and body of each segment before the scan."""
     position = 2
     while position + 4 <= len(data) and data[position] == 0xFF and data[position + 1] != _JPEG_START_OF_SCAN:
+        if data[position + 1] == 0xFF:  # a fill byte
+            position += 1
+            continue
         end = position + 2 + max(2, int.from_bytes(data[position + 2 : position + 4], "big"))
         yield data[position + 1], data[position + 4 : end]
         position = end
@@ -164,22 +205,24 @@ def _read_orientation(data: bytes) -> int:
         data = next((body[len(_EXIF) :] for body in bodies if body.startswith(_EXIF)), b"")
     elif data.startswith(_PNG):
         data = next((body for kind, body, _ in _png_chunks(data) if kind == _PNG_EXIF), b"")
-    return _read_tiff_orientation(data)
+    return _read_tiff_value(data, _ORIENTATION_TAG) or _UPRIGHT
 
 
-def _read_tiff_orientation(tiff: bytes) -> int:
-    """Return the orientation in the first directory of TIFF data; upright if it is missing or malformed."""
+def _read_tiff_value(tiff: bytes, wanted: int) -> int | None:
+    """Return a number of one or two words in the first directory of TIFF data; None if missing or malformed."""
     order = {b"II*\x00": "<", b"MM\x00*": ">"}.get(tiff[:4])
     if order is None:
-        return _UPRIGHT
+        return None
     with suppress(struct.error):
         (start,) = struct.unpack_from(f"{order}I", tiff, 4)
         (entries,) = struct.unpack_from(f"{order}H", tiff, start)
         for entry in range(entries):
-            tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, start + 2 + 12 * entry)
-            if tag == _ORIENTATION_TAG:
+            place = start + 2 + 12 * entry
+            tag, kind = struct.unpack_from(f"{order}HH", tiff, place)
+            if tag == wanted:
+                (value,) = struct.unpack_from(order + ("I" if kind == _TIFF_LONG else "H"), tiff, place + 8)
                 return int(value)
-    return _UPRIGHT
+    return None
 
 
 def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, int]]:

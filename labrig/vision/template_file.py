@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from labrig.durable import write_atomically
 from labrig.errors import FileFormatError, InputError, PictureError, Problem
+from labrig.input_file import read_file
 from labrig.vision.calibration_file import to_json_text
 from labrig.vision.picture import read_picture
 from labrig.vision.plane import Insertion
@@ -98,7 +99,7 @@ def load_template(path: Path) -> TipTemplate:
     picture_file, json_file = template_files(path)
     picture = read_picture(picture_file)
     try:
-        found = _Document.model_validate_json(json_file.read_bytes())
+        found = _Document.model_validate_json(read_file(json_file))
     except FileNotFoundError as error:
         message = f"does not exist, and says where in {picture_file.name} the tip is"
         raise _malformed(json_file, message) from error

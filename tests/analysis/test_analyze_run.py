@@ -2,18 +2,22 @@
 
 import csv
 import hashlib
+import io
 import json
 import os
 import select
+import shutil
 import subprocess
 import sys
+import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from labrig.analysis.result import load_centre_lines
+from labrig.analysis.result import list_result_numbers, load_centre_lines
 from labrig.analysis.run import analyze_run
 from labrig.errors import DiskError, FileFormatError, InputError, RecordError
 from labrig.experiments.registry import experiment_of, result_of
@@ -251,9 +255,68 @@ def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
     file.write_text(json.dumps({**document, "schema_version": 2}))
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
         result_of(run)
-    (result.path / "centre_lines.npz").write_bytes(b"PK")
-    with pytest.raises(RecordError, match=r"centre_lines\.npz"):
-        load_centre_lines(result.path)
+
+
+def _empty(_: Mapping[str, np.ndarray]) -> bytes:
+    return b""
+
+
+def _no_zip(_: Mapping[str, np.ndarray]) -> bytes:
+    return b"PK"
+
+
+def _packed(arrays: Mapping[str, np.ndarray]) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def _flipped(arrays: Mapping[str, np.ndarray]) -> bytes:
+    content = bytearray(_packed(arrays))
+    content[150] ^= 255
+    return bytes(content)
+
+
+def _too_large(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Return a file of which one array states a size that no memory holds."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in arrays:
+            with archive.open(f"{name}.npy", "w") as member:
+                header = {"descr": "<f8", "fortran_order": False, "shape": (10**15,)}
+                np.lib.format.write_array_header_1_0(member, header)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        _empty,
+        _no_zip,
+        _flipped,
+        _too_large,
+        lambda arrays: _packed({"frames": arrays["frames"]}),
+        lambda arrays: _packed({**arrays, "starts": arrays["starts"] + 10**6}),
+        lambda arrays: _packed({**arrays, "mm": arrays["mm"] * np.nan}),
+        lambda arrays: _packed({**arrays, "windows": arrays["windows"].astype("U")}),
+    ],
+)
+def test_damaged_centre_lines_are_refused_with_their_path(
+    spoil: Callable[[Mapping[str, np.ndarray]], bytes], measured: Measured, tmp_path: Path
+) -> None:
+    """Empty, cut, changed, too large for any memory, or of arrays that do not fit each other."""
+    with np.load(measured.result.path / "centre_lines.npz") as arrays:
+        (tmp_path / "centre_lines.npz").write_bytes(spoil(dict(arrays)))
+    with pytest.raises(RecordError, match=r"centre_lines\.npz cannot be read"):
+        load_centre_lines(tmp_path)
+
+
+def test_a_folder_beside_the_results_is_none_of_them(folder: Path) -> None:
+    """A copy of a result under another name is left alone."""
+    run = record_sweep(folder)
+    result = measure(run).result
+    shutil.copytree(result.path, result.path.with_name("001.bak"))
+    assert list_result_numbers(run) == (1,)
 
 
 def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None:

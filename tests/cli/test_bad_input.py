@@ -1,11 +1,14 @@
 """First errors: one sentence that names the thing, a hint, the documented exit code, and no traceback."""
 
+import os
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labrig.cli.output import failure_document
+from labrig.cli.output import AsJson, failure_document
 from labrig.errors import (
     BusError,
     BusOffError,
@@ -197,6 +200,88 @@ def test_an_existing_calibration_is_not_replaced(labrig: Labrig, tmp_path: Path)
     )
     assert done.exit_code == 2
     assert out.read_text() == "precious"
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
+def test_a_number_that_is_not_finite_is_refused_by_every_command(number: str, labrig: Labrig) -> None:
+    """Nobody is asked to confirm a move by nan mm."""
+    for command in (
+        ("devices", "jog", "--axis", "linear", "--distance", number, "--rig", RIG),
+        ("design", "--radius-mm", number),
+        ("measure", "tip", "a.png", "--template", "t.png", "--near-px", 3, number),
+    ):
+        done = labrig(*command, "--json")
+        assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
+        assert f" is {float(number)}" in done.json()["error"]["message"]
+
+
+def test_a_board_beyond_reason_is_refused(labrig: Labrig, tmp_path: Path) -> None:
+    """Before a picture is opened."""
+    done = labrig("calibrate", "intrinsics", "a.png", "--board", "999999999x999999999", "--square-mm", 2)
+    assert (done.exit_code, "at most 99x99" in done.err) == (2, True)
+
+
+def test_a_named_pipe_holds_up_no_command(labrig: Labrig, tmp_path: Path) -> None:
+    """Wherever a file is expected, in a list of runs too."""
+    pipe = tmp_path / "runs" / "one" / "manifest.json"
+    pipe.parent.mkdir(parents=True)
+    (pipe.parent / "protocol.yaml").touch()
+    os.mkfifo(pipe)
+    assert labrig("runs", "--runs-dir", tmp_path / "runs", "--json").json()[0]["exit_status"] == "damaged"
+    for command, code in (("check", 2), ("report", 4), ("plan", 2)):
+        done = labrig(command, pipe.parent if command == "report" else pipe)
+        assert (done.exit_code, "named pipe" in done.err) == (code, True), command
+
+
+def test_a_list_of_brackets_hides_no_run(labrig: Labrig, tmp_path: Path) -> None:
+    """A manifest that is nested beyond all measure is a damaged run in the list, and no more."""
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "protocol.yaml").touch()
+    (tmp_path / "one" / "manifest.json").write_text("[" * 200_000)
+    done = labrig("runs", "--runs-dir", tmp_path, "--json")
+    assert (done.exit_code, [row["exit_status"] for row in done.json()]) == (0, ["damaged"])
+
+
+@pytest.fixture
+def failing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `labrig schema` be a command that raises the error of the test."""
+
+    def schema(as_json: AsJson = False) -> None:
+        raise request.param
+
+    file = types.ModuleType("labrig.cli.protocols")
+    file.__dict__["schema"] = schema
+    monkeypatch.setitem(sys.modules, "labrig.cli.protocols", file)
+
+
+@pytest.mark.parametrize("failing", [KeyError("roll"), RecursionError("too deep")], indirect=True)
+@pytest.mark.usefixtures("failing")
+def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(labrig: Labrig) -> None:
+    """The terminal shows a sentence and the name of the file."""
+    done = labrig("schema", "--json")
+    error = done.json()["error"]
+    assert (done.exit_code, error["type"]) == (5, "BugError")
+    file = Path(error["hint"].rpartition(" ")[2])
+    try:
+        assert "Traceback (most recent call last)" in file.read_text()
+    finally:
+        file.unlink()
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("failing", [MemoryError()], indirect=True)
+@pytest.mark.usefixtures("failing")
+def test_too_little_memory_is_a_fault_of_the_computer(labrig: Labrig) -> None:
+    """It is no bug, and nothing of the input is wrong."""
+    done = labrig("schema")
+    assert (done.exit_code, "too little memory" in done.err) == (3, True)
+
+
+@pytest.mark.parametrize("failing", [KeyboardInterrupt()], indirect=True)
+@pytest.mark.usefixtures("failing")
+def test_an_interruption_that_a_library_raises_is_one(labrig: Labrig) -> None:
+    """Python's own, where a signal came while its handler was not labrig's."""
+    assert labrig("schema").exit_code == 130
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ class BrokenStoreError(Exception):
 class BrokenStore(fsspec.AbstractFileSystem):  # type: ignore[misc] # fsspec is untyped
     """A store whose server is down."""
 
-    protocol = "brokenstore"
+    protocol = "smb"
 
     def find(self, *_: object, **__: object) -> list[str]:
         """Find nothing."""
@@ -92,12 +92,12 @@ class BrokenStore(fsspec.AbstractFileSystem):  # type: ignore[misc] # fsspec is 
 
 def test_a_store_that_does_not_answer_is_named(tmp_path: Path) -> None:
     """An error of the store's own library is told with the address, in reading and in writing."""
-    fsspec.register_implementation("brokenstore", BrokenStore, clobber=True)
-    with pytest.raises(DiskError, match="cannot read brokenstore://lab/one: endpoint did not answer"):
-        open_run("brokenstore://lab/one")
+    fsspec.register_implementation("smb", BrokenStore, clobber=True)
+    with pytest.raises(DiskError, match="cannot read smb://lab/one: endpoint did not answer"):
+        open_run("smb://lab/one")
     with (
-        pytest.raises(DiskError, match="cannot look at brokenstore://lab/one"),
-        output_folder("brokenstore://lab/one", force=False),
+        pytest.raises(DiskError, match="cannot look at smb://lab/one"),
+        output_folder("smb://lab/one", force=False),
     ):
         pass
 
@@ -105,11 +105,21 @@ def test_a_store_that_does_not_answer_is_named(tmp_path: Path) -> None:
 def test_a_kind_of_address_whose_package_is_missing_names_it() -> None:
     """What has to be installed is said, and that it goes beside labrig."""
     fsspec.register_implementation(
-        "lackingstore", "no_such_package.Store", clobber=True, errtxt="Install no_such_package"
+        "oss", "no_such_package.Store", clobber=True, errtxt="Install no_such_package"
     )
     with pytest.raises(InputError, match="Install no_such_package") as refusal:
-        open_run("lackingstore://lab/one")
+        open_run("oss://lab/one")
     assert "pip" in refusal.value.hint
+
+
+@pytest.mark.parametrize(
+    "url", ["reference:///lab/refs.json", "zip::reference:///refs.json", "github://lab:one@/x"]
+)
+def test_a_store_that_does_what_a_file_tells_it_is_refused(url: str) -> None:
+    """The schemes are listed: others of fsspec read other files, or other servers, than the address names."""
+    with pytest.raises(InputError, match=r"labrig does not follow (reference|github):") as refusal:
+        open_run(url)
+    assert "s3, " in refusal.value.hint
 
 
 def test_a_run_in_a_zip_file_is_read(tmp_path: Path) -> None:

@@ -74,6 +74,7 @@ def test_masked_stretch_of_the_needle_does_not_count():
         ({"*": [[[0, 0], [1, 1]]]}, "2 corners"),
         ([1, 2], "no polygons"),
         ({"*": [[[0, 0], [1, 1], ["x", 2]]]}, "no poly"),
+        ({"*": [[[0, 0], [1e9, 0], [0, 1e9]]]}, "a corner more than 1048576 px"),
     ],
 )
 def test_refuses_what_are_no_polygons(tmp_path, document, message):
@@ -88,3 +89,11 @@ def test_refuses_masks_that_are_not_there(tmp_path):
     for name in ("mask.json", "mask.png"):
         with pytest.raises(InputError, match=name):
             load_mask(tmp_path / name)
+
+
+def test_refuses_a_mask_that_is_too_deep(tmp_path):
+    """A file of brackets alone is told like any other that holds no polygons."""
+    path = tmp_path / "mask.json"
+    path.write_text("[" * 200_000)
+    with pytest.raises(FileFormatError, match="nested deeper than 64 levels"):
+        load_mask(path)

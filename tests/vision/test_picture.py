@@ -2,13 +2,14 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from labrig.errors import InputError, PictureError
-from labrig.vision.picture import as_grey, read_picture, require_size, size_of
+from labrig.vision.picture import as_grey, number_order, read_picture, require_size, size_of
 
 
 @pytest.fixture
@@ -126,6 +127,34 @@ def test_refuses_sixteen_bits(grey, tmp_path):
     with pytest.raises(PictureError, match=r"deep\.png has uint16 pixels") as caught:
         read_picture(path)
     assert "8-bit" in caught.value.hint
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
+def test_refuses_a_picture_of_too_many_pixels_undecoded(suffix, grey, tmp_path):
+    """A small file can state a huge size; the header is read before memory is taken."""
+    path = saved(tmp_path / f"bomb{suffix}", grey)
+    data = bytearray(path.read_bytes())
+    if suffix == ".png":
+        data[16:24] = struct.pack(">II", 30_000, 30_000)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    elif suffix == ".jpg":
+        start = data.index(b"\xff\xc0")
+        data[start + 5 : start + 9] = struct.pack(">HH", 30_000, 30_000)
+    elif suffix == ".bmp":
+        data[18:26] = struct.pack("<ii", 30_000, -30_000)
+    else:
+        for tag in (0x100, 0x101):
+            start = data.index(struct.pack("<HHI", tag, 3, 1))
+            data[start + 8 : start + 10] = struct.pack("<H", 30_000)
+    path.write_bytes(data)
+    with pytest.raises(PictureError, match="30000 x 30000 pixels, at most 67108864 are read"):
+        read_picture(path)
+
+
+def test_numbers_in_names_are_those_of_decimal_digits():
+    """A superscript is no digit of a number; picture2 still comes before picture10."""
+    names = ["picture10.png", "10²5.png", "picture2.png"]
+    assert sorted(map(Path, names), key=number_order) == [Path(names[1]), Path(names[2]), Path(names[0])]
 
 
 def test_refuses_what_is_no_picture(tmp_path):

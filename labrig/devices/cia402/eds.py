@@ -14,6 +14,7 @@ from pathlib import Path
 
 from labrig.devices.canopen_objects import Entry
 from labrig.errors import InputError
+from labrig.input_file import read_file
 
 _CODES = {0x01: "B", 0x02: "b", 0x03: "h", 0x04: "i", 0x05: "B", 0x06: "H", 0x07: "I"}
 """Data type of CiA 301 -> `code` of an `Entry`: BOOLEAN, INTEGER8 to 32, UNSIGNED8 to 32."""
@@ -93,7 +94,7 @@ def read_eds(path: Path, folder: Path) -> Eds:
         )
     try:
         # CiA 306 requires ASCII; manufacturers use other characters in names.
-        return parse_eds(path.read_bytes().decode("latin-1"), str(path))
+        return parse_eds(read_file(path, _MOST_BYTES).decode("latin-1"), str(path))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}", "check its permissions") from error
 

@@ -1,6 +1,7 @@
 """A folder of pictures, in the order of the numbers in their names, and their times."""
 
 import csv
+import io
 import math
 import os
 from collections.abc import Sequence
@@ -9,11 +10,11 @@ from pathlib import Path
 
 from labrig.devices.camera import Picture
 from labrig.errors import CameraError, PictureError
-from labrig.vision.picture import PICTURE_SUFFIXES, number_order, read_picture, size_of
+from labrig.input_file import read_file
+from labrig.vision.picture import MAX_PICTURE_BYTES, PICTURE_SUFFIXES, number_order, read_picture, size_of
 
 SIDECAR = "times.csv"
 _COLUMNS = ["picture", "t_s"]
-_MOST_BYTES = 2**28
 
 
 class PictureFolder:
@@ -93,8 +94,8 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
     """
     file, names = folder / SIDECAR, {path.name for path in paths}
     try:
-        with file.open(newline="", encoding="utf-8") as lines:
-            header, *rows = [*csv.reader(lines)] or [[]]
+        text = read_file(file).decode("utf-8")
+        header, *rows = [*csv.reader(io.StringIO(text, newline=""))] or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CameraError(
             f"{file} cannot be read: {error}",
@@ -140,8 +141,10 @@ def require_rising(paths: Sequence[Path], times_s: Sequence[float]) -> None:
 def _read(path: Path) -> Picture:
     try:
         size = path.stat().st_size
-        if size > _MOST_BYTES:
-            raise CameraError(f"{path} has {size} bytes, more than {_MOST_BYTES}", "save a smaller picture")
+        if size > MAX_PICTURE_BYTES:
+            raise CameraError(
+                f"{path} has {size} bytes, more than {MAX_PICTURE_BYTES}", "save a smaller picture"
+            )
         return read_picture(path)
     except (OSError, PictureError) as error:
         raise CameraError(str(error), getattr(error, "hint", "")) from error

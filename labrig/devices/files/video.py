@@ -7,6 +7,7 @@ import numpy as np
 
 from labrig.devices.camera import Picture
 from labrig.errors import CameraError
+from labrig.input_file import open_file
 
 _HEAD_BYTES = 4096
 
@@ -77,7 +78,7 @@ class VideoFile:
 def _require_video(path: Path) -> None:
     """Refuse a file that is not regular, and lists of other files, which are text. Raises `CameraError`."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             head = file.read(_HEAD_BYTES)
     except OSError as error:
         raise CameraError(f"{path} cannot be read: {error.strerror}", "check camera.source") from error

@@ -11,9 +11,9 @@ import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeAlias, TypeVar
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from labrig.errors import InputError, RecordError
 from labrig.input_file import MAX_RESULT_BYTES, read_file
 from labrig.protocol.model import Model
 from labrig.record.json_lines import encode_document
+from labrig.record.provenance import leave_out_personal
 from labrig.record.reader import Run
 from labrig.record.results import list_numbered_folders
 from labrig.record.tables import escape_formula
@@ -165,6 +166,11 @@ class AnalysisResult(Generic[Content_co]):
     def document(self) -> Mapping[str, Any]:
         """The content as `result.json` holds it."""
         return self.content.model_dump(mode="json")
+
+    def without_personal_data(self) -> Self:
+        """Return this result without host, account and command line."""
+        provenance = leave_out_personal(self.content.provenance)
+        return replace(self, content=self.content.model_copy(update={"provenance": provenance}))
 
 
 AnyResult: TypeAlias = AnalysisResult[Result]

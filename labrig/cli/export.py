@@ -1,13 +1,12 @@
 """`labrig export`: write a run as tables for other programs, or copy its record."""
 
-from pathlib import Path
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
 
 from labrig.cli.damage import report_damage
 from labrig.cli.output import AsJson, print_json, print_line
-from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
 
 
@@ -21,6 +20,12 @@ def export(
         bool, typer.Option("--mcap", help="run.mcap, with the pictures; needs labrig's extra mcap.")
     ] = False,
     record: Annotated[bool, typer.Option("--record", help="The record itself, file by file.")] = False,
+    private: Annotated[
+        bool,
+        typer.Option(
+            "--private", help="Leave out host, account, command line and the authors of notes (tables)."
+        ),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: AsJson = False,
 ) -> int:
@@ -29,19 +34,21 @@ def export(
     from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
-    if not formats and not mcap and not record:
-        raise InputError("nothing to write", "name --csv, --parquet, --mat, --mcap or --record")
-    if record and (formats or mcap):
-        raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
+    _check_formats(formats, mcap=mcap, record=record, private=private)
     opened = open_run(run)
     require_apart(out, run, record=record)
+    shown = opened.without_personal_data() if private else opened
     with output_folder(out, force=force) as folder:
         if record:
             opened.copy_to(folder)
         if formats:
-            _write_tables(opened.path, formats, folder)
+            from labrig.report.export import write_tables
+
+            write_tables(shown, formats, folder)
         if mcap:
-            _write_mcap(opened.path, folder)
+            from labrig.report.mcap_file import write_mcap
+
+            write_mcap(shown, folder)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
         print_json({"run": run, "out": out, "files": files, "ok": not opened.damage})
@@ -51,25 +58,18 @@ def export(
     return 0 if report_damage(opened.damage) is None else RecordError.exit_code
 
 
-def _write_tables(run: Path, formats: list[str], folder: Path) -> None:
-    from labrig.record.reader import open_run
-    from labrig.report.export import FORMATS
-    from labrig.report.tables import run_tables
-
-    opened = open_run(run)
-    tables = run_tables(opened, opened.latest_result())
-    for name in formats:
-        for file, content in FORMATS[name](opened, tables).items():
-            write_atomically(folder / file, content)
-
-
-def _write_mcap(run: Path, folder: Path) -> None:
-    from labrig.record.reader import open_run
-
-    try:
-        from labrig.report.mcap_file import write_mcap
-    except ModuleNotFoundError as error:
+def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:
+    if not formats and not mcap and not record:
+        raise InputError("nothing to write", "name --csv, --parquet, --mat, --mcap or --record")
+    if record and (formats or mcap):
+        raise InputError("--record goes alone: the folder it writes is a run", "export the tables elsewhere")
+    if record and private:
         raise InputError(
-            "MCAP files need a package that is not installed", "pip install 'labrig[mcap]'"
-        ) from error
-    write_mcap(open_run(run), folder)
+            "--record copies all of a run, and --private leaves something out",
+            "export tables: --csv --private",
+        )
+    if mcap and find_spec("mcap") is None:
+        raise InputError(
+            "MCAP files need a package that is not installed",
+            "in the checkout of labrig: pip install -e '.[mcap]'",
+        )

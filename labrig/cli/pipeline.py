@@ -30,7 +30,7 @@ from labrig.errors import (
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.opening import create_under_free_name
-from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
@@ -81,7 +81,19 @@ def perform(order: RunOrder) -> FinishedRun:
         raise FileFormatError(plan.problems)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
     require_free_bytes(order.runs_dir, estimate_disk_bytes(plan, order.rig) + int(1e6 * least_free_mb))
+    _announce_code_diff()
     return finish(_record(order, plan), order.command_line)
+
+
+def _announce_code_diff() -> None:
+    """Say which changes of labrig's own code the record will keep, and which new files it will not."""
+    changes = find_code_changes()
+    if changes.changed or changes.added:
+        say(
+            f"note: the record keeps changed code, as code.diff: {', '.join((*changes.changed, *changes.added))}"
+        )
+    if changes.left_out:
+        say(f"note: code.diff leaves out new files that are no code: {', '.join(changes.left_out)}")
 
 
 def finish(recorded: RecordedRun, command_line: tuple[str, ...]) -> FinishedRun:

@@ -27,7 +27,14 @@ from labrig.cli.several_runs import add_damage, do_for_each_run
 from labrig.errors import InputError, RecordError
 
 
-def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
+def report(
+    run_paths: LocalRunsArgument,
+    private: Annotated[
+        bool,
+        typer.Option("--private", help="Leave out host, account, command line and the authors of notes."),
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
     """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
     from labrig.cli.reporting import write_page
     from labrig.experiments.registry import result_of
@@ -35,7 +42,7 @@ def report(run_paths: LocalRunsArgument, as_json: AsJson = False) -> int:
 
     def report_run(path: Path) -> dict[str, object]:
         loaded = open_run(path)
-        page = write_page(loaded, result_of(loaded))
+        page = write_page(loaded, result_of(loaded), private=private)
         if not as_json:
             print_line(str(page))
         return add_damage({"report": str(page), "reason": None}, loaded.damage)

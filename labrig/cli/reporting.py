@@ -10,8 +10,13 @@ from labrig.record.reader import Run
 from labrig.report.page import write_report
 
 
-def write_page(run: Run, result: AnyResult | None) -> Path:
+def write_page(run: Run, result: AnyResult | None, *, private: bool = False) -> Path:
     """Write `RUN/report.html` and return its path.
+
+    Parameters
+    ----------
+    private : bool
+        Leave out host, account, command line and the authors of notes.
 
     Raises
     ------
@@ -24,6 +29,8 @@ def write_page(run: Run, result: AnyResult | None) -> Path:
     """
     experiment = experiment_of(run)
     require_devices_installed(str(run.path), run.plugin_packages)
+    if private:
+        run, result = run.without_personal_data(), None if result is None else result.without_personal_data()
     page = experiment.page(run, protocol_of(run), result)
     return write_report(
         run, page, result, SystemClock().utc(), kind=experiment.title, can_resume=experiment.can_resume

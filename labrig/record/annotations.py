@@ -7,7 +7,7 @@ a tag off, a later verdict replaces an earlier one. So it stays readable who wro
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Literal
@@ -65,6 +65,15 @@ def read_annotations(run: Path) -> Annotations:
     """Return the annotations of a run. Raises `RecordError` when a line of notes.jsonl is damaged."""
     path = inside(run, NOTES)
     return _join_remarks(read_lines(path), path) if path.exists() else Annotations()
+
+
+def without_authors(annotations: Annotations) -> Annotations:
+    """Return the annotations without the names of those who made them."""
+    return replace(
+        annotations,
+        notes=tuple(replace(note, by="") for note in annotations.notes),
+        revisions=tuple(replace(note, by="") for note in annotations.revisions),
+    )
 
 
 def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: datetime) -> Annotations:

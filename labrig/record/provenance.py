@@ -6,14 +6,17 @@ import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 from labrig import __version__
 
 _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
+_PERSONAL = frozenset({"host", "account", "command_line", "sources", "crc32"})
 
 
 def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
@@ -29,12 +32,20 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
     dict
         `labrig` (version), `git_commit` and `git_dirty` (of the package's source; None outside a checkout),
         `command_line`, `python`, `platform`, `host`, `account` (user name, None without one), `packages` {name:
-        version} of labrig's direct dependencies.
+        version} of labrig's direct dependencies. In a changed checkout also `code_diff_holds` and
+        `code_diff_leaves_out`, the files of `find_code_changes`.
     """
+    changes = find_code_changes()
     program = [Path(word).name for word in command_line[:1]]
     return {
         "labrig": __version__,
         **_read_git_state(_SOURCE_TREE),
+        **(
+            {"code_diff_holds": [*changes.changed, *changes.added]}
+            if changes.changed or changes.added
+            else {}
+        ),
+        **({"code_diff_leaves_out": list(changes.left_out)} if changes.left_out else {}),
         "command_line": [*program, *command_line[1:]],
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -51,6 +62,59 @@ def _read_account() -> str | None:
         return None
 
 
+def leave_out_personal(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a provenance, or a manifest with those in it, without host, account and command line.
+
+    The files and settings that a manifest quotes from the command line (`sources`) are left out too, and its checksum,
+    which no longer fits.
+    """
+    kept = {key: value for key, value in document.items() if key not in _PERSONAL}
+    if isinstance(kept.get("provenance"), Mapping):
+        kept["provenance"] = leave_out_personal(kept["provenance"])
+    if isinstance(kept.get("sessions"), list):
+        kept["sessions"] = [
+            leave_out_personal(session) if isinstance(session, Mapping) else session
+            for session in kept["sessions"]
+        ]
+    return kept
+
+
+@dataclass(frozen=True)
+class CodeChanges:
+    """Files of the package that differ from its commit, relative to the checkout.
+
+    Attributes
+    ----------
+    changed : tuple of str
+        Files of the commit.
+    added : tuple of str
+        New files of Python code.
+    left_out : tuple of str
+        Other new files, and hidden ones, such as .env: they may be private, and are not recorded.
+    """
+
+    changed: tuple[str, ...] = ()
+    added: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+def find_code_changes(tree: Path = _SOURCE_TREE) -> CodeChanges:
+    """Return what a record of this checkout keeps as code.diff, and what it leaves out."""
+    changed = _list_names(_run_git(tree, "diff", "--name-only", "-z", "HEAD", "--", "labrig"))
+    new = _list_names(_run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig"))
+    code = tuple(name for name in new if _is_code(tree / name, PurePosixPath(name)))
+    return CodeChanges(changed, code, tuple(name for name in new if name not in code))
+
+
+def _list_names(listed: bytes | None) -> tuple[str, ...]:
+    return tuple(os.fsdecode(name) for name in (listed or b"").split(b"\0") if name)
+
+
+def _is_code(path: Path, name: PurePosixPath) -> bool:
+    hidden = any(part.startswith(".") for part in name.parts)
+    return name.suffix == ".py" and not hidden and path.is_file() and not path.is_symlink()
+
+
 def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     """Return the changes of the package's source since its commit, as a patch for `git apply`; empty without any.
 
@@ -62,11 +126,10 @@ def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
     Returns
     -------
     bytes
-        Changed files, then new files that git does not ignore.
+        Changed files, then new files of Python code that git does not ignore; see `find_code_changes`.
     """
     changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
-    unknown = _run_git(tree, "ls-files", "-z", "--others", "--exclude-standard", "--", "labrig") or b""
-    added = [_diff_new_file(tree, os.fsdecode(name)) for name in unknown.split(b"\0") if name]
+    added = [_diff_new_file(tree, name) for name in find_code_changes(tree).added]
     return b"".join([changed or b"", *added])
 
 

@@ -5,6 +5,7 @@ import math
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from labrig.durable import disk_errors
 from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
-from labrig.record.annotations import Annotations, read_annotations
+from labrig.record.annotations import Annotations, read_annotations, without_authors
 from labrig.record.can_log import CanFrame, read_can_log
 from labrig.record.check import (
     as_damage,
@@ -58,6 +59,7 @@ from labrig.record.layout import (
 )
 from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, locate_picture
+from labrig.record.provenance import leave_out_personal
 from labrig.record.results import latest_result, new_result_dir
 from labrig.record.structure import find_clock_problems, find_frame_problems
 from labrig.record.tables import add_axis_units
@@ -142,6 +144,8 @@ class Run:
     problems : tuple of Problem
         The damage, and the torn last lines of a killed run, which are no damage. Empty for a run that is as it was
         written.
+    private : bool
+        Whether personal data is left out; see `without_personal_data`.
     """
 
     def __init__(
@@ -159,10 +163,23 @@ class Run:
         self.problems = (*damage, *torn)
         self._torn = torn
         self._until_s = until_s
+        self.private = False
 
     def until(self, t_s: float) -> "Run":
         """Return this run as it was before rig time `t_s` [s]; pictures and truths stay."""
         return Run(self.path, self.manifest, self.damage, self._torn, until_s=t_s)
+
+    def without_personal_data(self) -> "Run":
+        """Return this run without host, account, command line, its own folder, and the authors of remarks."""
+        private = copy(self)
+        private.manifest = leave_out_personal(self.manifest)
+        private.private = True
+        return private
+
+    @property
+    def shown_path(self) -> str:
+        """The run as commands on a page name it: its folder, or only its name if that is private."""
+        return self.path.name if self.private else str(self.path)
 
     @property
     def sessions(self) -> tuple[Mapping[str, Any], ...]:
@@ -226,7 +243,8 @@ class Run:
     @property
     def annotations(self) -> Annotations:
         """Tags, notes and verdict of the run as they are now. Raises `RecordError` when a line is damaged."""
-        return read_annotations(self.path)
+        annotations = read_annotations(self.path)
+        return without_authors(annotations) if self.private else annotations
 
     @cached_property
     def protocol(self) -> Mapping[str, Any]:

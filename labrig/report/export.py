@@ -6,18 +6,20 @@ Every format holds the same tables, those of `labrig.report.tables`.
 import io
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import scipy.io
 
+from labrig.durable import write_atomically
 from labrig.errors import InputError
 from labrig.record.json_lines import encode_document
 from labrig.record.reader import Run
 from labrig.record.tables import escape_formula
-from labrig.report.tables import is_unknown
+from labrig.report.tables import is_unknown, run_tables
 
 Files = dict[str, bytes]
 
@@ -26,6 +28,22 @@ MAT_FILE = "run.mat"
 
 _MAT_LONGEST_NAME = 63
 _MAT_MOST_BYTES = 2**31
+
+
+def write_tables(run: Run, formats: Iterable[str], folder: Path) -> None:
+    """Write a run and its newest result into a folder, in each of the formats `csv`, `parquet` and `mat`.
+
+    Raises
+    ------
+    RecordError
+        When record or result are damaged.
+    DiskError
+        When a file cannot be written.
+    """
+    tables = run_tables(run, run.latest_result())
+    for name in formats:
+        for file, content in FORMATS[name](run, tables).items():
+            write_atomically(folder / file, content)
 
 
 def export_csv(run: Run, tables: Mapping[str, pd.DataFrame]) -> Files:

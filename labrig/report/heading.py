@@ -97,7 +97,8 @@ def _list_annotations(run: Run) -> tuple[tuple[str, str], ...]:
         return (("Notes", error.message.replace(f"{run.path}/", "")),)
     verdict = ": ".join(filter(None, (annotations.verdict, annotations.verdict_reason)))
     notes = [
-        (f"Note {note.note}, {note.by}, {format_time(note.at)}", note.text) for note in annotations.notes
+        (", ".join(filter(None, (f"Note {note.note}", note.by, format_time(note.at)))), note.text)
+        for note in annotations.notes
     ]
     rows = (("Verdict", verdict), ("Tags", ", ".join(annotations.tags)), *notes)
     return tuple((term, text) for term, text in rows if text)
@@ -152,7 +153,7 @@ def _warn_of_needle(run: Run, status: str) -> tuple[str, ...]:
 
 def _list_next_steps(run: Run, status: str, *, can_resume: bool) -> tuple[str, ...]:
     """Return the commands that withdraw a needle that may be in tissue, and that resume a sweep."""
-    steps, place = [], shlex.quote(str(run.path))
+    steps, place = [], shlex.quote(run.shown_path)
     if not _is_simulated(run) and _warn_of_needle(run, status):
         withdraw = Markup("<code>labrig devices withdraw --rig FILE --run {}</code>").format(place)
         steps.append(Markup("Take it out along its path: {}.").format(withdraw))

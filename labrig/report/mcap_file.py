@@ -1,4 +1,4 @@
-"""Export a run as an MCAP file for Foxglove and other viewers of robot data; needs `pip install 'labrig[mcap]'`.
+"""Export a run as an MCAP file for Foxglove and other viewers of robot data; needs the extra `mcap` of labrig.
 
 States and events are JSON messages, pictures are `foxglove.CompressedImage`. The time of a message is the start of the
 run plus its rig time.

@@ -427,3 +427,12 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
     assert not any(one.found for one in result.content.measurements)
     assert (result.path / "mask.json").read_bytes() == file.read_bytes()
     assert result.content.settings["mask_sha256"] == mask.sha256
+
+
+def test_a_result_can_be_shown_without_personal_data(folder: Path) -> None:
+    """Host, account and command line are left out of the shown result, and stay in the file."""
+    run = record_sweep(folder, Sweep(without_needle=frozenset({3})))
+    provenance = {**PROVENANCE, "host": "lab-pc", "account": "chen", "command_line": ["labrig"]}
+    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=provenance)
+    assert result.without_personal_data().document == {**result.document, "provenance": PROVENANCE}
+    assert json.loads((result.path / "result.json").read_bytes())["provenance"] == provenance

@@ -4,10 +4,13 @@ import shutil
 from pathlib import Path
 
 import fsspec
+import pandas as pd
 import pytest
+import scipy.io
 
+from labrig.record.annotations import note_on_run
 from tests.cli.conftest import ROOT, SWEEP, Labrig
-from tests.record.runs import closed_run
+from tests.record.runs import ENDED, closed_run
 
 FIRST = ROOT / "data" / "first-record"
 
@@ -131,6 +134,51 @@ def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path)
     for condition in ((), ("--where", "exit_status=success")):
         listed = labrig("runs", "--runs-dir", runs, *condition, "--json").json()
         assert sorted(Path(row["run"]).name for row in listed) == ["copy", "first"]
+
+
+@pytest.fixture
+def personal_run(tmp_path: Path) -> Path:
+    """Return a run with a note, whose record names a computer, an account, and folders of that account."""
+    provenance = {
+        "host": "lab-pc-7",
+        "account": "chen-x",
+        "command_line": ["labrig", "run", "/home/chen-x/a.yaml"],
+    }
+    run = closed_run(tmp_path, "sweep", provenance=provenance, sources={"protocol": "/home/chen-x/a.yaml"})
+    note_on_run(run, "gel 3 was cloudy", revises=None, by="chen-x", at=ENDED)
+    return run
+
+
+_PERSONAL = (b"lab-pc-7", b"chen-x")
+
+
+def test_a_private_report_names_no_person_and_no_computer(labrig: Labrig, personal_run: Path) -> None:
+    """Host, account, command line and authors are on the page; with --private they are not, and the rest is."""
+    page = personal_run / "report.html"
+    assert labrig("report", personal_run).exit_code == 0
+    assert all(word in page.read_bytes() for word in _PERSONAL)
+    assert labrig("report", personal_run, "--private").exit_code == 0
+    assert not any(word in page.read_bytes() for word in (*_PERSONAL, bytes(personal_run.parent)))
+    assert b"gel 3 was cloudy" in page.read_bytes()
+
+
+def test_private_tables_name_no_person_and_no_computer(
+    labrig: Labrig, personal_run: Path, tmp_path: Path
+) -> None:
+    """No file of any format holds them; a copy of the record would, and is refused."""
+    out = tmp_path / "tables"
+    formats = ("--csv", "--parquet", "--mat", "--mcap")
+    assert labrig("export", personal_run, *formats, "--out", out).exit_code == 0
+    assert b"lab-pc-7" in (out / "manifest.json").read_bytes()
+    assert b"chen-x" in (out / "notes.csv").read_bytes()
+    assert labrig("export", personal_run, *formats, "--out", out, "--force", "--private").exit_code == 0
+    for file in out.iterdir():
+        assert not any(word in file.read_bytes() for word in _PERSONAL), file
+    mat = scipy.io.loadmat(out / "run.mat", simplify_cells=True)
+    assert "lab-pc-7" not in mat["run"]["manifest_json"]
+    assert pd.read_parquet(out / "notes.parquet")["by"].tolist() == [""]
+    done = labrig("export", personal_run, "--record", "--private", "--out", tmp_path / "copy", "--json")
+    assert (done.exit_code, done.json()["error"]["type"]) == (2, "InputError")
 
 
 def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:

@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 
 import labrig
-from labrig.record.provenance import _read_git_state, collect_code_diff, collect_provenance
+from labrig.record.provenance import (
+    CodeChanges,
+    _read_git_state,
+    collect_code_diff,
+    collect_provenance,
+    find_code_changes,
+    leave_out_personal,
+)
 
 
 def test_provenance_names_code_packages_and_computer() -> None:
@@ -68,6 +75,52 @@ def test_what_the_code_differs_from_its_commit_can_be_applied(tmp_path: Path) ->
     copied = {path.name: path.read_text() for path in (tmp_path / "other" / "labrig").iterdir()}
     assert copied == {"code.py": "2\n", "größe.py": "3\n"}
     assert b"notes" not in diff
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+def test_new_files_that_are_no_code_stay_out_of_the_record(tmp_path: Path) -> None:
+    """Of new files only Python is in the patch; .env, keys, links and hidden files are named as left out."""
+    tree, identity = tmp_path / "tree", ["-c", "user.name=n", "-c", "user.email=e"]
+    room = tree / "labrig" / "room"
+    room.mkdir(parents=True)
+    (room / "code.py").write_text("1\n")
+    for words in (["init", "-q"], ["add", "."], [*identity, "commit", "-q", "-m", "first"]):
+        subprocess.run(["git", "-C", tree, *words], check=True)
+    assert find_code_changes(tree) == CodeChanges()
+    private = (".env", ".env.py", "id_rsa", "patients.csv", ".cache/code.py")
+    (room / ".cache").mkdir()
+    for name in private:
+        (room / name).write_text("SECRET")
+    (tmp_path / "outside.py").write_text("SECRET")
+    (room / "link.py").symlink_to(tmp_path / "outside.py")
+    (room / "code.py").write_text("2\n")
+    (room / "new.py").write_text("3\n")
+    changes = find_code_changes(tree)
+    assert (changes.changed, changes.added) == (("labrig/room/code.py",), ("labrig/room/new.py",))
+    assert set(changes.left_out) == {f"labrig/room/{name}" for name in (*private, "link.py")}
+    diff = collect_code_diff(tree)
+    assert b"+2" in diff
+    assert b"+3" in diff
+    assert b"SECRET" not in diff
+    assert b"outside.py" not in diff
+
+
+def test_personal_data_is_left_out_of_every_session() -> None:
+    """Host, account and command line go, also from the sessions of a resumed run; the code and the seed stay."""
+    personal = {"host": "lab-pc", "account": "chen", "command_line": ["labrig", "run", "/home/chen/a.yaml"]}
+    code = {"git_commit": "1234"}
+    manifest = {
+        "seed": 7,
+        "provenance": {**personal, **code},
+        "sources": {"protocol": "/home/chen/a.yaml"},
+        "sessions": [{"t0_s": 3.0, "provenance": {**personal, **code}}],
+        "crc32": "00000000",
+    }
+    assert leave_out_personal(manifest) == {
+        "seed": 7,
+        "provenance": code,
+        "sessions": [{"t0_s": 3.0, "provenance": code}],
+    }
 
 
 def test_code_that_is_no_checkout_says_so(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from labrig.cli.calibration_files import (
     require_writable,
 )
 from labrig.cli.damage import require_undamaged
-from labrig.cli.options import InsertionOption, RigOption, RunArgument, find_rig_file
+from labrig.cli.options import InsertionOption, IntrinsicsOption, RigOption, RunArgument, find_rig_file
 from labrig.cli.output import AsJson, failure_lines, print_json, print_line, say
 from labrig.cli.template import template
 from labrig.durable import write_atomically
@@ -105,10 +105,7 @@ def plane(
     ],
     insertion: InsertionOption,
     pitch_mm: Annotated[float, typer.Option(help="Distance between the finest lines.")] = 1.0,
-    intrinsics: Annotated[
-        Path | None,
-        typer.Option("--intrinsics", metavar="FILE", help="Intrinsics of the camera.", show_default=False),
-    ] = None,
+    intrinsics: IntrinsicsOption = None,
     gel_index: Annotated[
         float | None,
         typer.Option(help="Refractive index of the gel above the needle; about 1.35.", show_default=False),

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption
+from labrig.cli.options import DEFAULT_RUNS_DIR, RunsDirOption, find_run_folder
 from labrig.cli.output import AsJson, print_json
 from labrig.needle.tube import Tube
 
@@ -68,7 +68,7 @@ def design(
     Exit with 0 when equation (3) has an answer, even if our contour cannot give the radius, and says why; with 1 when
     neither gives it, or when the tube is one for which only our contour is valid and it cannot.
     """
-    from labrig.cli.design_study import Outputs, carry_out, find_measured_radius, find_run_folder
+    from labrig.cli.design_study import Outputs, carry_out, find_measured_radius
     from labrig.cli.finished_run import print_summary
     from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, Tolerances
     from labrig.experiments.hinge_design.summary import summarise

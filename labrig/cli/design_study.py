@@ -76,12 +76,6 @@ def _require_writable(option: str, path: Path, *, force: bool) -> None:
         raise InputError(f"{option} {path}: there is no folder {path.parent}", "make the folder first")
 
 
-def find_run_folder(given: Path, runs_dir: Path) -> Path:
-    """Return a run's folder: the given folder, or the run of that name."""
-    named = runs_dir / given
-    return named if len(given.parts) == 1 and not given.exists() and named.is_dir() else given
-
-
 def find_measured_radius(
     radius_mm: float | None, run: Path | None, beta_cut_deg: float | None
 ) -> float | None:

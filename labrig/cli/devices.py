@@ -8,6 +8,7 @@ from labrig.cli.devices_motion import home, jog, withdraw
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, find_rig_file
 from labrig.cli.output import AsJson, print_checks, print_json, say
+from labrig.devices.check_result import CheckResult, CheckStatus
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -17,7 +18,6 @@ def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""
     from labrig.cli.plugin_faults import find_plugin_faults
     from labrig.devices.check import check_rig
-    from labrig.devices.check_result import CheckResult, CheckStatus
     from labrig.devices.rig_file import load_rig
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 

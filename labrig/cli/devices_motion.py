@@ -5,15 +5,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption
+from labrig.cli.options import DEFAULT_RUNS_DIR, RigOption, RunsDirOption, YesOption
 from labrig.cli.output import AsJson
 
 _AXES = "insertion, rotation or linear"
 _GENTLE_MA = 1000
 
-YesOption = Annotated[
-    bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
-]
 CurrentOption = Annotated[
     int,
     typer.Option(

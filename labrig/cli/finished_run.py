@@ -14,54 +14,55 @@ from labrig.cli.output import (
     print_table,
     say,
 )
-from labrig.errors import LabrigError
+from labrig.runner.conduct import Outcome
 from labrig.runner.experiment import Experiment
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """How a run ended; `result` and `report` are None if it was not measured.
+    """A run that has ended, on disk at `path`; `result` and `report` are None if it was not measured.
 
-    `needle` says where the needle was left, empty if it is out; `can_resume` says whether the run can be continued.
+    `needle` says where the needle was left, empty if it is out; `signal_name` is a signal that came after the end;
+    `can_resume` says whether the run can be continued.
     """
 
-    run: Path
-    exit_status: str
-    reason: str
-    report: Path | None
-    result: Mapping[str, object] | None
-    error: LabrigError | None
-    needle: str
+    path: Path
+    outcome: Outcome
+    needle: str = ""
+    signal_name: str | None = None
     can_resume: bool = False
+    report: Path | None = None
+    result: Mapping[str, object] | None = None
 
 
 def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool) -> int:
     """Print how a run ended, and return the exit code."""
+    outcome, error = finished.outcome, finished.outcome.error
     document: dict[str, object] = {
-        "run": str(finished.run),
-        "exit_status": finished.exit_status,
-        "reason": finished.reason or None,
+        "run": str(finished.path),
+        "exit_status": outcome.exit_status,
+        "reason": outcome.reason or None,
         "report": None if finished.report is None else str(finished.report),
         "result": finished.result,
     }
-    place = shlex.quote(str(finished.run))
-    if finished.error is not None:
-        document["error"] = failure_document(finished.error)
-        for line in failure_lines(finished.error):
+    place = shlex.quote(str(finished.path))
+    if error is not None:
+        document["error"] = failure_document(error)
+        for line in failure_lines(error):
             say(line)
         if finished.needle:
             say(f"note: {finished.needle}")
         if finished.result is None:
-            say(f"the record is kept: {finished.run}\nmeasure what it holds: labrig reanalyze {place}")
-        if finished.result is None and finished.exit_status != "success" and finished.can_resume:
+            say(f"the record is kept: {finished.path}\nmeasure what it holds: labrig reanalyze {place}")
+        if finished.result is None and outcome.exit_status != "success" and finished.can_resume:
             say(f"continue it: labrig resume {place}")
     if as_json:
         print_json(document)
     elif finished.result is not None:
         print_summary(experiment.summarise(finished.result))
-        print_line(f"record  {finished.run}\nreport  {finished.report}")
-    if finished.error is not None:
-        return finished.error.exit_code
+        print_line(f"record  {finished.path}\nreport  {finished.report}")
+    if error is not None:
+        return error.exit_code
     result = {} if finished.result is None else finished.result
     return 1 if result.get("accepted") is False or result.get("reached") is False else 0
 

@@ -39,10 +39,14 @@ RunsDirOption = Annotated[
 ]
 
 
-def _find_run(run: Path) -> Path:
-    """Return the folder of a run that is given by its folder or by its name in data/runs."""
-    named = DEFAULT_RUNS_DIR / run
+def find_run_folder(run: Path, runs_dir: Path) -> Path:
+    """Return the folder of a run that is given by its folder or by its name in `runs_dir`."""
+    named = runs_dir / run
     return named if len(run.parts) == 1 and not run.exists() and named.is_dir() else run
+
+
+def _find_run(run: Path) -> Path:
+    return find_run_folder(run, DEFAULT_RUNS_DIR)
 
 
 def _find_all(runs: list[Path]) -> list[Path]:
@@ -92,6 +96,9 @@ SetOption = Annotated[
         help="Override a value of the protocol, or of the rig file with the prefix rig.; repeatable.",
         show_default=False,
     ),
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
 ]
 SeedOption = Annotated[
     int | None, typer.Option("--seed", help="Override the protocol's seed.", show_default=False)

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -52,17 +52,6 @@ class RunOrder:
     sources: Sources
 
 
-@dataclass(frozen=True)
-class RecordedRun:
-    """A recorded run: how it ended, where the needle was left, and a signal that came after its end."""
-
-    path: Path
-    outcome: Outcome
-    needle: str
-    signal_name: str | None
-    can_resume: bool = False
-
-
 def perform(order: RunOrder) -> FinishedRun:
     """Record a run, measure it and write its report.
 
@@ -96,22 +85,14 @@ def _announce_code_diff() -> None:
         say(f"note: code.diff leaves out new files that are no code: {', '.join(changes.left_out)}")
 
 
-def finish(recorded: RecordedRun, command_line: tuple[str, ...]) -> FinishedRun:
+def finish(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
     """Measure a recorded run and write the report, if the run came to its end."""
-    path, outcome = recorded.path, recorded.outcome
+    path, outcome = ended.path, ended.outcome
     if outcome.error is not None and not _is_measurable(outcome.error):
-        return FinishedRun(
-            path,
-            outcome.exit_status,
-            outcome.reason,
-            None,
-            None,
-            outcome.error,
-            recorded.needle,
-            recorded.can_resume,
-        )
-    if recorded.signal_name is not None:
-        return _make_unmeasured(path, recorded.signal_name)
+        return ended
+    ended = replace(ended, needle="", can_resume=False)
+    if ended.signal_name is not None:
+        return _leave_unmeasured(ended, ended.signal_name)
     try:
         result = analyze(path, command_line)
         # Imported late: the processes that measure are forked before matplotlib is loaded, and stay small.
@@ -120,10 +101,10 @@ def finish(recorded: RecordedRun, command_line: tuple[str, ...]) -> FinishedRun:
         say("writing the report")
         report = write_page(open_run(path), result)
     except Interruption as interruption:
-        return _make_unmeasured(path, str(interruption))
+        return _leave_unmeasured(ended, str(interruption))
     except AnswerIsNoError as error:
-        return FinishedRun(path, outcome.exit_status, error.message, None, None, error, "")
-    return FinishedRun(path, outcome.exit_status, outcome.reason, report, result.document, outcome.error, "")
+        return replace(ended, outcome=Outcome(outcome.exit_status, error.message, error))
+    return replace(ended, report=report, result=result.document)
 
 
 def _is_measurable(error: LabrigError) -> bool:
@@ -131,13 +112,13 @@ def _is_measurable(error: LabrigError) -> bool:
     return isinstance(error, TargetMissedError) and error.inserted
 
 
-def _make_unmeasured(path: Path, signal_name: str) -> FinishedRun:
+def _leave_unmeasured(ended: FinishedRun, signal_name: str) -> FinishedRun:
     """Return a run that came to its end and was interrupted before it was measured."""
     message = f"interrupted by {signal_name} when the run had ended; it is recorded, and was not measured"
-    return FinishedRun(path, "success", message, None, None, InterruptedRunError(message), "")
+    return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
 
 
-def _record(order: RunOrder, plan: RunPlan) -> RecordedRun:
+def _record(order: RunOrder, plan: RunPlan) -> FinishedRun:
     """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
@@ -149,7 +130,7 @@ def _record(order: RunOrder, plan: RunPlan) -> RecordedRun:
         return record_on_rig(experiment, protocol, order.rig, plan.work, order.command_line, act)
     clock = SystemClock()
     recorder = _open_record(order, plan, clock, {})
-    return RecordedRun(recorder.path, conduct_without_rig(experiment, recorder, clock), "", None)
+    return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
 
 
 def record_on_rig(
@@ -159,7 +140,7 @@ def record_on_rig(
     work: float,
     command_line: tuple[str, ...],
     act: Callable[[Rig, Reporter], tuple[Path, Outcome]],
-) -> RecordedRun:
+) -> FinishedRun:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
     doing = " ".join(("labrig", *command_line[1:]))
     with (
@@ -168,7 +149,7 @@ def record_on_rig(
     ):
         path, outcome = act(rig, reporter)
         needle = _describe_needle(rig, path)
-    return RecordedRun(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
+    return FinishedRun(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
 
 
 def _describe_needle(rig: Rig, run: Path) -> str:

@@ -1,9 +1,8 @@
 """`labrig check` and `labrig schema`: what protocol and rig file hold, before anything moves."""
 
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -103,17 +102,10 @@ def _print_check(
     )
 
 
-class SchemaKind(StrEnum):
-    """A kind of file with a schema."""
-
-    PROTOCOL = "protocol"
-    RIG = "rig"
-
-
 def schema(
     of: Annotated[
-        SchemaKind, typer.Argument(metavar="[protocol|rig]", help="Kind of file.")
-    ] = SchemaKind.PROTOCOL,
+        Literal["protocol", "rig"], typer.Argument(metavar="[protocol|rig]", help="Kind of file.")
+    ] = "protocol",
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema, with which editors complete and check the YAML files."""
@@ -122,7 +114,7 @@ def schema(
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
-    if of is SchemaKind.PROTOCOL:
+    if of == "protocol":
         _report_plugin_faults(EXPERIMENTS)
         print_line(schema_text(protocol_schema(usable_models())).rstrip())
         return

@@ -2,14 +2,14 @@
 
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from labrig.cli.finished_run import FinishedRun
 from labrig.cli.output import say
-from labrig.cli.pipeline import RecordedRun, finish, record_on_rig
+from labrig.cli.pipeline import finish, record_on_rig
 from labrig.cli.progress import Reporter
 from labrig.cli.sources import Sources, read_sources
 from labrig.devices.clocks import SystemClock
@@ -28,25 +28,13 @@ from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
-from labrig.runner.experiment import Experiment, Remainder
+from labrig.runner.experiment import Experiment
 from labrig.runner.plan import estimate_disk_bytes
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import recorded_path
 
 _NOT_THE_RIG = ("faults",)
 """Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
-
-
-@dataclass(frozen=True)
-class Continuation:
-    """A run to continue: what remains of it, its rig, and the command line."""
-
-    run: Run
-    experiment: Experiment
-    protocol: ExperimentProtocol
-    remainder: Remainder
-    rig: RigDescription
-    command_line: tuple[str, ...]
 
 
 def resume_run(
@@ -73,7 +61,7 @@ def resume_run(
         )
     if run.manifest.get("exit_status") == "success":
         say(f"{path} has come to its end; it is measured again")
-        return finish(RecordedRun(path, Outcome("success", "", None), "", None), command_line)
+        return finish(FinishedRun(path, Outcome("success", "", None)), command_line)
     experiment = experiment_of(run)
     if not experiment.can_resume:
         raise InputError(
@@ -87,12 +75,24 @@ def resume_run(
     if not remainder.left:
         return finish(_close_without_rig(path, command_line), command_line)
     say(f"{path}: {remainder.kept} insertions are kept, {remainder.left} are left")
-    continuation = Continuation(run, experiment, recorded, remainder, description, command_line)
     plan = experiment.plan(recorded, description)
     share = remainder.left / plan.trials
     least_free_mb = description.recording.least_free_mb
     require_free_bytes(path, int(share * estimate_disk_bytes(plan, description) + 1e6 * least_free_mb))
-    return finish(_record_rest(continuation, plan.work), command_line)
+
+    def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
+        recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
+        recorder.begin_session(
+            rig.clock.utc(),
+            code_diff=collect_code_diff(),
+            provenance=collect_provenance(command_line),
+            devices=rig.describe(),
+        )
+        return recorder.path, conduct_remainder(experiment, remainder, Session(rig, recorder, reporter))
+
+    return finish(
+        record_on_rig(experiment, recorded, description, plan.work, command_line, act), command_line
+    )
 
 
 def _suggest_alternative(run: Run, experiment: Experiment) -> str:
@@ -185,29 +185,10 @@ def _shorten(digest: object) -> str:
     return "none" if digest is None else f"{str(digest)[:12]}..."
 
 
-def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> RecordedRun:
+def _close_without_rig(path: Path, command_line: tuple[str, ...]) -> FinishedRun:
     """Close a run that was interrupted after its last insertion."""
     clock = SystemClock()
     recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
     recorder.record_event(RunStop(exit_status="success", reason=""), 0.0)
     recorder.close("success", "", clock.utc())
-    return RecordedRun(path, Outcome("success", "", None), "", None)
-
-
-def _record_rest(continuation: Continuation, work: float) -> RecordedRun:
-    command_line = continuation.command_line
-
-    def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-        recorder = Recorder.reopen(continuation.run.path, " ".join(("labrig", *command_line[1:])))
-        recorder.begin_session(
-            rig.clock.utc(),
-            code_diff=collect_code_diff(),
-            provenance=collect_provenance(command_line),
-            devices=rig.describe(),
-        )
-        session = Session(rig, recorder, reporter)
-        return recorder.path, conduct_remainder(continuation.experiment, continuation.remainder, session)
-
-    return record_on_rig(
-        continuation.experiment, continuation.protocol, continuation.rig, work, command_line, act
-    )
+    return FinishedRun(path, Outcome("success", "", None))

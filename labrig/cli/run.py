@@ -13,6 +13,7 @@ from labrig.cli.options import (
     RunsDirOption,
     SeedOption,
     SetOption,
+    YesOption,
 )
 from labrig.cli.output import AsJson
 from labrig.protocol.formatting import mask_passwords
@@ -33,9 +34,7 @@ def run(
     ] = None,
     seed: SeedOption = None,
     settings: SetOption = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Ask nothing on a simulated rig; a real rig asks all the same.")
-    ] = False,
+    yes: YesOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; the record is kept whatever happens."""

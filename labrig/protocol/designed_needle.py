@@ -13,6 +13,7 @@ from labrig.errors import FileFormatError, InputError, Problem
 from labrig.input_file import read_file
 from labrig.protocol.design_file import NeedleDesign, load_design
 from labrig.protocol.formatting import Plain, show
+from labrig.protocol.sections import NeedleDesignSection
 from labrig.protocol.tree import InputFault, Position, Tree, file_format_error
 from labrig.protocol.yaml_tree import MAX_BYTES
 
@@ -82,26 +83,15 @@ def _locate_problems(position: Position, error: InputError) -> Iterator[InputFau
 
 
 def _fill_protocol(design: NeedleDesign, name: str, sha256: str) -> dict[str, Plain]:
+    known = {"file": name, "sha256": sha256, **design.model_dump(), **design.tube.model_dump()}
     return {
         "diameter_mm": design.diameter_mm,
         "design_radius_mm": design.radius_mm,
-        "design": {"file": name, "sha256": sha256, **_details(design)},
+        "design": {key: known[key] for key in NeedleDesignSection.model_fields},
     }
 
 
 IN_PROTOCOL = Filling(("diameter_mm", "design_radius_mm", "design"), _fill_protocol)
-
-
-def _details(design: NeedleDesign) -> dict[str, Plain]:
-    return {
-        "radius_low_mm": design.radius_low_mm,
-        "radius_high_mm": design.radius_high_mm,
-        "inner_diameter_mm": design.tube.inner_diameter_mm,
-        "link_length_mm": design.tube.link_length_mm,
-        "clearance_mm": design.clearance_mm,
-        "beta_cut_deg": design.beta_cut_deg,
-        "basis": design.basis,
-    }
 
 
 def _resolve_name(named: Plain, folder: Path) -> Path:

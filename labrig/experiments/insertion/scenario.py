@@ -8,9 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from labrig.experiments.insertion.weights import PlannerWeights
-from labrig.protocol.design_file import NeedleDesign
 from labrig.protocol.designed_needle import Filling
-from labrig.protocol.formatting import Plain
 from labrig.protocol.load import load_designed_model
 from labrig.protocol.model import Conflict, Model, NonNegativeMm, PointMm, PositiveMm
 from labrig.steering.parameters import PlanWeights
@@ -139,13 +137,7 @@ def problem_of(scenario: Scenario) -> PlanProblem:
     )
 
 
-def _values_of_design(design: NeedleDesign, _name: str, _sha256: str) -> dict[str, Plain]:
-    return {
-        "diameter_mm": design.diameter_mm,
-        "radius_mm": design.radius_mm,
-        "radius_low_mm": design.radius_low_mm,
-        "radius_high_mm": design.radius_high_mm,
-    }
-
-
-_DESIGN = Filling(("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm"), _values_of_design)
+_FILLED_IN = ("diameter_mm", "radius_mm", "radius_low_mm", "radius_high_mm")
+_DESIGN = Filling(
+    _FILLED_IN, lambda design, _name, _sha256: {key: getattr(design, key) for key in _FILLED_IN}
+)

@@ -9,9 +9,10 @@ import typer
 
 from labrig.cli.next_steps import can_resume
 from labrig.cli.options import RunsArgument
-from labrig.cli.output import AsJson, failure_lines, plural, print_json, print_line, say
+from labrig.cli.output import AsJson, plural, print_line
+from labrig.cli.several_runs import do_for_each_run
 from labrig.devices.clocks import SystemClock
-from labrig.errors import LabrigError, Problem, RecordError
+from labrig.errors import Problem
 
 
 class _CheckedRun(TypedDict):
@@ -43,24 +44,14 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every run is sound, and with 4 when one is damaged."""
-    rows: list[Mapping[str, object]] = []
-    exit_code = 0
-    for path in run_paths:
-        try:
-            checked = _check_run(path, repair)
-        except LabrigError as error:
-            rows.append({"run": str(path), "ok": False, "reason": error.message})
-            exit_code = exit_code or error.exit_code
-            for line in failure_lines(error):
-                say(line)
-        else:
-            rows.append(checked)
-            exit_code = exit_code or (0 if checked["ok"] else RecordError.exit_code)
-            if not as_json:
-                _print(checked)
-    if as_json:
-        print_json(rows)
-    return exit_code
+
+    def check_and_print(path: Path) -> Mapping[str, object]:
+        checked = _check_run(path, repair)
+        if not as_json:
+            _print(checked)
+        return checked
+
+    return do_for_each_run(run_paths, check_and_print, as_json)
 
 
 def _check_run(path: Path, repair: bool) -> _CheckedRun:

@@ -86,7 +86,7 @@ class ObjectDictionary:
             index: max(sub for i, sub in self._entries if i == index) for index, _ in self._entries
         }
         self._while_unpowered = table.while_unpowered | frozenset(_SIGNATURES)
-        with_node = frozenset((*_COB_IDS, *_ids_with_node()))
+        with_node = frozenset((*_COB_IDS, co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID))
         # What this drive lacks has the standard's defaults behind the scenes: motion needs them, and nobody can ask.
         every = (*(e for e in co.STANDARD if e not in set(table.entries)), *table.entries)
         self._defaults = {e: e.default + node_id * (e in with_node) for e in every}
@@ -225,7 +225,3 @@ class ObjectDictionary:
             self._stored = {}
         else:
             self.values |= {cob_id: self._defaults[cob_id] for cob_id in _COB_IDS}
-
-
-def _ids_with_node() -> tuple[Entry, ...]:
-    return (co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID)

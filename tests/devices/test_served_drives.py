@@ -124,10 +124,7 @@ def test_a_client_that_nobody_here_wrote_drives_the_simulated_drive() -> None:
     """The npm package canopen enables it, moves it, is refused with maxon's codes, and hears its emergency."""
     node = shutil.which("node")
     if node is None or not (PACKAGES / "canopen").is_dir():
-        pytest.skip(
-            "needs node and, in the virtual environment, npm's canopen: "
-            "npm install --prefix .venv/outside-client canopen@6.2.1"
-        )
+        pytest.skip("needs node and, in the virtual environment, npm's canopen: make .venv/outside-client")
     with served_drives("slcan", (1,)) as served:
         done = subprocess.run(
             [node, str(CLIENT), str(served.reached_by["channel"])],

@@ -1,7 +1,7 @@
 """Options that several commands share, and the files that they name."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -188,8 +188,7 @@ def restore_rig_prefix() -> Iterator[None]:
         raise FileFormatError(tuple(typed)) from error
 
 
-def split_overrides(settings: list[str] | None) -> tuple[list[str], list[str]]:
+def split_overrides(settings: Sequence[str]) -> tuple[list[str], list[str]]:
     """Split `--set` values into those of the protocol and those of the rig file, without the prefix `rig.`."""
-    given = settings or []
-    rig = [setting.removeprefix(_RIG_PREFIX) for setting in given if setting.startswith(_RIG_PREFIX)]
-    return [setting for setting in given if not setting.startswith(_RIG_PREFIX)], rig
+    rig = [setting.removeprefix(_RIG_PREFIX) for setting in settings if setting.startswith(_RIG_PREFIX)]
+    return [setting for setting in settings if not setting.startswith(_RIG_PREFIX)], rig

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.options import RigOption, SeedOption, SetOption, split_overrides
+from labrig.cli.options import RigOption, SeedOption, SetOption
 from labrig.cli.output import (
     AsJson,
     failure_document,
@@ -28,18 +28,14 @@ def check(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
-    from labrig.cli.rigs import load_rig_for
-    from labrig.experiments.declared import PROTOCOL_MODELS
+    from labrig.cli.sources import Sources
     from labrig.experiments.registry import find_experiment
     from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
-    from labrig.protocol.load import load_protocol
     from labrig.runner.plan import estimate_disk_bytes
 
-    protocol_settings, rig_settings = split_overrides(settings)
     faults = _report_plugin_faults(EXPERIMENTS)
     try:
-        loaded = load_protocol(protocol, PROTOCOL_MODELS, protocol_settings, seed)
-        description = load_rig_for(loaded, protocol, rig, rig_settings)
+        loaded, description = Sources(protocol, rig, tuple(settings or ()), seed).load()
     except FileFormatError as error:
         if not as_json:
             raise

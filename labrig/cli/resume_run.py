@@ -7,7 +7,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from labrig.cli.finished_run import FinishedRun
+from labrig.cli.finished_run import FinishedRun, print_finished
 from labrig.cli.output import say
 from labrig.cli.pipeline import finish, record_on_rig
 from labrig.cli.progress import Reporter
@@ -35,6 +35,14 @@ from labrig.runner.withdrawal import recorded_path
 
 _NOT_THE_RIG = ("faults",)
 """Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
+
+
+def resume_and_print(
+    path: Path, protocol: Path | None, rig: Path | None, command_line: tuple[str, ...], *, as_json: bool
+) -> int:
+    """Continue a run, and print how it ended. Raises as `resume_run`."""
+    finished = resume_run(path, protocol, rig, command_line)
+    return print_finished(finished, experiment_of(open_run(path)), as_json)
 
 
 def resume_run(

@@ -65,10 +65,6 @@ def resume(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when the run succeeded; refuse a protocol, rig or calibration other than those of its start."""
-    from labrig.cli.finished_run import print_finished
-    from labrig.cli.resume_run import resume_run
-    from labrig.experiments.registry import experiment_of
-    from labrig.record.reader import open_run
+    from labrig.cli.resume_run import resume_and_print
 
-    finished = resume_run(run_path, protocol, rig, tuple(sys.argv))
-    return print_finished(finished, experiment_of(open_run(run_path)), as_json)
+    return resume_and_print(run_path, protocol, rig, tuple(sys.argv), as_json=as_json)

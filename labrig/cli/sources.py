@@ -25,7 +25,7 @@ class Sources:
 
     def load(self) -> tuple[ExperimentProtocol, RigDescription | None]:
         """Read protocol and rig, as `labrig run` does. Raises `FileFormatError`, `InputError`."""
-        protocol_settings, rig_settings = split_overrides(list(self.settings))
+        protocol_settings, rig_settings = split_overrides(self.settings)
         protocol = load_protocol(self.protocol, PROTOCOL_MODELS, protocol_settings, self.seed)
         return protocol, load_rig_for(protocol, self.protocol, self.rig, rig_settings)
 

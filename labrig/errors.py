@@ -30,7 +30,7 @@
     │   └── SafetyStopError        stopped because continuing was not known to be safe
     ├── RecordError           (4)  a damaged run, or a folder that is not a run
     │   └── RecordEndsError        a replay has reached the end of its record
-    ├── BugError              (5)  labrig itself failed; names the file that holds the traceback
+    ├── BugError              (5)  labrig itself failed; names the traceback's file, or what it damaged
     └── InterruptedRunError (130)  INT, TERM or HUP
 
 A message names the thing, its value and the limit; the hint says what to do. `cli/` prints both and exits with
@@ -311,7 +311,10 @@ class RecordEndsError(RecordError):
 
 
 class BugError(LabrigError):
-    """Something in labrig failed that should not; the message names the file that holds the traceback."""
+    """Something in labrig failed that should not.
+
+    The message names the file that holds the traceback, or what is damaged in a run as labrig wrote it.
+    """
 
     exit_code = 5
 

@@ -20,6 +20,7 @@ from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import (
     AnswerIsNoError,
+    BugError,
     FileFormatError,
     InputError,
     InterruptedRunError,
@@ -149,7 +150,8 @@ def record_on_rig(
     ):
         path, outcome = act(rig, reporter)
         needle = _describe_needle(rig, path)
-    return FinishedRun(path, outcome, needle, interrupted(), can_resume=experiment.can_resume)
+    can_resume = experiment.can_resume and not isinstance(outcome.error, BugError)
+    return FinishedRun(path, outcome, needle, interrupted(), can_resume=can_resume)
 
 
 def _describe_needle(rig: Rig, run: Path) -> str:

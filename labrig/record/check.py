@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
@@ -87,11 +88,23 @@ def check_run(run: Path) -> RunCheck:
     RecordError
         When the folder is no run, its schema is newer, or its manifest cannot be read.
     """
-    manifest = read_manifest(run)
+    return _check_files(run, read_manifest(run))
+
+
+def check_closing(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:
+    """Return what `check_run` would call damaged of a run whose last file, this manifest, is about to be written."""
+    try:
+        return _check_files(run, manifest).damage
+    except RecordError as error:
+        return (Problem(run.name, error.message, error.hint),)
+
+
+def _check_files(run: Path, manifest: dict[str, object]) -> RunCheck:
     scans, unreadable = _scan_files(run)
     frames, events = scans[FRAME_LINES].lines, scans[EVENT_LINES].lines
     leftovers, orphans = _find_leftovers(run, len(frames))
     can_damage, can_torn = _check_can_log(run)
+    picture_damage = tuple(find_picture_problems(run, (line for _, line in frames), read=True))
     torn = [
         *(problem for scan in scans.values() for problem in scan.torn),
         *leftovers,
@@ -106,12 +119,13 @@ def check_run(run: Path) -> RunCheck:
         *(problem for scan in scans.values() for problem in scan.damaged),
         *_check_structure(scans),
         *_check_notes(run),
-        *find_picture_problems(run, (line for _, line in frames), read=True),
+        *picture_damage,
         *orphans,
         *can_damage,
     ]
     if manifest.get("exit_status") != "incomplete":
-        damage += [*as_damage(torn), *find_changes_since_closing(run)]
+        hashed = _list_intact_pictures(run, frames, picture_damage)
+        damage += [*as_damage(torn), *find_changes_since_closing(run, hashed=hashed)]
         torn = []
     return RunCheck(
         run,
@@ -220,6 +234,16 @@ def find_picture_problems(
         yield Problem(RAW_PICTURES, message, COPY_HINT)
 
 
+def _list_intact_pictures(
+    run: Path, frames: Iterable[tuple[int, Mapping[str, object]]], damage: Iterable[Problem]
+) -> Mapping[str, str]:
+    """Return the SHA-256 of each picture file that has just been read and has it."""
+    damaged = {problem.where for problem in damage}
+    pictures = (locate_picture(run, line) for _, line in frames)
+    files = (picture for picture in pictures if picture is not None and picture.shape is None)
+    return {picture.file: picture.sha256 for picture in files if picture.file not in damaged}
+
+
 def _find_leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
     """Return the pictures that an interruption left half recorded, and those whose line is lost."""
     next_picture = picture_file(frames)
@@ -260,8 +284,13 @@ def _check_can_log(run: Path) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]
     return log.damaged, log.torn
 
 
-def find_changes_since_closing(run: Path, *, lines_only: bool = False) -> Iterator[Problem]:
-    """Compare the raw files of a closed run, or only its files of lines, with SHA256SUMS; this finds cut lines."""
+def find_changes_since_closing(
+    run: Path, *, lines_only: bool = False, hashed: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[Problem]:
+    """Compare the raw files of a closed run, or only its files of lines, with SHA256SUMS; this finds cut lines.
+
+    `hashed` has the SHA-256 of files that need not be read again.
+    """
     path = run / SHA256SUMS
     if path.is_symlink() or not path.is_file():
         yield Problem(SHA256SUMS, "it is missing, though the run was closed", COPY_HINT)
@@ -275,7 +304,7 @@ def find_changes_since_closing(run: Path, *, lines_only: bool = False) -> Iterat
             yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
             continue
         listed.add(name)
-        if name in _HASHED_LINE_FILES or not lines_only:
+        if (name in _HASHED_LINE_FILES or not lines_only) and hashed.get(name) != sha256:
             yield from _check_hash(run, name, sha256, SHA256SUMS)
     for name in _HASHED_LINE_FILES:
         if name not in listed and (run / name).exists():

@@ -23,6 +23,7 @@ class LineFile:
         self._descriptor = descriptor
         self._length = 0
         self._sha256 = hashlib.sha256()
+        self._before = (0, self._sha256)
         self._unsynced = True
 
     @classmethod
@@ -60,9 +61,16 @@ class LineFile:
         except OSError:
             os.ftruncate(self._descriptor, self._length)
             raise
+        self._before = (self._length, self._sha256.copy())
         self._length += len(line)
         self._sha256.update(line)
         return self._length
+
+    def cut_last(self) -> None:
+        """Cut off what the last call appended. Raises `OSError`."""
+        length, sha256 = self._before
+        os.ftruncate(self._descriptor, length)
+        self._length, self._sha256 = length, sha256
 
     def sync(self) -> None:
         """Make the lines so far durable against a power cut; another thread may append meanwhile."""

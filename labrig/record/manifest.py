@@ -7,7 +7,19 @@ from pathlib import Path
 from labrig.errors import Problem, RecordError
 from labrig.input_file import parse_json, read_file
 from labrig.record.json_lines import checksum
-from labrig.record.layout import CALIBRATION, CODE_DIFF, MANIFEST, PROTOCOL, RIG, SCHEMA_VERSION, inside
+from labrig.record.layout import (
+    CALIBRATION,
+    CODE_DIFF,
+    COPY_HINT,
+    MANIFEST,
+    PROTOCOL,
+    RIG,
+    SCHEMA_VERSION,
+    inside,
+)
+
+DAMAGED_WHEN_CLOSED = "damaged_when_closed"
+"""Key in the manifest of a run that was damaged when it was closed: what was damaged, `where: what` each."""
 
 _SESSION_DIFF = re.compile(r"code\.\d{3,}\.diff")
 
@@ -65,12 +77,17 @@ def is_newer(manifest: Mapping[str, object]) -> bool:
 
 
 def check_manifest(manifest: dict[str, object]) -> tuple[Problem, ...]:
-    """Return a problem if the checksum of a manifest does not fit its content."""
+    """Return a problem if the checksum of a manifest does not fit its content, and what was damaged on closing."""
     content = {key: value for key, value in manifest.items() if key != "crc32"}
+    marks = manifest.get(DAMAGED_WHEN_CLOSED)
+    marked = tuple(
+        Problem(MANIFEST, f"it says that the run was damaged when labrig closed it: {mark}", COPY_HINT)
+        for mark in (marks if isinstance(marks, list) else ())
+    )
     if manifest.get("crc32") == checksum(content):
-        return ()
+        return marked
     message = "its CRC-32 does not fit its content: it was changed after labrig wrote it"
-    return (Problem(MANIFEST, message, _HINT),)
+    return (Problem(MANIFEST, message, _HINT), *marked)
 
 
 def recorded_sha256(manifest: dict[str, object]) -> dict[str, object]:

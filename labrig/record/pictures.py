@@ -8,6 +8,7 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
@@ -39,6 +40,9 @@ class PictureWriter(Protocol):
 
     def write(self, number: int, image: Picture) -> dict[str, object]:
         """Write a picture and return its place, for its line. Raises `OSError`, `InputError`."""
+
+    def withdraw(self, number: int) -> None:
+        """Remove the picture just written, because its line cannot be. Raises `OSError`."""
 
     def sync(self) -> None:
         """Make the pictures so far durable; another thread may write more meanwhile. Raises `OSError`."""
@@ -76,11 +80,16 @@ class PngPictures:
         self._digests[start : start + _DIGEST_BYTES] = digest.digest()
         return {"file": picture_file(number), "sha256": digest.hexdigest()}
 
+    def withdraw(self, number: int) -> None:
+        """Remove the file."""
+        (self._run / picture_file(number)).unlink()
+
     def sync(self) -> None:
         """Make the contents durable, then the names."""
         written = len(self._unsynced)
         for _ in range(written):
-            sync_file(self._run / picture_file(self._unsynced[0]))
+            with suppress(FileNotFoundError):  # it was withdrawn
+                sync_file(self._run / picture_file(self._unsynced[0]))
             self._unsynced.popleft()
         if written:
             sync_directory(self._run / FRAMES)
@@ -112,6 +121,10 @@ class RawPictures:
             "offset": end - len(content),
             "shape": list(image.shape),
         }
+
+    def withdraw(self, number: int) -> None:  # noqa: ARG002 - it is the last
+        """Cut it off."""
+        self._file.cut_last()
 
     def sync(self) -> None:
         """Make the pictures so far durable."""

@@ -22,8 +22,9 @@ from labrig.durable import (
     free_bytes,
     write_atomically,
 )
-from labrig.errors import DiskError, InputError, RecordError
+from labrig.errors import DiskError, InputError, LabrigError, RecordError
 from labrig.posix import sync_directory
+from labrig.record.closing import write_closing_manifest
 from labrig.record.events import Event
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -96,6 +97,7 @@ class Recorder:
         self._period = int(record.t0_s // self._fsync_period_s)
         self._frames = record.frames
         self._trials_done = record.trials_done
+        self._can_length = 0
         self._can_crc32 = 0
         self._appending = Lock()
         self._rounds = Rounds(_MOST_PERIODS_BEHIND)
@@ -263,14 +265,21 @@ class Recorder:
         number = self._frames
         with self._guard_disk(self.path):
             place = self._pictures.write(number, image)
-        line = {"frame": number, **place, "t_s": self._t0_s + t_s, **fields}
-        self._append(FRAME_LINES, t_s, line)
+        try:
+            self._append(FRAME_LINES, t_s, {"frame": number, **place, "t_s": self._t0_s + t_s, **fields})
+        except LabrigError:
+            # A picture that no line lists is damage in a closed run.
+            with self._guard_disk(self.path):
+                self._pictures.withdraw(number)
+            raise
         self._frames += 1
+        self._sync_each_period(t_s)
         return number
 
     def state(self, t_s: float, **fields: object) -> None:
         """Append a reading of the axes at rig time `t_s` [s]. Raises as `event` does."""
         self._append(STATE_LINES, t_s, {"t_s": self._t0_s + t_s, **fields})
+        self._sync_each_period(t_s)
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
         """Append an event at rig time `t_s` [s]; `trial_start` and `trial_stop` delimit the trials.
@@ -283,6 +292,7 @@ class Recorder:
         self._append(EVENT_LINES, t_s, {"kind": kind, "t_s": self._t0_s + t_s, **fields})
         if kind == TRIAL_STOP and fields.get("exit_status") == "success":
             self._trials_done += 1
+        self._sync_each_period(t_s)
 
     def record_event(self, event: Event, t_s: float) -> None:
         """Append an event at rig time `t_s` [s]. Raises as `event` does."""
@@ -317,10 +327,13 @@ class Recorder:
         self._create_file(CAN_LOG)
         self._create_file(CAN_SUMS)
         with self._guard_disk(self.path / CAN_LOG), self._appending:
-            length = self._lines[CAN_LOG].append_raw(lines)
+            self._can_length = self._lines[CAN_LOG].append_raw(lines)
         # If this sum cannot be written, the next one covers this part too.
         self._can_crc32 = zlib.crc32(lines, self._can_crc32)
-        self._write_line(CAN_SUMS, {"bytes": length, "part_crc32": f"{self._can_crc32:08x}"})
+        self._write_can_sum()
+
+    def _write_can_sum(self) -> None:
+        self._write_line(CAN_SUMS, {"bytes": self._can_length, "part_crc32": f"{self._can_crc32:08x}"})
         self._can_crc32 = 0
 
     def _create_file(self, name: str) -> None:
@@ -329,7 +342,7 @@ class Recorder:
                 self._lines[name] = LineFile.create(self.path / name)
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
-        """End the run: write SHA256SUMS, then the manifest with how it ended. A second call does nothing.
+        """End the run: write SHA256SUMS, check the record, then write how it ended. A second call does nothing.
 
         Parameters
         ----------
@@ -344,6 +357,8 @@ class Recorder:
 
         Raises
         ------
+        BugError
+            When the record is damaged; the manifest says so, and that the run failed.
         DiskError
             When it cannot be written; the run stays `incomplete`, and readable.
         """
@@ -351,7 +366,6 @@ class Recorder:
             raise InputError(f"exit_status is {exit_status!r}; it must be one of {', '.join(EXIT_STATUSES)}")
         if self._closed:
             return
-        self._closed = True
         ending = {
             "exit_status": exit_status,
             "reason": reason,
@@ -359,8 +373,11 @@ class Recorder:
             "trials_done": self._trials_done,
         }
         try:
+            if self._can_crc32:
+                self._write_can_sum()
             self._finish({**self._manifest, **ending, **manifest_updates})
         finally:
+            self._closed = True
             self._rounds.close()
             for lines in self._lines.values():
                 lines.close()
@@ -376,13 +393,16 @@ class Recorder:
         sums |= {name: lines.sha256 for name, lines in self._lines.items()}
         text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
         write_atomically(self.path / SHA256SUMS, text.encode())
-        write_atomically(self.path / MANIFEST, encode_manifest(manifest))
+        write_closing_manifest(self.path, manifest)
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
-        """Append a line of rig time `t_s`, and start an fsync when it begins a new period."""
+        """Append a line of rig time `t_s`."""
         if not math.isfinite(t_s):
             raise InputError(f"a line of {name} has the time {t_s}; rig time is a finite number of seconds")
         self._write_line(name, fields)
+
+    def _sync_each_period(self, t_s: float) -> None:
+        """Start an fsync when rig time `t_s` begins a new period."""
         period = int((self._t0_s + t_s) // self._fsync_period_s)
         if period > self._period:
             self._period = period

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from labrig.clock import Clock
 from labrig.errors import (
+    BugError,
     DiskError,
     InterruptedRunError,
     LabrigError,
@@ -94,6 +95,8 @@ def _close(
         stop = RunStop(exit_status=outcome.exit_status, reason=outcome.reason, fault=fault_of(outcome.error))
         recorder.record_event(stop, t_s)
         recorder.close(outcome.exit_status, outcome.reason, clock.utc(), **manifest_updates)
+    except BugError as error:
+        return Outcome("failed", error.message, error)
     except DiskError as error:
         return Outcome("failed", outcome.reason or error.message, outcome.error or error)
     return outcome

@@ -1,0 +1,66 @@
+"""Close a run: check what was written, and write the manifest that says how the run ended."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from labrig.errors import BugError, Problem, RecordError
+from labrig.record.check import check_closing
+from labrig.durable import write_atomically
+from labrig.record.layout import COPY_HINT, MANIFEST
+from labrig.record.manifest import DAMAGED_WHEN_CLOSED, read_manifest
+from labrig.record.opening import encode_manifest
+
+_HINT = (
+    "the run is kept and marked as damaged; test the disk and the memory of this computer, and if both are sound "
+    "report this with what labrig runs check says of the run"
+)
+
+
+def write_closing_manifest(run: Path, manifest: Mapping[str, object]) -> None:
+    """Check all other files of a run, then write the manifest that closes it; a damaged run is marked in it as failed.
+
+    Raises
+    ------
+    BugError
+        When the run is damaged although only labrig has written it; names the first damaged place.
+    DiskError
+        When the manifest cannot be written.
+    """
+    content = encode_manifest(manifest)
+    damage = check_closing(run, json.loads(content))
+    if not damage:
+        write_atomically(run / MANIFEST, content)
+        damage = _check_written(run, json.loads(content))
+    if damage:
+        message = _describe_damage(run, damage)
+        write_atomically(run / MANIFEST, encode_manifest(_mark(manifest, damage, message)))
+        raise BugError(message, _HINT)
+
+
+def _check_written(run: Path, manifest: Mapping[str, object]) -> tuple[Problem, ...]:
+    """Read the manifest back and compare it with what was written."""
+    try:
+        if read_manifest(run) == manifest:
+            return ()
+    except RecordError as error:
+        return (Problem(MANIFEST, error.message, error.hint),)
+    return (Problem(MANIFEST, "what is read back is not what was written", COPY_HINT),)
+
+
+def _describe_damage(run: Path, damage: Sequence[Problem]) -> str:
+    first, more = damage[0], len(damage) - 1
+    others = f", and {more} more" if more else ""
+    return f"{run.name} is damaged as labrig itself wrote it: {first.where}: {first.message}{others}"
+
+
+def _mark(manifest: Mapping[str, object], damage: Sequence[Problem], message: str) -> dict[str, object]:
+    """Return the manifest of a run that failed because it is damaged; how it ended otherwise stays beside that."""
+    ended = f"it had ended as {manifest['exit_status']}"
+    told = f"{ended}: {manifest['reason']}" if manifest["reason"] else ended
+    return {
+        **manifest,
+        "exit_status": "failed",
+        "reason": f"{message}; {told}",
+        DAMAGED_WHEN_CLOSED: [f"{problem.where}: {problem.message}" for problem in damage],
+    }

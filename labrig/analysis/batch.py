@@ -121,7 +121,7 @@ class _ProgressMeter:
 def _start(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings, pool: Executor) -> _StartedRun:
     """Submit the parts of a run to the pool: a few pictures each, or the whole run."""
     try:
-        opened = open_run(run)
+        opened = open_run(run, read_pictures=True)
         experiment = experiment_of(opened)
         if not isgeneratorfunction(experiment.analyze):
             wait = pool.submit(_analyze_whole, run, experiment_of, settings).result
@@ -158,7 +158,7 @@ def _return_error(error: LabrigError, _: Progress) -> Outcome:
 def _analyze_whole(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings) -> Outcome:
     """Analyse a run in a worker process."""
     try:
-        opened = open_run(run)
+        opened = open_run(run, read_pictures=True)
         analysis = start_analysis(opened, experiment_of(opened), settings, workers=1, progress=None)
         return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))
     except LabrigError as error:

@@ -1,8 +1,8 @@
 """Make the result of a run."""
 
 import hashlib
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
@@ -14,7 +14,7 @@ from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measure_pictures
 from labrig.analysis.result import AnyResult, Stamp, list_result_numbers, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
-from labrig.errors import InputError, RecordError
+from labrig.errors import AnswerIsNoError, InputError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_protocol
@@ -104,10 +104,24 @@ def start_analysis(
     )
     mask = load_mask_of_run(run) if settings.mask is None else settings.mask
     request = AnalysisRequest(stamp, mask, workers, progress)
-    found = experiment.analyze(run, protocol, request)
-    findings = (yield from found) if isinstance(found, Generator) else found
+    with _name_damage(run):
+        found = experiment.analyze(run, protocol, request)
+        findings = (yield from found) if isinstance(found, Generator) else found
     # The folder is made last, so that an analysis that fails leaves nothing behind.
     return write_result(run.new_result_dir(), findings)
+
+
+@contextmanager
+def _name_damage(run: Run) -> Iterator[None]:
+    """Name the damage of a run where too little is left of it to be measured."""
+    try:
+        yield
+    except (AnswerIsNoError, InputError) as error:
+        if not run.damage:
+            raise
+        first = run.damage[0]
+        message = f"{run.path} is damaged: {first.where}: {first.message}; {error.message}"
+        raise RecordError(message, first.hint) from error
 
 
 def _find_parent(run: Run, experiment: MeasuredExperiment) -> int | None:

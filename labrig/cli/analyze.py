@@ -40,7 +40,7 @@ def analyze(
     path: Path, command_line: tuple[str, ...], overrides: tuple[str, ...] = (), mask: Path | None = None
 ) -> AnyResult:
     """Analyse a run, with progress, and write a new numbered result."""
-    run = open_run(path)
+    run = open_run(path, read_pictures=True)
     experiment = experiment_of(run)
     with progress(f"measuring {path.name}", 1.0) as reporter:
         return analyze_run(

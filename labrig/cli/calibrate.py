@@ -167,8 +167,8 @@ def adopt(
     from labrig.experiments.registry import result_of
     from labrig.record.reader import open_run
 
-    run = open_run(run_path)
-    require_undamaged(run)
+    run = open_run(run_path, read_pictures=True)
+    require_undamaged(run.path, run.damage)
     result = result_of(run)
     if result is None or not {"intrinsics.json", "plane.json"} <= {
         path.name for path in result.path.iterdir()

@@ -2,17 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from labrig.cli.output import say
 from labrig.errors import Problem, RecordError
-
-
-class OpenedRun(Protocol):
-    """The path and the damage of an opened run."""
-
-    path: Path
-    damage: tuple[Problem, ...]
 
 
 def report_damage(damage: Sequence[Problem | str]) -> str | None:
@@ -23,8 +15,9 @@ def report_damage(damage: Sequence[Problem | str]) -> str | None:
     return f"the record is damaged: {'; '.join(places)}" if places else None
 
 
-def require_undamaged(run: OpenedRun) -> None:
+def require_undamaged(
+    run: Path | str, damage: Sequence[Problem], hint: str = "see: labrig runs check"
+) -> None:
     """Refuse a damaged run. Raises `RecordError`, which names the first damaged place."""
-    if run.damage:
-        first = run.damage[0]
-        raise RecordError(f"{run.path} is damaged: {first.where}: {first.message}", "see: labrig runs check")
+    if damage:
+        raise RecordError(f"{run} is damaged: {damage[0].where}: {damage[0].message}", hint)

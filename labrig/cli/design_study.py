@@ -99,8 +99,8 @@ def find_measured_radius(
                 "add --measured-radius-mm or --from-run",
             )
         return radius_mm
-    opened = open_run(run)
-    require_undamaged(opened)
+    opened = open_run(run, read_pictures=True)
+    require_undamaged(opened.path, opened.damage)
     result = opened.latest_result()
     mean_mm = None if result is None else result.get("mean_radius_mm")
     if not isinstance(mean_mm, float):

@@ -1,13 +1,14 @@
 """`labrig export`: write a run as tables for other programs, or copy its record."""
 
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import report_damage
+from labrig.cli.damage import report_damage, require_undamaged
 from labrig.cli.output import AsJson, print_json, print_line
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, Problem, RecordError
 
 
 def export(
@@ -26,36 +27,58 @@ def export(
             "--private", help="Leave out host, account, command line and the authors of notes (tables)."
         ),
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace existing files; copy a damaged record as it is.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Exit with 4 when the record is damaged; what can be read of it is written all the same."""
-    from labrig.record.reader import open_run
+    """Exit with 4 when the record is damaged; tables are written all the same, a copy only with --force."""
     from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     _check_formats(formats, mcap=mcap, record=record, private=private)
-    opened = open_run(run)
+    source, damage = _open_source(run, record=record)
     require_apart(out, run, record=record)
-    shown = opened.without_personal_data() if private else opened
+    if record and not force:
+        require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
     with output_folder(out, force=force) as folder:
         if record:
-            opened.copy_to(folder)
-        if formats:
-            from labrig.report.export import write_tables
+            from labrig.record.copying import copy_record
 
-            write_tables(shown, formats, folder)
-        if mcap:
-            from labrig.report.mcap_file import write_mcap
-
-            write_mcap(shown, folder)
+            copy_record(source, folder)
+        else:
+            _write_tables(source, formats, folder, mcap=mcap, private=private)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
-        print_json({"run": run, "out": out, "files": files, "ok": not opened.damage})
+        print_json({"run": run, "out": out, "files": files, "ok": not damage})
     else:
         for file in files if not record else [""]:
             print_line(f"{out.rstrip('/')}/{file}")
-    return 0 if report_damage(opened.damage) is None else RecordError.exit_code
+    return 0 if report_damage(damage) is None else RecordError.exit_code
+
+
+def _open_source(run: str, *, record: bool) -> tuple[Path, tuple[Problem, ...]]:
+    """Return the folder of a run, and its damage: of every file to copy, or of what tables are made from."""
+    from labrig.record.check import check_run
+    from labrig.record.reader import fetch_folder, open_run
+
+    folder = fetch_folder(run)
+    return folder, check_run(folder).damage if record else open_run(folder, read_pictures=True).damage
+
+
+def _write_tables(run: Path, formats: list[str], folder: Path, *, mcap: bool, private: bool) -> None:
+    from labrig.record.reader import open_run
+
+    opened = open_run(run)
+    shown = opened.without_personal_data() if private else opened
+    if formats:
+        from labrig.report.export import write_tables
+
+        write_tables(shown, formats, folder)
+    if mcap:
+        from labrig.report.mcap_file import write_mcap
+
+        write_mcap(shown, folder)
 
 
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:

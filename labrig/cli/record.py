@@ -41,7 +41,7 @@ def report(
     from labrig.record.reader import open_run
 
     def report_run(path: Path) -> dict[str, object]:
-        loaded = open_run(path)
+        loaded = open_run(path, read_pictures=True)
         page = write_page(loaded, result_of(loaded), private=private)
         if not as_json:
             print_line(str(page))
@@ -64,7 +64,7 @@ def view(
     from labrig.report.rerun_view import open_view, write_view
     from labrig.report.view import NO_VIEW
 
-    run = open_run(run_path)
+    run = open_run(run_path, read_pictures=True)
     folder = find_newest_result_folder(run)
     try:
         added = view_of(run)

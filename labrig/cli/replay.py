@@ -21,8 +21,8 @@ def replay(
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
 
-    run = open_run(run_path)
-    require_undamaged(run)
+    run = open_run(run_path, read_pictures=True)
+    require_undamaged(run.path, run.damage)
     experiment, protocol = experiment_of(run), protocol_of(run)
     with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
         found = replay_run(run, experiment, protocol, reporter)

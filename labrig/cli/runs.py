@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.damage import OpenedRun, report_damage
+from labrig.cli.damage import report_damage
 from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
@@ -23,7 +23,7 @@ from labrig.cli.options import (
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.runs_check import check
 from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, Problem, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
 from labrig.record.catalogue import FoundRun, RunSummary, list_runs
 
@@ -224,9 +224,9 @@ def diff(
     from labrig.record.difference import compare_runs
     from labrig.record.reader import open_run
 
-    runs = open_run(a), open_run(b)
+    runs = open_run(a, read_pictures=True), open_run(b, read_pictures=True)
     differences = compare_runs(*(run.path for run in runs))
-    damage = report_damage([*_list_damage(a, runs[0]), *_list_damage(b, runs[1])])
+    damage = report_damage([*_list_damage(a, runs[0].damage), *_list_damage(b, runs[1].damage)])
     exit_code = 0 if damage is None else RecordError.exit_code
     if as_json:
         found = [asdict(difference) for difference in differences]
@@ -243,8 +243,8 @@ def diff(
     return exit_code
 
 
-def _list_damage(name: str, run: OpenedRun) -> list[str]:
-    return [f"{name}: {problem.where}: {problem.message}" for problem in run.damage]
+def _list_damage(name: str, damage: Sequence[Problem]) -> list[str]:
+    return [f"{name}: {problem.where}: {problem.message}" for problem in damage]
 
 
 def _shorten(value: object) -> str | None:

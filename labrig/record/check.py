@@ -7,10 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
 from labrig.record.can_log import read_can_log
+from labrig.record.intact import is_intact, remember_intact
 from labrig.record.json_lines import Scan, scan_lines
 from labrig.record.layout import (
     CAN_LOG,
@@ -31,13 +33,20 @@ from labrig.record.layout import (
 )
 from labrig.record.lock import LockOwner, read_lock_owner
 from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
-from labrig.record.pictures import locate_picture, measure_listed_pictures, measure_raw_pictures
+from labrig.record.pictures import (
+    RecordedPicture,
+    locate_picture,
+    measure_listed_pictures,
+    measure_raw_pictures,
+)
 from labrig.record.structure import (
     find_clock_problems,
     find_frame_problems,
     find_reference_problems,
     find_trial_problems,
 )
+
+Look = Literal["presence", "once", "always"]
 
 LINE_FILES = (FRAME_LINES, STATE_LINES, EVENT_LINES, TRUTH_LINES, CAN_SUMS)
 _HASHED_LINE_FILES = (*LINE_FILES, CAN_LOG)
@@ -104,7 +113,7 @@ def _check_files(run: Path, manifest: dict[str, object]) -> RunCheck:
     frames, events = scans[FRAME_LINES].lines, scans[EVENT_LINES].lines
     leftovers, orphans = _find_leftovers(run, len(frames))
     can_damage, can_torn = _check_can_log(run)
-    picture_damage = tuple(find_picture_problems(run, (line for _, line in frames), read=True))
+    picture_damage = tuple(find_picture_problems(run, (line for _, line in frames), look="always"))
     torn = [
         *(problem for scan in scans.values() for problem in scan.torn),
         *leftovers,
@@ -209,11 +218,16 @@ def _check_hash(run: Path, name: str, sha256: str, by: str) -> Iterator[Problem]
 
 
 def find_picture_problems(
-    run: Path, frames: Iterable[Mapping[str, object]], *, read: bool
+    run: Path, frames: Iterable[Mapping[str, object]], *, look: Look
 ) -> Iterator[Problem]:
-    """Yield the pictures that are missing, and with `read` those that were changed.
+    """Yield the pictures that are missing, and those that were changed.
 
     A picture is in place before its line is written; a wrong place is a fault of the line.
+
+    Parameters
+    ----------
+    look : {"presence", "once", "always"}
+        Whether pictures are read: not at all, if this process has not found them intact already, or all of them.
     """
     end = 0
     for line in frames:
@@ -221,17 +235,28 @@ def find_picture_problems(
         if picture is None:
             continue
         end = max(end, picture.end)
-        if picture.shape is None and (read or not (run / picture.file).exists()):
-            yield from _check_hash(run, picture.file, picture.sha256, FRAME_LINES)
-        elif picture.shape is not None and read:
-            try:
-                picture.read()
-            except RecordError as error:
-                yield Problem(f"{RAW_PICTURES} (frame {line['frame']})", error.message, error.hint)
+        identity = None if look == "always" else picture.identify()
+        is_there = identity is not None or picture.shape is not None
+        if is_intact(identity) or (look == "presence" and is_there):
+            continue
+        problems = tuple(_check_picture(picture, line["frame"]))
+        yield from problems
+        if not problems and look == "once":
+            remember_intact(identity)
     lost = end - measure_raw_pictures(run)
     if lost > 0:
         message = f"its last {lost} bytes are missing, though {FRAME_LINES} lists them"
         yield Problem(RAW_PICTURES, message, COPY_HINT)
+
+
+def _check_picture(picture: RecordedPicture, frame: object) -> Iterator[Problem]:
+    if picture.shape is None:
+        yield from _check_hash(picture.run, picture.file, picture.sha256, FRAME_LINES)
+        return
+    try:
+        picture.check()
+    except RecordError as error:
+        yield Problem(f"{RAW_PICTURES} (frame {frame})", error.message, error.hint)
 
 
 def _list_intact_pictures(

@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from labrig.durable import write_atomically
 from labrig.errors import BugError, Problem, RecordError
 from labrig.record.check import check_closing
-from labrig.durable import write_atomically
 from labrig.record.layout import COPY_HINT, MANIFEST
 from labrig.record.manifest import DAMAGED_WHEN_CLOSED, read_manifest
 from labrig.record.opening import encode_manifest

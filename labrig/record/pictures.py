@@ -21,6 +21,7 @@ from labrig.durable import sync_file, write_and_rename
 from labrig.errors import InputError, PictureError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
 from labrig.posix import sync_directory
+from labrig.record.intact import Identity, identify, is_intact, remember_intact
 from labrig.record.layout import COPY_HINT, FRAME_LINES, FRAMES, RAW_PICTURES, inside, picture_file
 from labrig.record.line_file import LineFile
 from labrig.vision.picture import MAX_PICTURE_BYTES, decode_picture
@@ -165,16 +166,25 @@ class RecordedPicture:
 
     def read(self) -> Picture:
         """Return the picture, (H, W) or (H, W, 3) of uint8. Raises `RecordError` if it is missing or was changed."""
-        path = inside(self.run, self.file)
-        content = self._read_content(path)
-        if hashlib.sha256(content).hexdigest() != self.sha256:
-            raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", COPY_HINT)
+        identity = self.identify()
+        content = self._read_content()
+        if not is_intact(identity):
+            self._require_hash(content)
+            remember_intact(identity)
         if self.shape is not None:
             return np.frombuffer(content, np.uint8).reshape(self.shape)
         try:
-            return decode_picture(content, path)
+            return decode_picture(content, self.run / self.file)
         except PictureError as error:
             raise RecordError(error.message, COPY_HINT) from error
+
+    def check(self) -> None:
+        """Read the picture, even if it is known to be intact. Raises `RecordError` as `read` does."""
+        self._require_hash(self._read_content())
+
+    def identify(self) -> Identity | None:
+        """Return what the picture is remembered by once it was found intact; None if its file cannot be seen."""
+        return identify(self.run / self.file, self.offset, self.sha256)
 
     @property
     def end(self) -> int:
@@ -186,7 +196,12 @@ class RecordedPicture:
         path = self.run / self.file
         return str(path) if self.shape is None else f"{path} from byte {self.offset}"
 
-    def _read_content(self, path: Path) -> bytes:
+    def _require_hash(self, content: bytes) -> None:
+        if hashlib.sha256(content).hexdigest() != self.sha256:
+            raise RecordError(f"{self._place} is damaged: its SHA-256 does not fit {FRAME_LINES}", COPY_HINT)
+
+    def _read_content(self) -> bytes:
+        path = inside(self.run, self.file)
         try:
             if self.shape is None:
                 return read_file(path, MAX_PICTURE_BYTES)

@@ -2,7 +2,6 @@
 
 import atexit
 import math
-import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
@@ -15,7 +14,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from labrig.durable import disk_errors
 from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.annotations import Annotations, read_annotations, without_authors
@@ -82,7 +80,7 @@ _TRIAL_COLUMNS = ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame"
 _WHOLE_NUMBERS = ("trial", "frame", "final_frame")
 
 
-def open_run(path: Path | str) -> "Run":
+def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
     """Open a run that is closed, interrupted or cut short.
 
     Parameters
@@ -90,6 +88,9 @@ def open_run(path: Path | str) -> "Run":
     path : Path or str
         Its folder, or a URL that fsspec knows. A run behind a URL is copied into a temporary folder, which lasts until
         the process ends.
+    read_pictures : bool
+        Also read every picture and compare its hash, so that `damage` names those that were changed. Without it, a
+        changed picture is refused when it is read.
 
     Returns
     -------
@@ -113,7 +114,9 @@ def open_run(path: Path | str) -> "Run":
         *check_manifest(manifest),
         *find_changes_since_start(folder, manifest),
         *find_links(folder, inside(folder, FRAMES)),
-        *find_picture_problems(folder, read_lines(lines[FRAME_LINES]), read=False),
+        *find_picture_problems(
+            folder, read_lines(lines[FRAME_LINES]), look="once" if read_pictures else "presence"
+        ),
     )
     if manifest.get("exit_status") == "incomplete":
         return Run(folder, manifest, damage, torn)
@@ -140,7 +143,8 @@ class Run:
     manifest : dict
         The content of manifest.json.
     damage : tuple of Problem
-        What is missing or was changed after it was written. A changed picture is found when it is read.
+        What is missing or was changed after it was written. A changed picture is found when it is read, or on opening
+        with `read_pictures`.
     problems : tuple of Problem
         The damage, and the torn last lines of a killed run, which are no damage. Empty for a run that is as it was
         written.
@@ -374,21 +378,6 @@ class Run:
     def latest_result(self) -> dict[str, object] | None:
         """Return the newest result.json; None without one. Raises `RecordError` when it is damaged."""
         return latest_result(self.path)
-
-    def copy_to(self, folder: Path) -> None:
-        """Copy the run with results and notes into an existing folder; links are left out.
-
-        Raises
-        ------
-        DiskError
-            When it cannot be written.
-        """
-        for path in sorted(self.path.rglob("*")):
-            relative = path.relative_to(self.path)
-            if path.is_file() and not path.is_symlink() and not relative.name.startswith("."):
-                with disk_errors(folder / relative):
-                    (folder / relative).parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(path, folder / relative)
 
     @cached_property
     def _lines(self) -> dict[str, Path]:

@@ -5,6 +5,7 @@ folder and opened there, checked by its hashes like any other. An export is made
 place when it is complete.
 """
 
+import hashlib
 import re
 import shutil
 import tempfile
@@ -19,6 +20,7 @@ import fsspec
 from labrig.durable import disk_errors
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
+from labrig.record.check import hash_file
 from labrig.record.layout import MANIFEST, PROTOCOL
 from labrig.record.manifest import read_document
 
@@ -156,7 +158,7 @@ def output_folder(out: str, *, force: bool) -> Iterator[Path]:
     OutputExistsError
         When it exists and `force` is not set; nothing has been written.
     DiskError
-        When it cannot be written.
+        When it cannot be written, or is not what was sent when it is read back from a URL.
     """
     remote = is_url(out)
     _require_free(out, force)
@@ -198,6 +200,12 @@ def _upload(folder: Path, url: str) -> None:
                 name = f"{root}/{path.relative_to(folder).as_posix()}"
                 files.makedirs(name.rpartition("/")[0], exist_ok=True)
                 files.put_file(str(path), name)
+                with files.open(name, "rb") as copy:
+                    sha256 = hashlib.file_digest(copy, "sha256").hexdigest()
+                if sha256 != hash_file(path):
+                    raise DiskError(
+                        f"{name} is not what was sent to {url}: its SHA-256 differs", "send it again"
+                    )
 
 
 def _move_files(folder: Path, target: Path) -> None:

@@ -7,22 +7,32 @@ from labrig.cli.main import run_command
 
 
 def main(name: str, command: list[str]) -> int:
-    """Change the file when the sums of its run are renamed into place; the manifest when it is itself, after these."""
-    files: list[Path] = []
+    """Change the file in the moment that `_find_file` waits for."""
+    changed: list[Path] = []
 
     def spoil(event: str, arguments: tuple[object, ...]) -> None:
-        if event != "os.rename" or files:
-            return
-        source, target = Path(str(arguments[0])), Path(str(arguments[1]))
-        if target.name == "SHA256SUMS" and name != "manifest.json":
-            files.append(target.parent / name)
-        elif target.name == name and (target.parent / "SHA256SUMS").exists():
-            files.append(source)
-        for file in files:
+        file = None if changed else _find_file(name, event, arguments)
+        if file is not None:
+            changed.append(file)
             _flip_bit(file)
 
     sys.addaudithook(spoil)
     return run_command(command)
+
+
+def _find_file(name: str, event: str, arguments: tuple[object, ...]) -> Path | None:
+    """Return the file to change once its run's sums are renamed into place, or once a copy of it is read back.
+
+    The manifest is written after the sums, and changed as it is renamed itself.
+    """
+    if event == "os.rename":
+        source, target = Path(str(arguments[0])), Path(str(arguments[1]))
+        if target.name == "SHA256SUMS" and name != "manifest.json":
+            return target.parent / name
+        is_last = target.name == name and (target.parent / "SHA256SUMS").exists()
+        return source if is_last else None
+    path, is_read = str(arguments[0]) if arguments else "", event == "open" and arguments[1] == "r"
+    return Path(path) if is_read and path.endswith(f"/{name}") and "/.copy-" in path else None
 
 
 def _flip_bit(path: Path) -> None:

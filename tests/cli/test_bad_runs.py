@@ -3,15 +3,19 @@
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
 from labrig.record.json_lines import checksum, encode_document, encode_line
-from tests.cli.conftest import Labrig
-from tests.record.faults import full_run
+from labrig.record.pictures import Store
+from tests.cli.conftest import ROOT, Labrig
+from tests.record.faults import flip_bit, full_run
 
+FORMS = ("csv", "parquet", "mat", "mcap", "record")
 COMMANDS: Mapping[str, tuple[str, ...]] = {
     "check": ("runs", "check", "RUN"),
     "repair": ("runs", "check", "RUN", "--repair"),
@@ -20,7 +24,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "reanalyze": ("reanalyze", "RUN"),
     "report": ("report", "RUN"),
     "view": ("view", "RUN", "--no-open"),
-    "export": ("export", "RUN", "--csv", "--out", "TABLES"),
+    **{f"export {form}": ("export", "RUN", f"--{form}", "--out", "TABLES") for form in FORMS},
     "diff": ("runs", "diff", "RUN", "GOOD"),
     "tag": ("runs", "tag", "RUN", "--tag", "pilot"),
     "note": ("runs", "note", "RUN", "cloudy"),
@@ -170,7 +174,46 @@ def test_what_is_damaged_is_told_by_every_command(
         assert any(word in message for word in _PLACES)
 
 
-@pytest.mark.parametrize("command", ["reanalyze", "report", "view", "export", "diff"])
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in {*_SAY_ONLY, "reanalyze"}])
+@pytest.mark.parametrize(("store", "file"), [("png", "frames/000001.png"), ("raw", "frames.raw")])
+def test_a_changed_picture_is_named_by_every_command(
+    command: str, store: Store, file: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """One flipped bit ends each command with exit code 4 and the name of the file; there is nothing to measure here."""
+    runs = [full_run(tmp_path / name / "runs", closed=True, store=store) for name in ("changed", "whole")]
+    (tmp_path / "changed" / "outside").mkdir()
+    flip_bit(runs[0] / file)
+    exit_code, said = _call(labrig, command, *runs)
+    assert (exit_code, file in said) == (4, True)
+
+
+def test_a_damaged_record_is_copied_only_when_forced(labrig: Labrig, tmp_path: Path) -> None:
+    """Without --force nothing is written; with it the copy is byte for byte the damaged record."""
+    run, out = full_run(tmp_path / "runs", closed=True), tmp_path / "out"
+    flip_bit(run / "frames" / "000001.png")
+    refused = labrig("export", run, "--record", "--out", out)
+    assert (refused.exit_code, "--force copies it as it is" in refused.err, out.exists()) == (4, True, False)
+    forced = labrig("export", run, "--record", "--out", out, "--force", "--json")
+    assert (forced.exit_code, forced.json()["ok"]) == (4, False)
+    assert "frames/000001.png" in forced.err
+    assert _contents(out) == {
+        name: sha256 for name, sha256 in _contents(run).items() if name not in {".lock", ".reserve"}
+    }
+
+
+def test_a_copy_that_the_disk_changes_is_not_kept(tmp_path: Path) -> None:
+    """Each file is read back after it is copied; one that differs ends the export with 3, and nothing is there."""
+    run, out = full_run(tmp_path / "runs", closed=True), tmp_path / "copy"
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.cli.bad_disk", "frames/000001.png",
+         "export", str(run), "--record", "--out", str(out)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, "frames/000001.png is not what was copied" in done.stderr) == (3, True)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("command", ["reanalyze", "report", "view", "export csv", "diff"])
 def test_results_behind_a_link_are_not_read(
     command: str, whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
 from tests.cli.cut_runs import cut_short
+from tests.record.faults import flip_bit
 
 PROTOCOLS = ROOT / "protocols"
 FIRST = ROOT / "data" / "first-record"
@@ -167,6 +168,25 @@ def test_a_run_is_exported(form: str, made: Made, tmp_path: Path, labrig: Labrig
     if form == "--record":
         is_sound(out, "success")
         assert labrig("runs", "diff", made.run, out, "--json").json()["identical"] is True
+
+
+def test_changed_pictures_are_named_and_not_used(
+    made: Made, run: Path, tmp_path: Path, labrig: Labrig
+) -> None:
+    """Whatever they show, a flipped bit in the first and last picture ends each command with 4 and a name."""
+    pictures = sorted((run / "frames").iterdir())
+    if not pictures:
+        pytest.skip("a design has no pictures")
+    for picture in (pictures[0], pictures[-1]):
+        flip_bit(picture)
+    exports = (("export", run, form, "--out", tmp_path / form) for form in FORMATS)
+    for words in (
+        *exports, ("replay", run), ("reanalyze", run), ("report", run), ("view", run, "--no-open"),
+        ("runs", "diff", made.run, run), ("runs", "check", run),
+    ):  # fmt: skip
+        done = labrig(*words)
+        named = pictures[0].name in done.out + done.err
+        assert (done.exit_code, named, "differs" in done.out) == (4, True, False), words
 
 
 def test_what_people_say_of_a_run_is_found_again(run: Path, labrig: Labrig, is_sound: Sound) -> None:

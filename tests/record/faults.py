@@ -45,6 +45,13 @@ def full_run(runs_dir: Path, *, closed: bool, store: Store = "png") -> Path:
     return copy
 
 
+def flip_bit(path: Path) -> None:
+    """Change a bit in the middle of a file, as a bad disk does."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
 def killed_run(runs_dir: Path, name: str = "run", *, trials: int = 2) -> Path:
     """Return a run that was left in the middle of a trial, with no process that still holds it."""
     recorder = begin(runs_dir / "writing", name)

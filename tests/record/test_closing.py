@@ -13,18 +13,11 @@ from labrig.record.manifest import read_manifest
 from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
-from tests.record.faults import CAN_FRAMES, raw_files
+from tests.record.faults import CAN_FRAMES, flip_bit, raw_files
 from tests.record.runs import ENDED, begin, fill, picture
 
 STORES: tuple[Store, ...] = ("png", "raw")
 WRITTEN = [(store, name) for store in STORES for name in raw_files(store) if name != "manifest.json"]
-
-
-def flip_bit(path: Path) -> None:
-    """Change a bit in the middle of a file, as a bad disk does."""
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
 
 
 @pytest.mark.parametrize(("store", "name"), WRITTEN)

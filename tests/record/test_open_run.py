@@ -14,8 +14,10 @@ import pytest
 from labrig.errors import InputError, RecordError
 from labrig.record.check import check_run
 from labrig.record.json_lines import encode_document, encode_line, read_lines
+from labrig.record.pictures import Store
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
+from tests.record.faults import flip_bit
 from tests.record.runs import begin, closed_run, interrupted_run, picture
 
 RAW_FILES = [
@@ -264,6 +266,23 @@ def test_a_changed_picture_is_refused(tmp_path: Path) -> None:
     shutil.copy(path / "frames" / "000000.png", path / "frames" / "000001.png")
     with pytest.raises(RecordError, match=r"000001\.png is damaged"):
         open_run(path).read_frame(1)
+
+
+@pytest.mark.parametrize("store", ["png", "raw"])
+def test_a_picture_that_changes_after_it_was_read_is_found(tmp_path: Path, store: Store) -> None:
+    """What is remembered of a picture ends with its file: changed in place, it is refused and named."""
+    path = closed_run(tmp_path, store=store)
+    run = open_run(path, read_pictures=True)
+    assert run.problems == ()
+    np.testing.assert_array_equal(run.read_frame(1), picture(1))
+    file = path / ("frames/000001.png" if store == "png" else "frames.raw")
+    flip_bit(file)
+    assert open_run(path).damage == ()
+    (damage,) = open_run(path, read_pictures=True).damage
+    assert (file.name in damage.where, "its SHA-256 does not fit" in damage.message) == (True, True)
+    frame = 1 if store == "png" else 2
+    with pytest.raises(RecordError, match=file.name):
+        run.read_frame(frame)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
+from labrig.record.copying import copy_record
 from labrig.record.reader import open_run
 from labrig.record.urls import is_url, output_folder, require_local, restore_url
 from tests.record.runs import closed_run, picture
@@ -32,7 +33,7 @@ def _empty(files: fsspec.AbstractFileSystem) -> None:
 
 def _put(run: Path, url: str) -> None:
     with output_folder(url, force=False) as folder:
-        open_run(run).copy_to(folder)
+        copy_record(run, folder)
 
 
 def test_a_run_is_kept_and_opened_in_an_object_store(

@@ -84,8 +84,8 @@ def find_trial_problems(events: Lines) -> Iterator[Problem]:
 def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Iterator[Problem]:
     """Yield events whose picture is missing or of another trial, and pictures and truths of trials that never began.
 
-    Any event may name a picture without a trial: a search for the roll zero numbers its holes as trials. Only the final
-    picture of a trial must belong to it.
+    A picture may be taken for the next trial, and the run end before that begins. Any event may name a picture without
+    a trial: a search for the roll zero numbers its holes as trials. Only the final picture must belong to its trial.
     """
     trial_of = {str(line.get("frame")): _read_trial(line) for _, line in frames}
     begun = {_read_trial(event) for _, event in events if event.get("kind") == TRIAL_START}
@@ -93,9 +93,10 @@ def find_reference_problems(events: Lines, frames: Lines, truth: Lines) -> Itera
         for key in ("frame", "final_frame"):
             if (frame := event.get(key)) is not None:
                 yield from _check_frame_reference(f"{EVENT_LINES}:{number}", key, frame, event, trial_of)
-    for name, lines in ((FRAME_LINES, frames), (TRUTH_LINES, truth)):
+    ahead = begun | {None, 1 + max((trial for trial in begun if isinstance(trial, int)), default=-1)}
+    for name, lines, trials in ((FRAME_LINES, frames, ahead), (TRUTH_LINES, truth, begun | {None})):
         for number, line in lines:
-            if (trial := _read_trial(line)) is not None and trial not in begun:
+            if (trial := _read_trial(line)) not in trials:
                 yield Problem(f"{name}:{number}", f"it is of trial {trial}, which never began", _HINT)
 
 

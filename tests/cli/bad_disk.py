@@ -1,5 +1,6 @@
 """A labrig on a disk that once changes a bit of a file; arguments: the file, as named in a run, and a command line."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -31,8 +32,10 @@ def _find_file(name: str, event: str, arguments: tuple[object, ...]) -> Path | N
             return target.parent / name
         is_last = target.name == name and (target.parent / "SHA256SUMS").exists()
         return source if is_last else None
-    path, is_read = str(arguments[0]) if arguments else "", event == "open" and arguments[1] == "r"
-    return Path(path) if is_read and path.endswith(f"/{name}") and "/.copy-" in path else None
+    if event != "open" or int(str(arguments[2])) & os.O_ACCMODE != os.O_RDONLY:
+        return None
+    path = str(arguments[0])
+    return Path(path) if path.endswith(f"/{name}") and "/.copy-" in path else None
 
 
 def _flip_bit(path: Path) -> None:

@@ -57,6 +57,14 @@ def test_a_picture_without_a_line_is_not_kept(tmp_path: Path, store: Store) -> N
     assert (verdict.damage, verdict.frames) == ((), 5)
 
 
+def test_a_picture_of_the_trial_that_would_come_next_is_sound(tmp_path: Path) -> None:
+    """A run that ends between a trial's first picture and its start has lost nothing."""
+    recorder = begin(tmp_path)
+    recorder.frame(picture(0), 0.5, trial=0, role="target")
+    recorder.close("aborted", "stopped", ENDED)
+    assert check_run(recorder.path).damage == ()
+
+
 @contextmanager
 def files_limited_to(size: int) -> Iterator[None]:
     """Let the kernel refuse files beyond this size."""

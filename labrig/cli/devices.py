@@ -8,7 +8,9 @@ from labrig.cli.devices_motion import home, jog, withdraw
 from labrig.cli.devices_simulate import simulate
 from labrig.cli.options import RigOption, find_rig_file
 from labrig.cli.output import AsJson, print_checks, print_json, say
+from labrig.cli.plugin_faults import find_plugin_faults
 from labrig.devices.check_result import CheckResult, CheckStatus
+from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -16,10 +18,8 @@ app = typer.Typer(no_args_is_help=True)
 @app.command("check", help="Check bus, drives, camera, calibration and disk, and say what to do about each.")
 def check(rig: RigOption = None, as_json: AsJson = False) -> int:
     """Exit with 1 when a check failed."""
-    from labrig.cli.plugin_faults import find_plugin_faults
     from labrig.devices.check import check_rig
     from labrig.devices.rig_file import load_rig
-    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
     results = check_rig(load_rig(find_rig_file(rig)))
     results += [

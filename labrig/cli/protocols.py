@@ -17,7 +17,9 @@ from labrig.cli.output import (
     print_wrapped,
     say,
 )
+from labrig.cli.plugin_faults import find_plugin_faults
 from labrig.errors import FileFormatError, Problem
+from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
 
 
 def check(
@@ -30,7 +32,6 @@ def check(
     """Exit with 0 when the protocol can run, 1 when the rig cannot do it, 2 when a file is malformed."""
     from labrig.cli.sources import Sources
     from labrig.experiments.registry import find_experiment
-    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.runner.plan import estimate_disk_bytes
 
     faults = _report_plugin_faults(EXPERIMENTS)
@@ -73,8 +74,6 @@ def _print_problems(problems: tuple[Problem, ...]) -> None:
 
 def _report_plugin_faults(*groups: str) -> list[dict[str, object]]:
     """Report the plugins of these groups that cannot be used, and return them for JSON; nothing else needs them."""
-    from labrig.cli.plugin_faults import find_plugin_faults
-
     faults = list(find_plugin_faults(*groups))
     for fault in faults:
         say(f"note: {fault.message}")
@@ -106,7 +105,6 @@ def schema(
 ) -> None:
     """Print the schema, with which editors complete and check the YAML files."""
     from labrig.experiments.declared import usable_models
-    from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 

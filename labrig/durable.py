@@ -1,7 +1,8 @@
 """Durable writing: atomic files, synced directories, and disk errors that name the path and give a hint.
 
-Every file that labrig writes whole goes through here. The others are appended to (lines, raw pictures, logs), or are
-filled under a temporary name by a library that wants a path.
+Every file that labrig writes whole goes through here. The others are appended to (lines, raw pictures, notes, logs),
+hold nothing that lasts (locks, the reserve, the index of runs), or are filled by a library or a copy under a temporary
+name that is renamed when they are complete (the view, exports). `tests/test_tidy.py` lists who writes them.
 """
 
 import errno

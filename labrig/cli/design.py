@@ -70,7 +70,7 @@ def design(
     """
     from labrig.cli.design_study import Outputs, carry_out, find_measured_radius
     from labrig.cli.finished_run import print_summary
-    from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius, Tolerances
+    from labrig.experiments.hinge_design.study import DesignOrder, MeasuredRadius
     from labrig.experiments.hinge_design.summary import summarise
 
     outputs = Outputs(out, figure, csv)
@@ -81,7 +81,8 @@ def design(
         tube=Tube(outer_diameter_mm, inner_diameter_mm, link_length_mm),
         radius_mm=radius_mm,
         clearance_mm=clearance_mm,
-        tolerances=Tolerances(clearance_tolerance_mm, cut_tolerance_deg),
+        clearance_tolerance_mm=clearance_tolerance_mm,
+        cut_tolerance_deg=cut_tolerance_deg,
         tip_length_mm=tip_length_mm,
         measured=None if radius is None else MeasuredRadius(radius, beta_cut_deg, run),
         grid_points=grid_points,

@@ -63,14 +63,6 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Tolerances:
-    """How sure the laser is."""
-
-    clearance_mm: float
-    cut_deg: float
-
-
-@dataclass(frozen=True)
 class MeasuredRadius:
     """A needle that was measured: its radius, how it was cut, and in which run.
 
@@ -85,12 +77,13 @@ class MeasuredRadius:
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """What is asked."""
+    """What is asked; the tolerances say how sure the laser is."""
 
     tube: Tube
     radius_mm: float
     clearance_mm: float
-    tolerances: Tolerances
+    clearance_tolerance_mm: float
+    cut_tolerance_deg: float
     tip_length_mm: float | None
     measured: MeasuredRadius | None
     grid_points: int
@@ -104,7 +97,8 @@ class DesignOrder:
             tube=Tube(**protocol.tube.model_dump()),
             radius_mm=protocol.radius_mm,
             clearance_mm=protocol.clearance_mm,
-            tolerances=Tolerances(protocol.tolerances.clearance_mm, protocol.tolerances.cut_deg),
+            clearance_tolerance_mm=protocol.tolerances.clearance_mm,
+            cut_tolerance_deg=protocol.tolerances.cut_deg,
             tip_length_mm=protocol.tip_length_mm,
             measured=None if measured is None else MeasuredRadius(measured.radius_mm, measured.beta_cut_deg),
             grid_points=protocol.grid_points,
@@ -284,12 +278,12 @@ def _tolerance(order: DesignOrder, plane: RotationPlane, beta_rot_deg: float) ->
         plane,
         beta_rot_deg,
         order.tube.link_length_mm,
-        clearance_tolerance_mm=order.tolerances.clearance_mm,
-        cut_tolerance_deg=order.tolerances.cut_deg,
+        clearance_tolerance_mm=order.clearance_tolerance_mm,
+        cut_tolerance_deg=order.cut_tolerance_deg,
     )
     return {
-        "clearance_mm": order.tolerances.clearance_mm,
-        "cut_deg": order.tolerances.cut_deg,
+        "clearance_mm": order.clearance_tolerance_mm,
+        "cut_deg": order.cut_tolerance_deg,
         "radius_mm_per_clearance_mm": found.per_clearance,
         "radius_mm_per_cut_deg": found.per_degree_mm,
         "radius_mm": [found.low_mm, found.high_mm],

@@ -16,7 +16,7 @@ import labrig
 
 ROOT = Path(__file__).parents[1] / "labrig"
 PROJECT = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))
-CONTRACTS = {each["name"]: each for each in PROJECT["tool"]["importlinter"]["contracts"]}
+CONTRACTS = {contract["name"]: contract for contract in PROJECT["tool"]["importlinter"]["contracts"]}
 ROOMS = sorted(door.parent.name for door in ROOT.glob("*/__init__.py"))
 ANALYSES = [
     "labrig.analysis.batch",
@@ -111,7 +111,7 @@ def test_every_room_is_on_every_list_of_the_import_linter() -> None:
 
 def test_the_simulated_world_shares_no_model_with_what_measures_it() -> None:
     """Nor with what steers by the measurements."""
-    (contract,) = (each for name, each in CONTRACTS.items() if name.startswith("The simulated world"))
+    (contract,) = (contract for name, contract in CONTRACTS.items() if name.startswith("The simulated world"))
     barred = {"labrig.steering", "labrig.vision", "labrig.geometry", "labrig.needle"}
     assert set(contract["forbidden_modules"]) >= barred
 

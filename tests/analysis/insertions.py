@@ -37,4 +37,4 @@ def analysed(run: Run, *overrides: str) -> InsertionResult:
 def observations(run: Run) -> list[dict[str, Any]]:
     """Return the observations as they were written."""
     lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    return [one for one in map(json.loads, lines) if one["kind"] == "observation"]
+    return [event for event in map(json.loads, lines) if event["kind"] == "observation"]

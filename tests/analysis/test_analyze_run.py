@@ -49,23 +49,28 @@ def test_each_radius_is_that_of_the_drawn_arc(measured: Measured) -> None:
 
 def test_every_picture_of_the_needle_is_measured_and_no_other(measured: Measured) -> None:
     """Pictures on the way and final ones are measured; the sheath alone is not."""
-    roles = [one.role for one in measured.content.measurements]
+    roles = [measurement.role for measurement in measured.content.measurements]
     assert roles == ["advance", "advance", "final"] * 4
 
 
 def test_a_picture_on_the_way_enters_no_mean(measured: Measured) -> None:
     """Pictures at 30 mm give radii too, and the means stay those of final ones."""
-    accepted = [one.role for one in measured.content.measurements if one.accepted]
+    accepted = [measurement.role for measurement in measured.content.measurements if measurement.accepted]
     assert accepted.count("advance") == 3
-    assert [one.n for one in measured.content.specimens] == [2, 1]
+    assert [specimen.n for specimen in measured.content.specimens] == [2, 1]
 
 
 def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: Measured) -> None:
     """The refusal is in the list of pictures and in the count of its gel."""
-    refused = [one for one in measured.content.measurements if one.role == "final" and not one.accepted]
-    assert [(one.trial, one.found, bool(one.reason), one.radius_mm) for one in refused] == [
-        (3, False, True, None)
+    refused = [
+        measurement
+        for measurement in measured.content.measurements
+        if measurement.role == "final" and not measurement.accepted
     ]
+    assert [
+        (measurement.trial, measurement.found, bool(measurement.reason), measurement.radius_mm)
+        for measurement in refused
+    ] == [(3, False, True, None)]
     assert measured.content.specimens[1].refused == 1
     assert measured.content.specimens[1].refused_reasons[0].startswith("1 x ")
 
@@ -84,7 +89,7 @@ def test_the_comparison_with_the_truth_is_kept_apart(measured: Measured) -> None
     """Drawn means count every drawn radius, and the worst error is that of an accepted picture."""
     truth = measured.content.truth
     assert truth is not None
-    assert [one.drawn_mean_radius_mm for one in truth.specimens] == pytest.approx([28.3, 27.2])
+    assert [specimen.drawn_mean_radius_mm for specimen in truth.specimens] == pytest.approx([28.3, 27.2])
     assert truth.pictures == 3
     assert truth.worst_error_mm == pytest.approx(0.0, abs=0.05)
 
@@ -97,11 +102,11 @@ def test_a_damaged_picture_is_refused_and_the_batch_goes_on(folder: Path) -> Non
     files[1].unlink()
     cv2.imwrite(str(files[2]), np.zeros((380, 480), np.uint8))
     content = measure(open_run(run.path)).content
-    finals = [one for one in content.measurements if one.role == "final"]
-    assert [one.accepted for one in finals] == [False, False, False, True]
-    assert all(file.name in (one.reason or "") for file, one in zip(files[:3], finals[:3], strict=True))
-    assert all(str(run.path) not in (one.reason or "") for one in finals)
-    assert [one.partition(": ")[0] for one in sorted(content.damage)] == [
+    finals = [measurement for measurement in content.measurements if measurement.role == "final"]
+    assert [measurement.accepted for measurement in finals] == [False, False, False, True]
+    assert all(path.name in (final.reason or "") for path, final in zip(files[:3], finals[:3], strict=True))
+    assert all(str(run.path) not in (measurement.reason or "") for measurement in finals)
+    assert [file.partition(": ")[0] for file in sorted(content.damage)] == [
         file.relative_to(run.path).as_posix() for file in files[:3]
     ]
 
@@ -115,7 +120,7 @@ def test_a_picture_with_a_flipped_bit_is_told_by_its_hash(folder: Path) -> None:
     file.write_bytes(content)
     measured = measure(open_run(run.path))
     reason = f"{file.name} is damaged: its SHA-256 does not fit frames.jsonl"
-    assert reason in [one.reason for one in measured.content.measurements]
+    assert reason in [measurement.reason for measurement in measured.content.measurements]
     assert measured.result.document["damage"] == [f"frames/{file.name}: {reason}"]
 
 
@@ -206,16 +211,16 @@ analyze_run(run, experiment_of(run), workers=2, progress=die, created=NOW, prove
 
 def test_progress_is_told_after_each_picture(measured: Measured) -> None:
     """The callback counts up to the number of pictures."""
-    told: list[tuple[int, int]] = []
+    updates: list[tuple[int, int]] = []
     analyze_run(
         measured.run,
         experiment_of(measured.run),
         workers=1,
-        progress=lambda done, total: told.append((done, total)),
+        progress=lambda done, total: updates.append((done, total)),
         created=NOW,
         provenance={},
     )
-    assert told == [(number, 12) for number in range(1, 13)]
+    assert updates == [(number, 12) for number in range(1, 13)]
 
 
 def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: Path) -> None:
@@ -390,8 +395,8 @@ def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, swee
     """Aborted and killed runs give the insertions that they have, and say which left no final picture."""
     run = record_sweep(folder, sweep)
     content = measure(run).content
-    assert sum(one.n for one in content.specimens) == 4 - len(sweep.without_final)
-    assert sum(one.without_final_picture for one in content.specimens) == len(sweep.without_final)
+    assert sum(specimen.n for specimen in content.specimens) == 4 - len(sweep.without_final)
+    assert sum(specimen.without_final_picture for specimen in content.specimens) == len(sweep.without_final)
 
 
 def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> None:
@@ -399,7 +404,7 @@ def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> N
     run = record_import(folder, (28.0, None))
     content = measure(run).content
     assert (content.specimens, content.mean_radius_mm, content.truth) == ((), None, None)
-    assert [(one.image, one.accepted) for one in content.measurements] == [
+    assert [(measurement.image, measurement.accepted) for measurement in content.measurements] == [
         ("photo0.jpg", True),
         ("photo1.jpg", False),
     ]
@@ -424,7 +429,7 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
     mask = load_mask(file)
     result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
     assert isinstance(result.content, CurvatureResult)
-    assert not any(one.found for one in result.content.measurements)
+    assert not any(measurement.found for measurement in result.content.measurements)
     assert (result.path / "mask.json").read_bytes() == file.read_bytes()
     assert result.content.settings["mask_sha256"] == mask.sha256
 

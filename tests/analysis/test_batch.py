@@ -19,20 +19,20 @@ FIRST = Path(__file__).parents[2] / "data" / "first-record"
 def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     """Results stand in the order of the runs, each linked to its parent; a folder that is no run has its error."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b", "c")]
-    told: list[tuple[int, int, str]] = []
+    updates: list[tuple[int, int, str]] = []
     outcomes = analyze_runs(
         [*runs, tmp_path / "none"],
         experiment_of,
         workers=2,
-        progress=lambda done, total, run: told.append((done, total, run.name)),
+        progress=lambda done, total, run: updates.append((done, total, run.name)),
         created=NOW,
         provenance=PROVENANCE,
     )
     pictures = [len(open_run(run).frames) for run in runs]
-    assert told == sorted(told)
-    assert [one for one in told if one[0] == 0] == []
-    assert told[-1] == (sum(pictures) + 1, sum(pictures) + 1, "none")
-    assert {one[2] for one in told} == {"a", "b", "c", "none"}
+    assert updates == sorted(updates)
+    assert [update for update in updates if update[0] == 0] == []
+    assert updates[-1] == (sum(pictures) + 1, sum(pictures) + 1, "none")
+    assert {update[2] for update in updates} == {"a", "b", "c", "none"}
     assert isinstance(outcomes[3], RecordError)
     results = [outcome for outcome in outcomes if isinstance(outcome, AnalysisResult)]
     assert [result.path for result in results] == [run / "analysis" / "002" for run in runs]
@@ -77,8 +77,8 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
         for run in runs
     ]
     together = analyze_runs(runs, experiment_of, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
-    for run, one, other in zip(runs, alone, together, strict=True):
+    for run, single, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
-        assert find_divergence(one.document, other.document) is None
+        assert find_divergence(single.document, other.document) is None
         assert (run / "analysis" / "003" / "mask.json").read_bytes() == mask.content
         assert other.document["settings"]["mask_sha256"] == mask.sha256

@@ -60,15 +60,15 @@ def turned(image: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
 def test_sheath_is_found_where_it_stands() -> None:
     """Tip, pixel and direction of each trial, with the travel that the encoder read, none refused."""
     found = origins([0, 0, 0], [15.0, 15.0, 15.0], SheathOrigin())
-    for trial, one in enumerate(found):
-        assert one.trial == trial
-        assert one.tip_mm == pytest.approx((0.0, 0.05), abs=0.05)
-        assert one.tip_px == pytest.approx(ORIGIN_PX, abs=0.1 * PX_PER_MM)
-        assert one.heading_rad == pytest.approx(0.0, abs=0.01)
-        assert (one.linear_mm, one.expected_mm) == (15.0, (0.0, 0.0))
-        assert one.accepted
-        assert one.disagreement_mm < 0.1
-        assert one.from_others_mm < 0.1
+    for trial, origin in enumerate(found):
+        assert origin.trial == trial
+        assert origin.tip_mm == pytest.approx((0.0, 0.05), abs=0.05)
+        assert origin.tip_px == pytest.approx(ORIGIN_PX, abs=0.1 * PX_PER_MM)
+        assert origin.heading_rad == pytest.approx(0.0, abs=0.01)
+        assert (origin.linear_mm, origin.expected_mm) == (15.0, (0.0, 0.0))
+        assert origin.accepted
+        assert origin.disagreement_mm < 0.1
+        assert origin.from_others_mm < 0.1
 
 
 @pytest.mark.parametrize(
@@ -103,11 +103,11 @@ def test_play_across_the_sheath_is_no_disagreement_and_a_bump_is() -> None:
         image = np.roll(sheath_picture(0), -aside_px, axis=0)
         line = FrameLine(frame=0, file="", trial=0, linear_mm=15.0)
         sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0, origin=SheathOrigin())
-        (one,) = find_origins(partial(_show, image), [line], PLANE, sheath)
-        assert one.across_mm == pytest.approx(0.1 * aside_px, abs=0.05)
-        assert one.accepted is fine
-        assert fine or "play" in (one.reason or "")
-        assert "slipped" not in (one.reason or "")
+        (origin,) = find_origins(partial(_show, image), [line], PLANE, sheath)
+        assert origin.across_mm == pytest.approx(0.1 * aside_px, abs=0.05)
+        assert origin.accepted is fine
+        assert fine or "play" in (origin.reason or "")
+        assert "slipped" not in (origin.reason or "")
 
 
 def test_turned_camera_is_refused() -> None:
@@ -123,26 +123,26 @@ def test_turned_camera_is_refused() -> None:
 def test_sheath_that_stands_elsewhere_than_its_encoder_says_is_refused() -> None:
     """The trial is named with the distance, and its radii are refused with the reason; the others are kept."""
     found = origins([0, round(2.0 * PX_PER_MM), 0, 0], [15.0] * 4)
-    assert [one.accepted for one in found] == [True, False, True, True]
+    assert [origin.accepted for origin in found] == [True, False, True, True]
     assert found[1].disagreement_mm == pytest.approx(2.0, abs=0.1)
     assert "linear encoder and the other trials" in (found[1].reason or "")
     pictures = refuse_by_origin([picture(trial) for trial in range(4)], found)
-    assert [one.accepted for one in pictures] == [True, False, True, True]
+    assert [measurement.accepted for measurement in pictures] == [True, False, True, True]
     assert pictures[1].reason == found[1].reason
 
 
 def test_slip_that_a_zero_set_by_eye_hides_is_found_by_the_other_trials() -> None:
     """All stand 0.4 mm beyond the origin but one, 0.3 mm short of it: within the limit, and 0.7 mm from its like."""
     found = origins([4, 4, 4, -3, 4], [15.0] * 5, SheathOrigin())
-    assert [one.accepted for one in found] == [True, True, True, False, True]
+    assert [origin.accepted for origin in found] == [True, True, True, False, True]
     assert "the other trials" in (found[3].reason or "")
 
 
 def test_bump_that_stays_is_told_from_a_single_slip() -> None:
     """A camera that moved stays moved: the reason of each later trial states it."""
     found = origins([0, 0, 20, 20, 20], [15.0] * 5, SheathOrigin())
-    assert [one.accepted for one in found] == [True, True, False, False, False]
-    assert all("every trial from 2 on" in (one.reason or "") for one in found[2:])
+    assert [origin.accepted for origin in found] == [True, True, False, False, False]
+    assert all("every trial from 2 on" in (origin.reason or "") for origin in found[2:])
     (_, slip, *_) = origins([0, 20, 0, 0], [15.0] * 4, SheathOrigin())
     assert "from 1 on" not in (slip.reason or "")
 
@@ -150,7 +150,7 @@ def test_bump_that_stays_is_told_from_a_single_slip() -> None:
 def test_sheath_that_went_as_far_as_its_encoder_says_is_no_other() -> None:
     """A trial with another travel is expected where that travel puts it."""
     found = origins([0, round(2.0 * PX_PER_MM), 0, 0], [15.0, 17.0, 15.0, 15.0], SheathOrigin())
-    assert all(one.accepted for one in found)
+    assert all(origin.accepted for origin in found)
 
 
 def test_sheath_that_is_not_seen_is_said_so() -> None:
@@ -170,11 +170,11 @@ def test_tip_is_told_from_the_origin_of_its_trial() -> None:
     along = np.array([np.sin(heading), np.cos(heading)])
     aside = np.array([np.cos(heading), -np.sin(heading)])
     tip = np.array(found.tip_mm) + 30.0 * along - 4.0 * aside
-    one = picture(0).model_copy(update={"tip_mm": tuple(tip.tolist())})
-    (told,) = add_origins([one], [found])
-    assert told.tip_from_origin_mm == pytest.approx((-4.0, 30.0))
-    assert (told.origin_mm, told.origin_heading_rad) == (found.tip_mm, heading)
-    imported = one.model_copy(
+    measured = picture(0).model_copy(update={"tip_mm": tuple(tip.tolist())})
+    (shifted,) = add_origins([measured], [found])
+    assert shifted.tip_from_origin_mm == pytest.approx((-4.0, 30.0))
+    assert (shifted.origin_mm, shifted.origin_heading_rad) == (found.tip_mm, heading)
+    imported = measured.model_copy(
         update={"trial": None, "sheath_tip_mm": (1.0, 2.0), "sheath_heading_rad": 0.0, "tip_mm": (0.0, 32.0)}
     )
     assert add_origins([imported], [])[0].tip_from_origin_mm == pytest.approx((-1.0, 30.0))

@@ -62,7 +62,9 @@ def test_the_interval_covers_as_often_as_it_says() -> None:
     random = np.random.default_rng(20260)
     samples = random.normal(27.6, 0.4, (4000, 18))
     intervals = [compute_spread(list(sample)).ci95 for sample in samples]
-    covered = sum(low <= 27.6 <= high for low, high in (one for one in intervals if one is not None))
+    covered = sum(
+        low <= 27.6 <= high for low, high in (interval for interval in intervals if interval is not None)
+    )
     assert covered / 4000 == pytest.approx(0.95, abs=0.015)
 
 

@@ -157,7 +157,9 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
         assert words in done.err
     assert (at_bench.state()["needle_in_tissue"], at_bench.state()["referenced"]) == (False, [])
     assert [round(at_bench.shaft_mm(node, lead), 1) for node, lead in ((1, 2), (3, 5))] == [-1.0, -1.0]
-    assert not any(event.kind == "homing" for one in at_bench.served.drives.values() for event in one.journal)
+    assert not any(
+        event.kind == "homing" for drive in at_bench.served.drives.values() for event in drive.journal
+    )
     record = open_run(done.json()["run"])
     assert record.manifest["withdraws"] == "killed"
     assert (record.path / "can.log").stat().st_size > 0

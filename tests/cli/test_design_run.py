@@ -192,9 +192,14 @@ def test_a_sweep_takes_the_design_of_a_run(ran: Ran, labrig: Labrig, tmp_path: P
     """The needle's numbers come from design.json, and the world draws its radius within the tolerance."""
     top = ran.run.parent.parent
     sweep = sweep_with(top / "protocols", "  design_file: ../runs/design/analysis/001/design.json\n")
-    one = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]")
+    shortened = (
+        "--set",
+        "insertions_per_specimen=1",
+        "--set",
+        "specimens=[{name: gel-10, gelatin_percent: 10}]",
+    )
     quiet = ("--set", "rig.world.gels=[{gelatin_percent: 10, radius_mean_mm: 28.34, radius_sd_mm: 0}]")
-    done = labrig("run", sweep, "--rig", RIG, "--runs-dir", tmp_path, "--json", *one, *quiet)
+    done = labrig("run", sweep, "--rig", RIG, "--runs-dir", tmp_path, "--json", *shortened, *quiet)
     assert done.exit_code == 0
     run = open_run(done.json()["run"])
     design = load_design(ran.analysis / "design.json")

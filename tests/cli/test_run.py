@@ -31,9 +31,9 @@ def test_the_measured_radii_are_the_drawn_ones(sweep: Sweep) -> None:
     """Each picture's radius lies within 0.25 mm of the radius that the world drew for that insertion."""
     drawn = {line["trial"]: line["radius_mm"] for line in _lines(sweep.run / "truth.jsonl")}
     measured = {
-        one["trial"]: one["radius_mm"]
-        for one in sweep.document["result"]["measurements"]
-        if one["role"] == "final" and one["accepted"]
+        row["trial"]: row["radius_mm"]
+        for row in sweep.document["result"]["measurements"]
+        if row["role"] == "final" and row["accepted"]
     }
     assert set(measured) == set(drawn)
     assert [trial for trial in drawn if abs(measured[trial] - drawn[trial]) > 0.25] == []
@@ -68,9 +68,16 @@ def test_the_same_seed_gives_the_same_bytes(sweep: Sweep, labrig: Labrig, tmp_pa
 
 def test_another_seed_gives_other_radii(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
     """--seed changes what the world draws, and is what the record keeps."""
-    one = ("--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]")
+    shortened = (
+        "--set",
+        "insertions_per_specimen=1",
+        "--set",
+        "specimens=[{name: gel-10, gelatin_percent: 10}]",
+    )
     run = Path(
-        labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", "--seed", 7, *one).json()["run"]
+        labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", "--seed", 7, *shortened).json()[
+            "run"
+        ]
     )
     assert _lines(run / "truth.jsonl")[0]["radius_mm"] != _lines(sweep.run / "truth.jsonl")[0]["radius_mm"]
     assert json.loads((run / "manifest.json").read_text())["seed"] == 7

@@ -177,7 +177,7 @@ def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, co
         pass
     assert "state_file:" in refused.value.hint
     assert (tmp_path / "state.json").read_text() == content
-    found = {each.check: each for each in check_rig(_kept(tmp_path))}
+    found = {result.check: result for result in check_rig(_kept(tmp_path))}
     assert found["rig state"].status == "FAIL"
 
 

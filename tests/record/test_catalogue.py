@@ -142,7 +142,7 @@ def test_two_processes_list_at_once(tmp_path: Path) -> None:
         closed_run(tmp_path, f"run-{number}")
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(list_runs, [tmp_path] * 8))
-    assert all(one == found[0] for one in found)
+    assert all(summary == found[0] for summary in found)
     with contextlib.closing(sqlite3.connect(tmp_path / INDEX)) as index:
         assert index.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         assert index.execute("SELECT count(*) FROM runs").fetchone() == (20,)

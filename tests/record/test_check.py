@@ -230,7 +230,7 @@ def test_each_session_keeps_the_code_that_ran(tmp_path: Path) -> None:
         recorder.begin_session(ENDED, code_diff=diff)
         recorder.close("aborted", "", ENDED)
         assert (run / f"code.{number:03d}.diff").read_bytes() == diff
-    assert [one["code_diff"] for one in open_run(run).sessions] == ["code.003.diff", "code.004.diff"]
+    assert [session["code_diff"] for session in open_run(run).sessions] == ["code.003.diff", "code.004.diff"]
     assert "code.004.diff" in (run / "SHA256SUMS").read_text()
     assert check_run(run).damage == ()
     (run / "code.003.diff").write_bytes(b"+3\n")

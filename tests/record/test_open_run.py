@@ -315,7 +315,7 @@ def test_a_linked_picture_is_damage_of_a_run_that_opens(tmp_path: Path) -> None:
     picture_file = path / "frames" / "000001.png"
     picture_file.rename(tmp_path / "elsewhere.png")
     picture_file.symlink_to(tmp_path / "elsewhere.png")
-    assert [(one.where, one.message) for one in open_run(path).damage] == [
+    assert [(damage.where, damage.message) for damage in open_run(path).damage] == [
         ("frames/000001.png", "it is a symbolic link and is not followed")
     ]
 

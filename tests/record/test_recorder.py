@@ -116,7 +116,7 @@ def test_runs_that_start_in_the_same_second_get_a_name_each(tmp_path: Path) -> N
         begun = [
             pool.submit(create_under_free_name, STARTED, "sweep", partial(begin, tmp_path)) for _ in range(16)
         ]
-        recorders = [each.result() for each in begun]
+        recorders = [start.result() for start in begun]
     endings = ["", *(f"-{number}" for number in range(2, 17))]
     assert {recorder.run_name for recorder in recorders} == {f"20260302-093000-sweep{end}" for end in endings}
     for recorder in recorders:

@@ -138,8 +138,8 @@ def test_every_refusal_is_listed_with_its_reason(page: Page) -> None:
     """A refused final picture has a line of its own; short insertions are counted by their length."""
     assert page.result is not None
     words = _words(page.html)
-    refused = [one for one in page.result.document["measurements"] if not one["accepted"]]
-    assert all(one["image"] in words for one in refused if not one["found"])
+    refused = [row for row in page.result.document["measurements"] if not row["accepted"]]
+    assert all(row["image"] in words for row in refused if not row["found"])
     assert re.search(r"10 3 Of 1\d\.\d mm of needle", words)
 
 

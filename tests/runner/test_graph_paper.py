@@ -71,13 +71,13 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
     assert (roles[0], roles[-1]) == ("grid-before", "grid-after")
     result = analysed(run)
     assert isinstance(result.content, InsertionResult)
-    sentinel, (one,) = result.content.sentinel, result.content.insertions
+    sentinel, (trial,) = result.content.sentinel, result.content.insertions
     assert sentinel is not None
     assert sentinel.accepted
     assert sentinel.drift == pytest.approx(0.003, abs=5e-4)
-    assert one.sigma_target_error_mm is not None
+    assert trial.sigma_target_error_mm is not None
     reading_mm, drifted_mm = 0.105, 0.003 * 19.0
-    assert one.sigma_target_error_mm > math.hypot(reading_mm, drifted_mm) - 0.005
+    assert trial.sigma_target_error_mm > math.hypot(reading_mm, drifted_mm) - 0.005
     assert "The plane map held" in page(run, result)
 
 
@@ -91,9 +91,9 @@ def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
     assert "the camera was bumped" in outcome.reason
     result = analysed(run)
     assert isinstance(result.content, InsertionResult)
-    (one,) = result.content.insertions
-    assert (one.target_error_mm, one.reached, result.content.reached) == (None, False, False)
-    assert "the camera was bumped" in (one.unmeasured or "")
+    (trial,) = result.content.insertions
+    assert (trial.target_error_mm, trial.reached, result.content.reached) == (None, False, False)
+    assert "the camera was bumped" in (trial.unmeasured or "")
     assert "the camera was bumped" in page(run, result)
 
 
@@ -103,7 +103,7 @@ def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
     with certified(tmp_path, protocol, EVEN) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         opened.conduct(protocol)
-    assert not any(isinstance(one, LayGraphPaper | ClearBench) for one in watched.asked)
+    assert not any(isinstance(request, LayGraphPaper | ClearBench) for request in watched.asked)
 
 
 def roll_zero(*overrides: str) -> ExperimentProtocol:
@@ -114,7 +114,7 @@ def roll_zero(*overrides: str) -> ExperimentProtocol:
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
     """Return the events of one kind."""
     lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    return [one for one in map(json.loads, lines) if one["kind"] == kind]
+    return [event for event in map(json.loads, lines) if event["kind"] == kind]
 
 
 def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     assert result.content.accepted
     assert result.content.fit is not None
     assert result.content.fit["zero_rad"] == pytest.approx(fit["zero_rad"], abs=1e-9)
-    assert [one.accepted for one in result.content.origins] == [True] * 4
+    assert [origin.accepted for origin in result.content.origins] == [True] * 4
     shown = page(run, result)
     assert "Where the sheath stood" in shown
     assert "The plane map held" in shown

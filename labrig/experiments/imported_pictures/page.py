@@ -18,7 +18,7 @@ def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[Curvatu
 
 
 def _verdict(content: CurvatureResult) -> list[str]:
-    found = sum(each.found for each in content.measurements)
-    accepted = sum(each.accepted for each in content.measurements)
+    found = sum(measurement.found for measurement in content.measurements)
+    accepted = sum(measurement.accepted for measurement in content.measurements)
     pictures = count_of(len(content.measurements), "picture")
     return [f"Shaft and tip were found in {found} of {pictures}; a radius can be stated in {accepted}."]

@@ -128,10 +128,10 @@ def _values(trial: Mapping[str, Any]) -> dict[str, object]:
 def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
     """Return the first command of each insertion that the new settings would have told otherwise."""
     told = compare_steering(old, new)
-    lines = [_command_line(each) for each in told]
+    lines = [_command_line(what_if) for what_if in told]
     if not new["overrides"] and any(trial.get("as_recorded") is False for trial in new["insertions"]):
         lines.append("this labrig estimates otherwise than the one that made the run, with the same settings")
-    return ResultComparison(tuple(lines), {"what_if": [asdict(each) for each in told]} if told else {})
+    return ResultComparison(tuple(lines), {"what_if": [asdict(what_if) for what_if in told]} if told else {})
 
 
 def _command_line(told: WhatIf) -> str:

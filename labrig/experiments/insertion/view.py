@@ -36,7 +36,7 @@ def _send(content: InsertionResult, plane: PlaneMap, stream: rr.RecordingStream,
                 _send_line(stream, "plan", plan.path_mm, plane, _PLAN)
         for number, step in enumerate(trial.steps, start=1):
             stream.set_time(timeline, duration=step.t_s)
-            _send_line(stream, "taken", [each.estimate_mm for each in trial.steps[:number]], plane, _TAKEN)
+            _send_line(stream, "taken", [step.estimate_mm for step in trial.steps[:number]], plane, _TAKEN)
             _send_step(stream, step, plane)
         if trial.steps and trial.final_frame is not None:
             _send_end(stream, trial)

@@ -39,10 +39,10 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     measured = (yield PictureWork(places, plane, settings, request.mask)).measured
     seen = [
-        (roll_rad, lateral_offset_mm(each.tip_mm, _before(line.frame, origins)))
-        for line, each in zip(pictures, measured, strict=True)
-        if isinstance(each, CurvatureMeasurement)
-        and each.tip_mm is not None
+        (roll_rad, lateral_offset_mm(measurement.tip_mm, _before(line.frame, origins)))
+        for line, measurement in zip(pictures, measured, strict=True)
+        if isinstance(measurement, CurvatureMeasurement)
+        and measurement.tip_mm is not None
         and (roll_rad := line.rotation_rad) is not None
     ]
     rolls_rad, strays_mm = [roll for roll, _ in seen], [stray for _, stray in seen]

@@ -94,7 +94,7 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
     named = None if mask is None else mask.with_names(_sources(pictures))
     seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
-    bare = [_result(picture, each) for picture, each in zip(pictures, measured, strict=True)]
+    bare = [_result(picture, measurement) for picture, measurement in zip(pictures, measured, strict=True)]
     results = add_drift(refuse_by_origin(add_origins(bare, origins), origins), sentinel)
     finals = final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
@@ -141,9 +141,9 @@ def _kept(mask: Mask | None) -> dict[str, str]:
 def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
     """Return the pictures that are not as they were recorded: file, what is wrong."""
     return {
-        picture.line.file: each.reason
-        for picture, each in zip(pictures, measured, strict=True)
-        if isinstance(each, Unreadable) and each.damaged
+        picture.line.file: measurement.reason
+        for picture, measurement in zip(pictures, measured, strict=True)
+        if isinstance(measurement, Unreadable) and measurement.damaged
     }
 
 
@@ -185,12 +185,12 @@ def _result(picture: _Picture, measured: Measured) -> PictureResult:
 
 def _centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
     found = {
-        result.frame: each
-        for result, each in zip(results, measured, strict=True)
-        if isinstance(each, CurvatureMeasurement) and len(each.centre_line_mm)
+        result.frame: measurement
+        for result, measurement in zip(results, measured, strict=True)
+        if isinstance(measurement, CurvatureMeasurement) and len(measurement.centre_line_mm)
     }
     return CentreLines(
-        {frame: each.centre_line_mm for frame, each in found.items()},
-        {frame: each.centre_line_px for frame, each in found.items()},
-        {frame: each.window for frame, each in found.items()},
+        {frame: measurement.centre_line_mm for frame, measurement in found.items()},
+        {frame: measurement.centre_line_px for frame, measurement in found.items()},
+        {frame: measurement.window for frame, measurement in found.items()},
     )

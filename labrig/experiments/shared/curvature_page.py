@@ -84,7 +84,11 @@ def curvature_page(
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
     rows = gel_rows(content)
-    shown = [each for each in content.measurements if each.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}]
+    shown = [
+        measurement
+        for measurement in content.measurements
+        if measurement.role in {NeedleRole.FINAL, NeedleRole.IMPORTED}
+    ]
     return Page(
         facts,
         TEMPLATE,
@@ -99,9 +103,10 @@ def curvature_page(
             "view": _camera_view(run, content, lines, plane),
             "sheaths": draw_sheath_views(run, content.origins, plane, _SHEATHS_SHOWN),
             "groups": _sheet_groups(
-                rows, [Sheet(each, draw_thumbnail(run, each, lines, plane)) for each in shown]
+                rows,
+                [Sheet(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown],
             ),
-            "refused": [each for each in content.measurements if _stands_alone(each)],
+            "refused": [measurement for measurement in content.measurements if _stands_alone(measurement)],
             "expected": _expected_refusals(content.measurements),
             "simulated": content.truth is not None,
             "steerability": design is not None,
@@ -148,10 +153,14 @@ def _figure(
     design: Design, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
 ) -> Markup | None:
     """Return figure 8 of the paper; None where nothing was measured."""
-    accepted = [each for each in content.measurements if each.role == NeedleRole.FINAL and each.accepted]
+    accepted = [
+        measurement
+        for measurement in content.measurements
+        if measurement.role == NeedleRole.FINAL and measurement.accepted
+    ]
     if not accepted:
         return None
-    bends = [each.bend for each in accepted]
+    bends = [measurement.bend for measurement in accepted]
     towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
     return draw_steerability_figure([_series(row, accepted, lines) for row in rows], towards, "paths")
 

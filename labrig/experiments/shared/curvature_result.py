@@ -134,7 +134,7 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         {
             **{f"{group['name']}: mean radius mm": group["mean_radius_mm"] for group in groups},
             "pictures": len(measured),
-            "shaft and tip found": sum(bool(each["found"]) for each in measured),
-            "radius accepted": sum(bool(each["accepted"]) for each in measured),
+            "shaft and tip found": sum(bool(measurement["found"]) for measurement in measured),
+            "radius accepted": sum(bool(measurement["accepted"]) for measurement in measured),
         },
     )

@@ -72,7 +72,7 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     content = analysed(recorded("repetitions=2", "target.tolerance_mm=0.001"))
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
-    assert content.target_error_mm == max(one.target_error_mm or 0 for one in content.insertions)
+    assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
 
 
 def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_an_insertion_whose_tip_was_lost_from_sight_comes_out_as_it_was(tmp_path
         camera = opened.opened.rig.camera
         camera._source = _CoveredSource(camera._source)
         _, run = opened.conduct(protocol)
-    misses = [one["misses"] for one in observations(run)]
+    misses = [observation["misses"] for observation in observations(run)]
     assert max(misses) >= 3
     assert misses[-1] == 0
     content = analysed(run)

@@ -66,7 +66,7 @@ def conduct_telling(opened: Bench, protocol: ExperimentProtocol, then: Progress)
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
     """Return the events of one kind, as they were written."""
     lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    return [one for one in map(json.loads, lines) if one["kind"] == kind]
+    return [event for event in map(json.loads, lines) if event["kind"] == kind]
 
 
 def truth(run: Run) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, 
 def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> None:
     """While it is inserted it advances at the set speed, but where the bevel is turned, at the start and at the end."""
     _, run = arrived
-    stops_s = [one["t_s"] for one in events(run, "flip")]
+    stops_s = [flip["t_s"] for flip in events(run, "flip")]
     looks = events(run, "observation")
     for before, after in pairwise(looks):
         turned = any(before["t_s"] <= stop <= after["t_s"] for stop in stops_s)
@@ -108,7 +108,7 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
     frames = run.frame_table[run.frame_table["role"] == "observe"]
     depths = frames["insertion_mm"].to_numpy()
     assert np.diff(depths).max() < 1.3
-    noted = {one["frame"]: one["depth_mm"] for one in events(run, "observation")}
+    noted = {observation["frame"]: observation["depth_mm"] for observation in events(run, "observation")}
     assert all(noted[int(frame)] == depth for frame, depth in zip(frames["frame"], depths, strict=True))
 
 
@@ -124,9 +124,9 @@ def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
     """The first at the start, the next where the sheath was found, later ones on schedule, deviation or nearness."""
     _, run = arrived
     plans = events(run, "plan")
-    assert [one["because"] for one in plans[:2]] == ["start", "origin"]
-    assert {one["because"] for one in plans[2:]} <= {"schedule", "deviation", "near"}
-    assert all(one["found"] or one["refusal"] for one in plans)
+    assert [plan["because"] for plan in plans[:2]] == ["start", "origin"]
+    assert {plan["because"] for plan in plans[2:]} <= {"schedule", "deviation", "near"}
+    assert all(plan["found"] or plan["refusal"] for plan in plans)
 
 
 def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
@@ -134,9 +134,9 @@ def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
     protocol = insertion("target.position_mm=[0,3,25]")
     with certified(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
         _, run = opened.conduct(protocol)
-    turned_s = [one["t_s"] for one in events(run, "move_done") if one["axis"] == "rotation"]
-    flips_s = [one["t_s"] for one in events(run, "flip")]
-    starts_s = [one["t_s"] for one in events(run, "move") if one["axis"] == "insertion"]
+    turned_s = [event["t_s"] for event in events(run, "move_done") if event["axis"] == "rotation"]
+    flips_s = [flip["t_s"] for flip in events(run, "flip")]
+    starts_s = [move["t_s"] for move in events(run, "move") if move["axis"] == "insertion"]
     assert flips_s
     for flip in flips_s:
         done = next(t for t in turned_s if t > flip)
@@ -247,7 +247,7 @@ def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> 
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.reason == "needle_lost"
-    assert any(isinstance(one, ConfirmStopped) for one in watched.asked)
+    assert any(isinstance(request, ConfirmStopped) for request in watched.asked)
     assert run.states["insertion_mm"].max() < 5.0
     assert abs(run.states.iloc[-1]["insertion_mm"]) < 0.05
 
@@ -280,10 +280,10 @@ def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
         assert opened.opened.rig.state.needle_in_tissue is False
     assert isinstance(outcome.error, TargetMissedError)
     assert (outcome.reason, outcome.error.exit_code) == ("sheath_astray", 1)
-    told = [one.reason for one in watched.asked if isinstance(one, ConfirmStopped)]
+    told = [request.reason for request in watched.asked if isinstance(request, ConfirmStopped)]
     assert "1.0" in told[0]
     assert "the sheath slipped" in told[0]
-    assert not any(isinstance(one, ConfirmPlan) for one in watched.asked)
+    assert not any(isinstance(request, ConfirmPlan) for request in watched.asked)
     assert run.states["insertion_mm"].max() < 0.01
     assert abs(run.states.iloc[-1]["linear_mm"]) < 0.05
     assert list(run.trials["stop"]) == ["sheath_astray"]
@@ -293,7 +293,7 @@ def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> Non
     """A protocol that does not say what to expect starts at the plane's origin, as records of before do."""
     _, run = conducted(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
     assert not events(run, "origin")
-    assert [one["because"] for one in events(run, "plan")].count("start") == 1
+    assert [plan["because"] for plan in events(run, "plan")].count("start") == 1
     assert events(run, "plan")[0]["start"]["position_mm"] == [0.0, 0.0, pytest.approx(1.5)]
 
 
@@ -304,7 +304,7 @@ def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
-    assert any(isinstance(one, PickTarget) for one in watched.asked)
+    assert any(isinstance(request, PickTarget) for request in watched.asked)
     assert events(run, "trial_start")[0]["target_mm"] == pytest.approx([0.0, -5.0, 35.0], abs=0.1)
 
 

@@ -31,7 +31,9 @@ def test_unchanged_settings_give_every_command_again() -> None:
     flips = [event for event in recorded().lines("events") if event["kind"] == "flip"]
     assert list(found.new.turns_at_mm) == [flip["depth_mm"] for flip in flips]
     assert found.new.stop == "target_reached"
-    assert [one.frame for one in insertion.commands[1:]] == [one["frame"] for one in observations(recorded())]
+    assert [command.frame for command in insertion.commands[1:]] == [
+        observation["frame"] for observation in observations(recorded())
+    ]
 
 
 def test_the_first_command_that_differs_is_named() -> None:
@@ -49,8 +51,8 @@ def test_a_policy_shows_in_commands_alone() -> None:
     assert found.new.replans < found.old.replans
     assert found.divergence is not None
     assert found.divergence.frame is not None
-    assert [one["estimate_mm"] for one in other["insertions"][0]["steps"]] == [
-        one["estimate_mm"] for one in _document()["insertions"][0]["steps"]
+    assert [step["estimate_mm"] for step in other["insertions"][0]["steps"]] == [
+        step["estimate_mm"] for step in _document()["insertions"][0]["steps"]
     ]
 
 
@@ -59,7 +61,7 @@ def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
     found = find_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
     assert found is not None
     assert found.key.startswith("insertions.0.steps.")
-    assert found.frame in {one["frame"] for one in observations(recorded())}
+    assert found.frame in {observation["frame"] for observation in observations(recorded())}
 
 
 def test_after_a_stop_no_more_commands_are_given() -> None:

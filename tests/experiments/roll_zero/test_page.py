@@ -44,7 +44,7 @@ def test_each_insertion_has_its_line_and_its_picture(page: Page) -> None:
         assert f'<td class="n">{roll_deg}.0</td>' in page.html
     residuals = re.findall(r'<td class="n">([+−]0\.\d{3})</td></tr>', page.html)
     assert len(residuals) == 5
-    total = math.fsum(float(one.replace("−", "-")) for one in residuals)
+    total = math.fsum(float(residual.replace("−", "-")) for residual in residuals)
     assert total == pytest.approx(0.0, abs=0.005)
 
 

@@ -43,10 +43,10 @@ def test_two_needles_in_one_gel_are_two_groups() -> None:
     """The paper's unit is the needle-tissue pair, so a new needle opens a new group in the same gel."""
     trials = [_trial(0), _trial(1, needle_id="N2"), _trial(2)]
     finals = {
-        one.trial: _picture(one, radius) for one, radius in zip(trials, (28.0, 30.0, 28.4), strict=True)
+        trial.trial: _picture(trial, radius) for trial, radius in zip(trials, (28.0, 30.0, 28.4), strict=True)
     }
     groups = summarise_specimens(trials, finals)
-    assert [(one.needle_id, one.n, one.mean_radius_mm) for one in groups] == [
+    assert [(group.needle_id, group.n, group.mean_radius_mm) for group in groups] == [
         ("N1", 2, 28.2),
         ("N2", 1, 30.0),
     ]
@@ -55,7 +55,7 @@ def test_two_needles_in_one_gel_are_two_groups() -> None:
 def test_the_mean_of_means_counts_each_gel_once() -> None:
     """A gel with many insertions weighs no more than one with few."""
     trials = [_trial(0), _trial(1), _trial(2), _trial(3, "other")]
-    finals = {one.trial: _picture(one, 27.0 if one.specimen == "gel" else 29.0) for one in trials}
+    finals = {trial.trial: _picture(trial, 27.0 if trial.specimen == "gel" else 29.0) for trial in trials}
     assert mean_of_means(summarise_specimens(trials, finals)) == 28.0
 
 

@@ -39,7 +39,7 @@ DOCUMENTED = {
 }
 
 
-def _loaded_by(code: str, packages: tuple[str, ...]) -> list[str]:
+def _find_loaded(code: str, packages: tuple[str, ...]) -> list[str]:
     """Return which of the packages a new Python has loaded after some code."""
     code += f"\nimport sys, json; print(json.dumps([one for one in {packages!r} if one in sys.modules]))"
     done = subprocess.run(
@@ -81,14 +81,16 @@ def test_a_room_hands_out_its_documented_names_alone(room: str) -> None:
 )  # fmt: skip
 def test_what_is_not_asked_for_is_not_loaded(modules: str, unneeded: tuple[str, ...]) -> None:
     """A file brings the packages that it needs, and not those of its neighbours."""
-    assert _loaded_by(f"import {modules}", unneeded) == []
+    assert _find_loaded(f"import {modules}", unneeded) == []
 
 
 def test_a_list_of_runs_loads_no_experiment(tmp_path: Path) -> None:
     """`labrig runs` reads what records say, whatever their experiments are."""
     folder = shutil.copytree(RECORDS, tmp_path / "runs")
     code = f"from labrig.cli.main import run_command; run_command(['runs', '--runs-dir', {str(folder)!r}])"
-    assert _loaded_by(code, ("labrig.experiments", "labrig.runner", "can", "canopen", "pandas", "cv2")) == []
+    assert (
+        _find_loaded(code, ("labrig.experiments", "labrig.runner", "can", "canopen", "pandas", "cv2")) == []
+    )
 
 
 def test_every_room_is_named_where_labrig_says_what_it_is() -> None:

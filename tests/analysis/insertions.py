@@ -11,21 +11,21 @@ from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.registry import experiment_of
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.insertion.test_procedure import conducted, insertion
+from tests.experiments.insertion.test_procedure import conduct_insertion, insertion
 
 OBSTACLE = "obstacles=[{position_mm: [0, 8, 18], radius_mm: 4}]"
 
 
 @cache
-def recorded(*overrides: str) -> Run:
+def record_insertion(*overrides: str) -> Run:
     """Conduct an insertion past one obstacle in gel that disturbs it, with its title as people may write it."""
     folder = Path(tempfile.mkdtemp(prefix="labrig-insertion-"))
     protocol = insertion(OBSTACLE, "title=To <b>there</b>", *overrides)
-    _, run = conducted(folder, protocol, ())
+    _, run = conduct_insertion(folder, protocol, ())
     return open_run(run.path)
 
 
-def analysed(run: Run, *overrides: str) -> InsertionResult:
+def analyse(run: Run, *overrides: str) -> InsertionResult:
     """Analyse a run of insertions."""
     result = analyze_run(
         run, experiment_of(run), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE

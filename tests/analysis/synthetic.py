@@ -103,12 +103,11 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
     specimens = dict(zip(sweep.radii_mm, sweep.gelatin_percent, strict=True))
     protocol = load_text(
         _PROTOCOL.format(
-            title=_quoted(sweep.title),
-            operator=_quoted(sweep.operator),
-            notes=_quoted(sweep.notes),
+            title=_quote(sweep.title),
+            operator=_quote(sweep.operator),
+            notes=_quote(sweep.notes),
             specimens=", ".join(
-                f"{{name: {_quoted(name)}, gelatin_percent: {percent}}}"
-                for name, percent in specimens.items()
+                f"{{name: {_quote(name)}, gelatin_percent: {percent}}}" for name, percent in specimens.items()
             ),
             insertions=insertions,
         )
@@ -208,13 +207,13 @@ roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 1
     return open_run(recorder.path)
 
 
-def aborted(sweep: Sweep) -> Sweep:
+def abort_sweep(sweep: Sweep) -> Sweep:
     """Return the sweep as it is when the operator says no before the last final picture."""
     last = sum(len(radii) for radii in sweep.radii_mm.values()) - 1
     return replace(sweep, exit_status="aborted", without_final=frozenset({last}))
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 

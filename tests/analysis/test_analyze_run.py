@@ -25,7 +25,15 @@ from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.conftest import Measured, measure
-from tests.analysis.synthetic import LENGTH_MM, NOW, PROVENANCE, Sweep, aborted, record_import, record_sweep
+from tests.analysis.synthetic import (
+    LENGTH_MM,
+    NOW,
+    PROVENANCE,
+    Sweep,
+    abort_sweep,
+    record_import,
+    record_sweep,
+)
 from tests.disks import full_disk
 
 
@@ -389,7 +397,7 @@ def test_the_result_names_what_it_rests_on(measured: Measured) -> None:
 
 
 @pytest.mark.parametrize(
-    "sweep", [aborted(Sweep()), Sweep(exit_status=None, without_final=frozenset({2, 3}))]
+    "sweep", [abort_sweep(Sweep()), Sweep(exit_status=None, without_final=frozenset({2, 3}))]
 )
 def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, sweep: Sweep) -> None:
     """Aborted and killed runs give the insertions that they have, and say which left no final picture."""

@@ -41,14 +41,14 @@ def origins(
     ]
     turns = turned_deg or [0.0] * len(moved_px)
     return find_origins(
-        lambda frame: turned(sheath_picture(moved_px[frame // 2]), turns[frame // 2]),
+        lambda frame: turn_picture(sheath_picture(moved_px[frame // 2]), turns[frame // 2]),
         lines,
         PLANE,
         Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0, origin=limits),
     )
 
 
-def turned(image: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
+def turn_picture(image: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
     """Return the picture from a camera that is turned about the origin."""
     if not degrees:
         return image
@@ -189,8 +189,8 @@ def test_distances_are_the_same_from_every_origin(
     point: tuple[float, float], origin: tuple[float, float], heading: float
 ) -> None:
     """Another frame changes no length, and the origin of its own frame is zero."""
-    told = to_origin_frame(point, origin, heading)
-    assert np.hypot(*told) == pytest.approx(np.hypot(point[0] - origin[0], point[1] - origin[1]), abs=1e-9)
+    shifted = to_origin_frame(point, origin, heading)
+    assert np.hypot(*shifted) == pytest.approx(np.hypot(point[0] - origin[0], point[1] - origin[1]), abs=1e-9)
     assert to_origin_frame(origin, origin, heading) == (0.0, 0.0)
 
 

@@ -26,7 +26,7 @@ def print_table() -> None:
     """Print the load of reading three axes at 100 Hz and of an idle rig; another process serves the drives."""
     rows = []
     for interface in BUSES:
-        with _served(interface) as rig:
+        with _serve_drives(interface) as rig:
             for what, limit, work in (("100 Hz status", 15, _read), ("idle", 2, _idle)):
                 rate_hz, share = _measure(rig, work)
                 rows.append([interface, what, f"{rate_hz:.1f}", f"{100 * share:.1f}", f"{limit}"])
@@ -34,7 +34,7 @@ def print_table() -> None:
 
 
 @contextmanager
-def _served(interface: str) -> Iterator[Rig]:
+def _serve_drives(interface: str) -> Iterator[Rig]:
     arguments, reached_by = BUSES[interface]
     command = [sys.executable, "-m", "labrig", "devices", "simulate", "--interface", interface]
     with (

@@ -11,7 +11,7 @@ from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows
-from tests.record.faults import Values, full_run, is_noticed_or_unchanged, raw_files, told, values
+from tests.record.faults import Values, describe_damage, full_run, is_noticed_or_unchanged, raw_files, values
 
 FLIPS = 1000
 _LAST_BYTES = 1024
@@ -56,7 +56,7 @@ def _try_cuts(run: Path, original: Values, store: Store) -> Iterator[bool]:
         for kept in range(max(0, len(content) - _LAST_BYTES), len(content)):
             (run / name).write_bytes(content[:kept])
             yield is_noticed_or_unchanged(run, original)
-        told(run)
+        describe_damage(run)
         (run / name).write_bytes(content)
 
 
@@ -69,7 +69,7 @@ def _try_flips(run: Path, original: Values, count: int) -> Iterator[tuple[bool, 
         path = source.choice(files)
         content = path.read_bytes()
         path.write_bytes(_flip_bit(content, source))
-        yield is_noticed_or_unchanged(run, original), bool(told(run))
+        yield is_noticed_or_unchanged(run, original), bool(describe_damage(run))
         path.write_bytes(content)
 
 

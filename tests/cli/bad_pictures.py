@@ -16,22 +16,22 @@ def write_bad_pictures(good: Path, folder: Path) -> dict[str, Path]:
     picture = np.asarray(cv2.imread(str(good), cv2.IMREAD_UNCHANGED), np.uint8)
     height, width = picture.shape[:2]
     made: dict[str, Callable[[], Path]] = {
-        "16 bits": lambda: _saved(folder / "deep.png", picture.astype(np.uint16) * 257),
-        "turned by EXIF": lambda: _turned(folder / "turned.jpg", picture),
+        "16 bits": lambda: _save(folder / "deep.png", picture.astype(np.uint16) * 257),
+        "turned by EXIF": lambda: _turn(folder / "turned.jpg", picture),
         "truncated": lambda: _cut(folder / "torn.png", good),
         "no picture": lambda: _text(folder / "notes.png"),
-        "wrong size": lambda: _saved(folder / "small.png", picture[: height // 2, : width // 2]),
-        "all black": lambda: _saved(folder / "black.png", np.zeros_like(picture)),
-        "no needle": lambda: _saved(folder / "none.png", _gel(picture)),
-        "two needles": lambda: _saved(
+        "wrong size": lambda: _save(folder / "small.png", picture[: height // 2, : width // 2]),
+        "all black": lambda: _save(folder / "black.png", np.zeros_like(picture)),
+        "no needle": lambda: _save(folder / "none.png", _gel(picture)),
+        "two needles": lambda: _save(
             folder / "two.png", np.minimum(picture, np.roll(picture, height // 4, axis=0))
         ),
-        "needle out of the frame": lambda: _saved(folder / "out.png", _pushed(picture, 7 * width // 10)),
+        "needle out of the frame": lambda: _save(folder / "out.png", _shift(picture, 7 * width // 10)),
     }
     return {name: make() for name, make in made.items()}
 
 
-def _saved(path: Path, picture: NDArray[np.unsignedinteger]) -> Path:
+def _save(path: Path, picture: NDArray[np.unsignedinteger]) -> Path:
     assert cv2.imwrite(str(path), picture)
     return path
 
@@ -40,13 +40,13 @@ def _gel(picture: Picture) -> Picture:
     return np.random.default_rng(0).integers(150, 160, picture.shape, dtype=np.uint8)
 
 
-def _pushed(picture: Picture, px: int) -> Picture:
+def _shift(picture: Picture, px: int) -> Picture:
     """Return the picture moved to the right, its left border repeated."""
     return np.hstack((np.repeat(picture[:, :1], px, axis=1), picture[:, :-px]))
 
 
-def _turned(path: Path, picture: Picture) -> Path:
-    data = _saved(path, picture).read_bytes()
+def _turn(path: Path, picture: Picture) -> Path:
+    data = _save(path, picture).read_bytes()
     tags = b"MM\x00*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
     body = b"Exif\x00\x00" + tags
     path.write_bytes(data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:])

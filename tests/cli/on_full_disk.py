@@ -32,7 +32,7 @@ def contents(runs: Path) -> dict[str, str]:
     }
 
 
-def said(words: list[str]) -> dict[str, object]:
+def call_command(words: list[str]) -> dict[str, object]:
     """Carry out a command in this process, and return what it said."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -45,8 +45,8 @@ def main(runs: Path) -> None:
     closed, interrupted = str(runs / "closed"), str(runs / "open")
     fill(runs)
     before = contents(runs)
-    told = [
-        said(words)
+    answers = [
+        call_command(words)
         for words in (
             ["runs", "--runs-dir", str(runs), "--where", "exit_status=success"],
             ["runs", "check", interrupted, "--repair"],
@@ -56,7 +56,7 @@ def main(runs: Path) -> None:
             ["export", closed, "--csv", "--out", str(runs / "tables")],
         )
     ]
-    print(json.dumps({"told": told, "unchanged": contents(runs) == before}))  # noqa: T201 - the test reads it
+    print(json.dumps({"answers": answers, "unchanged": contents(runs) == before}))  # noqa: T201 - the test reads it
 
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ def test_a_batch_of_measurements_goes_on(
     rows = done.json()
     assert done.exit_code == 1
     assert [row["accepted"] for row in rows] == [True, *[False] * len(bad), True]
-    expected = UNREADABLE | {name: said[column] for name, said in UNMEASURABLE.items()}
+    expected = UNREADABLE | {name: words[column] for name, words in UNMEASURABLE.items()}
     for what, row in zip(bad, rows[1:-1], strict=True):
         assert expected[what] in row["reason"], what
         assert row["tip_mm"] is None or what == "needle out of the frame"
@@ -131,8 +131,8 @@ def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
     reasons = {measurement["image"]: measurement["reason"] for measurement in result["measurements"]}
     assert reasons.pop(good.name) is None
     assert set(reasons) == {bad[what].name for what in UNMEASURABLE}
-    for what, (said, _) in UNMEASURABLE.items():
-        assert said in reasons[bad[what].name], what
+    for what, (words, _) in UNMEASURABLE.items():
+        assert words in reasons[bad[what].name], what
 
 
 def board(path: Path, shift: int, size: tuple[int, int] = (640, 480)) -> Path:
@@ -160,8 +160,8 @@ def test_a_calibration_lists_each_picture_that_it_could_not_use(
     assert [view["image"] for view in document["views"] if view["used"]] == [path.name for path in views]
     assert "800 x 480 pixels, the calibration is of 640 x 480" in reasons[other.name]
     assert "no board of 7 x 5" in reasons[empty.name]
-    for what, said in UNREADABLE.items():
-        assert said in reasons[bad[what].name]
+    for what, words in UNREADABLE.items():
+        assert words in reasons[bad[what].name]
 
 
 def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ _SAY_ONLY = frozenset({"tag", "note"})
 _PLACES = ("damaged", "missing", "symbolic link", "goes backwards", "twice", "expected", "does not say")
 
 
-def _emptied(run: Path) -> None:
+def _empty(run: Path) -> None:
     (run / "manifest.json").unlink()
 
 
@@ -46,7 +46,7 @@ def _file(run: Path) -> None:
     run.write_text("no run")
 
 
-def _gone(run: Path) -> None:
+def _delete(run: Path) -> None:
     shutil.rmtree(run)
 
 
@@ -57,7 +57,7 @@ def _newer(run: Path) -> None:
     (run / "manifest.json").write_bytes(encode_document({**document, "crc32": checksum(document)}))
 
 
-def _rewritten(name: str, number: int, **fields: object) -> Callable[[Path], None]:
+def _rewrite(name: str, number: int, **fields: object) -> Callable[[Path], None]:
     """Return what gives a line other values, and the checksum that fits them."""
 
     def spoil(run: Path) -> None:
@@ -73,7 +73,7 @@ def _without_a_picture(run: Path) -> None:
     (run / "frames" / "000001.png").unlink()
 
 
-def _linked(name: str) -> Callable[[Path], None]:
+def _link(name: str) -> Callable[[Path], None]:
     """Return what moves a file or folder of a run out of the folder of runs, and puts a link into its place."""
 
     def spoil(run: Path) -> None:
@@ -94,13 +94,13 @@ def _run_elsewhere(run: Path) -> None:
     run.symlink_to(outside)
 
 
-NO_RUNS = {"a folder": _emptied, "a file": _file, "nothing": _gone, "a link": _run_elsewhere, "newer": _newer}
+NO_RUNS = {"a folder": _empty, "a file": _file, "nothing": _delete, "a link": _run_elsewhere, "newer": _newer}
 DAMAGED = {
     "a picture missing": _without_a_picture,
-    "a picture twice": _rewritten("frames.jsonl", 1, frame=0),
-    "a clock that goes backwards": _rewritten("states.jsonl", 3, t_s=-1.0),
+    "a picture twice": _rewrite("frames.jsonl", 1, frame=0),
+    "a clock that goes backwards": _rewrite("states.jsonl", 3, t_s=-1.0),
     **{
-        f"a link for {name}": _linked(name)
+        f"a link for {name}": _link(name)
         for name in (
             "frames/000000.png",
             "states.jsonl",
@@ -140,7 +140,7 @@ def _call(labrig: Labrig, command: str, run: Path, whole: Path) -> tuple[int, st
     return done.exit_code, f"{' '.join(map(str, reasons))} {done.err}"
 
 
-def _spoilt(whole: Path, tmp_path: Path, spoil: Callable[[Path], None]) -> Path:
+def _damage(whole: Path, tmp_path: Path, spoil: Callable[[Path], None]) -> Path:
     (tmp_path / "outside").mkdir()
     (tmp_path / "runs").mkdir()
     run = Path(shutil.copytree(whole, tmp_path / "runs" / "größe 2  run"))
@@ -154,7 +154,7 @@ def test_what_is_no_run_is_refused_by_name(
     command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
     """Exit code 4 and the path; a link is not followed, a newer schema is left alone, nothing is written."""
-    run = _spoilt(whole, tmp_path, spoil)
+    run = _damage(whole, tmp_path, spoil)
     exit_code, message = _call(labrig, command, run, whole)
     assert exit_code == 4
     assert "größe 2  run" in message
@@ -166,7 +166,7 @@ def test_what_is_damaged_is_told_by_every_command(
     command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
     """Exit code 4 and the place, whatever could be done all the same; only remarks are taken without a word."""
-    exit_code, message = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    exit_code, message = _call(labrig, command, _damage(whole, tmp_path, spoil), whole)
     if command in _SAY_ONLY:
         assert exit_code == 0
     else:
@@ -224,7 +224,7 @@ def test_results_behind_a_link_are_not_read(
     def spoil(run: Path) -> None:
         (run / "analysis").symlink_to(results)
 
-    exit_code, message = _call(labrig, command, _spoilt(whole, tmp_path, spoil), whole)
+    exit_code, message = _call(labrig, command, _damage(whole, tmp_path, spoil), whole)
     assert exit_code == 4
     assert "analysis is a symbolic link" in message
     assert not list(results.iterdir())
@@ -235,6 +235,6 @@ def test_what_is_made_replaces_a_link_and_not_what_it_points_to(
     command: str, name: str, whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
     """Page and view are written in the place of a link; the file behind it stays as it was."""
-    run = _spoilt(whole, tmp_path, _linked(name))
+    run = _damage(whole, tmp_path, _link(name))
     assert _call(labrig, command, run, whole)[0] == 0
     assert not (run / name).is_symlink()

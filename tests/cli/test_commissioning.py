@@ -120,7 +120,7 @@ def test_no_at_the_prompt_moves_nothing(labrig: Labrig, at_bench: BenchAt) -> No
     assert at_bench.shaft_mm(1, 2) == 0
 
 
-def _left_in_tissue(folder: Path) -> Path:
+def _leave_in_tissue(folder: Path) -> Path:
     """Leave the record of a run that was killed with its needle in tissue, its bevel turned on the way."""
     protocol = load_protocol(SWEEP, PROTOCOL_MODELS)
     manifest = {"experiment": "steerability", "started": "2026-11-20T10:00:00+00:00"}
@@ -136,7 +136,7 @@ def _left_in_tissue(folder: Path) -> Path:
 
 def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench: BenchAt) -> None:
     """The drives have lost their positions and one is in fault: reset, positions and way confirmed, out it comes."""
-    run = _left_in_tissue(at_bench.rig.parent)
+    run = _leave_in_tissue(at_bench.rig.parent)
     at_bench.remember(
         needle_in_tissue=True, since_run="killed", referenced=["insertion", "rotation", "linear"]
     )
@@ -201,7 +201,7 @@ def _in_fault(drive: SimulatedDrive) -> bool:
 
 def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_bench: BenchAt) -> None:
     """The needle is not said to be out; the next withdrawal starts where the first one ended, by its own record."""
-    run = _left_in_tissue(at_bench.rig.parent)
+    run = _leave_in_tissue(at_bench.rig.parent)
     at_bench.remember(needle_in_tissue=True, since_run="killed")
     at_bench.types("yes", "yes", "no")
     by_name = ("--run", run.name, "--runs-dir", run.parent)

@@ -125,7 +125,7 @@ def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize(
-    ("arguments", "exit_code", "said"),
+    ("arguments", "exit_code", "words"),
     [
         (["--clearance-mm", "30"], 2, "30 µm is 0.03 mm"),
         (["--clearance-mm", "0"], 2, "laser clearance is 0 mm"),
@@ -148,12 +148,12 @@ def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixtu
     ],
 )
 def test_bad_input_is_refused_before_the_search(
-    arguments: list[str], exit_code: int, said: str, labrig: Labrig
+    arguments: list[str], exit_code: int, words: str, labrig: Labrig
 ) -> None:
     """What cannot be designed is refused at once, with the limit and what to do."""
     done = labrig("design", *arguments)
     assert done.exit_code == exit_code
-    assert said in done.err
+    assert words in done.err
     assert "Traceback" not in done.err
     assert "searching" not in done.err
 

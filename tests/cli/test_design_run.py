@@ -148,7 +148,7 @@ def test_check_needs_no_rig(labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "words"),
     [
         ("clearance_mm=30", "0.03"),
         ("clearance_mm=0", "above 0"),
@@ -168,12 +168,12 @@ def test_check_needs_no_rig(labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> 
     ],
 )
 def test_what_cannot_be_designed_leaves_no_run(
-    setting: str, said: str, labrig: Labrig, tmp_path: Path
+    setting: str, words: str, labrig: Labrig, tmp_path: Path
 ) -> None:
     """Lengths and angles beyond a limit, and mistaken units, are refused with the limit and a hint, at their key."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--set", setting)
     assert done.exit_code == 2
-    assert said in done.err
+    assert words in done.err
     assert "hint:" in done.err
     assert list(tmp_path.iterdir()) == []
 
@@ -182,7 +182,7 @@ def test_what_cannot_be_designed_leaves_no_run(
 def test_a_rig_for_a_design_is_a_mistake(
     arguments: tuple[object, ...], labrig: Labrig, tmp_path: Path
 ) -> None:
-    """A rig that was named would not be used, and that is said."""
+    """A rig that was named would not be used, and that is words."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, *arguments)
     assert done.exit_code == 2
     assert "moves no rig" in done.err

@@ -102,7 +102,7 @@ def test_commands_on_a_full_disk_say_so_and_change_nothing(tmp_path: Path) -> No
     command = [*UNSHARE, script, "sh", sys.executable, "-m", "tests.cli.on_full_disk", str(disk)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     document = json.loads(done.stdout)
-    listing, *others = document["told"]
+    listing, *others = document["answers"]
     assert listing["exit_code"] == 0
     for other in others:
         assert (other["exit_code"], other["words"]) == (3, other["words"])

@@ -104,8 +104,8 @@ def is_sound(labrig: Labrig) -> Sound:
     def check(run: Path, exit_status: str) -> None:
         done = labrig("runs", "check", run, "--json")
         (row,) = done.json()
-        told = (row["ok"], row["damage"], row["torn"], row["exit_status"])
-        assert (done.exit_code, *told) == (0, True, [], [], exit_status)
+        verdict = (row["ok"], row["damage"], row["torn"], row["exit_status"])
+        assert (done.exit_code, *verdict) == (0, True, [], [], exit_status)
 
     return check
 
@@ -134,8 +134,8 @@ def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
     if made.name == "import":
         assert (done.exit_code, done.json()["error"]["hint"]) == (2, "there is nothing to replay")
     else:
-        told = done.json()
-        assert (done.exit_code, told["identical"], told["bit_exact"]) == (0, True, True)
+        replay = done.json()
+        assert (done.exit_code, replay["identical"], replay["bit_exact"]) == (0, True, True)
 
 
 def test_a_run_is_measured_again_with_the_same_numbers(made: Made, run: Path, labrig: Labrig) -> None:

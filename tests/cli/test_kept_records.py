@@ -109,8 +109,8 @@ def test_a_kept_record_replays_identically(kept: Path, labrig: Labrig) -> None:
     if kept.name == "import":
         assert done.exit_code == 2
     else:
-        told = done.json()
-        assert (done.exit_code, told["identical"], told["first_difference"]) == (0, True, None)
+        replay = done.json()
+        assert (done.exit_code, replay["identical"], replay["first_difference"]) == (0, True, None)
 
 
 def test_a_kept_record_is_reported(kept: Path, labrig: Labrig) -> None:

@@ -157,20 +157,20 @@ def test_an_eds_file_that_will_not_do_is_told_before_anything_moves(
     if text is not None:
         mixed.eds.write_text(text, encoding="ascii")
 
-    def told(done: Done) -> str:
+    def join_problems(done: Done) -> str:
         return " ".join((done.out + done.err).split())
 
     checked = labrig("check", SWEEP, *SHORT_SWEEP, "--rig", mixed.path)
     assert checked.exit_code == 1
-    assert words in told(checked)
-    assert "rig axes.rotation." in told(checked)
+    assert words in join_problems(checked)
+    assert "rig axes.rotation." in join_problems(checked)
     ran = labrig("run", SWEEP, *SHORT_SWEEP, "--rig", mixed.path, "--runs-dir", tmp_path / "runs", "--yes")
     assert ran.exit_code == 2
-    assert words in told(ran)
+    assert words in join_problems(ran)
     assert not list((tmp_path / "runs").glob("*"))
     devices = labrig("devices", "check", "--rig", mixed.path)
     assert devices.exit_code == 1
-    assert words in told(devices)
+    assert words in join_problems(devices)
 
 
 BAD_SECTION = [

@@ -118,14 +118,14 @@ def test_real_drives_are_not_steered_by_recorded_pictures(labrig: Labrig, tmp_pa
         encoding="utf-8",
     )
 
-    def _told(protocol: str) -> str:
+    def _collect_output(protocol: str) -> str:
         done = labrig("check", ROOT / "protocols" / protocol, "--rig", rig, "--json")
         return " ".join(problem["message"] for problem in done.json()["problems"])
 
     words = "moves real drives by what its pictures show, and camera.driver files gives recorded pictures"
-    assert f"insertion {words}" in _told("insertion.yaml")
-    assert f"roll-zero {words}" in _told("roll-zero.yaml")
-    assert words not in _told("steerability.yaml")
+    assert f"insertion {words}" in _collect_output("insertion.yaml")
+    assert f"roll-zero {words}" in _collect_output("roll-zero.yaml")
+    assert words not in _collect_output("steerability.yaml")
     assert labrig("run", ROOT / "protocols" / "insertion.yaml", "--rig", rig).exit_code == 2
 
 

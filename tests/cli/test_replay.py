@@ -18,7 +18,7 @@ def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
     assert "identical, to the last bit" in labrig("replay", sweep.run).out
 
 
-def edited(sweep: Sweep, tmp_path: Path) -> Path:
+def edit_event(sweep: Sweep, tmp_path: Path) -> Path:
     """Return the sweep as an open run in which one event says another position than was sent."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "edited"))
     (run / "SHA256SUMS").unlink()
@@ -34,7 +34,7 @@ def edited(sweep: Sweep, tmp_path: Path) -> Path:
 
 def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
     """The first difference is named with what the record has, what the replay has, the picture and the trial."""
-    run = edited(sweep, tmp_path)
+    run = edit_event(sweep, tmp_path)
     done = labrig("replay", run, "--json")
     assert done.exit_code == 1
     document = done.json()

@@ -108,7 +108,7 @@ def test_a_finished_run_is_only_measured(sweep: Sweep, labrig: Labrig, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("what", "said"),
+    ("what", "words"),
     [
         ("protocol", "insertion.length_mm: the run began with 40.0, now it is 39"),
         ("rig", "world.noise_sd: the run began with 3.0, now it is 5"),
@@ -116,7 +116,7 @@ def test_a_finished_run_is_only_measured(sweep: Sweep, labrig: Labrig, tmp_path:
     ],
 )
 def test_what_has_changed_is_refused_with_the_difference(
-    cut: Path, labrig: Labrig, tmp_path: Path, what: str, said: str
+    cut: Path, labrig: Labrig, tmp_path: Path, what: str, words: str
 ) -> None:
     """Another protocol, rig or calibration exits with 2, names each value, and leaves the record as it is."""
     before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
@@ -137,7 +137,7 @@ def test_what_has_changed_is_refused_with_the_difference(
         (changed / template.name).write_bytes(template.read_bytes())
     done = labrig("resume", cut, "--protocol", changed / "p.yaml", "--rig", changed / "rig.yaml")
     assert done.exit_code == 2
-    assert said in done.err
+    assert words in done.err
     assert {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()} == before
 
 

@@ -71,7 +71,7 @@ def test_ctrl_c_is_taken_before_anything_is_imported() -> None:
 def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.Signals) -> None:
     """A signal is no Exception, so that an import guarded against all of them cannot swallow it."""
 
-    def guarded() -> None:
+    def import_guarded() -> None:
         try:
             os.kill(os.getpid(), number)
         except ValueError:
@@ -79,7 +79,7 @@ def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.
 
     assert not issubclass(Interruption, Exception)
     with raise_on_signals(), pytest.raises(Interruption, match=number.name):
-        guarded()
+        import_guarded()
 
 
 def test_a_signal_is_only_noted_while_a_rig_is_open() -> None:

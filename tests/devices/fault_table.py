@@ -121,7 +121,7 @@ def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost =
     return _fails(DriveFaultError, f"error 0x{code:04X}, {words}", stop, lost, ("emergency", code))
 
 
-def _found_later(
+def _find_later(
     error: type[LabrigError], words: str, *, found_in_tissue: bool = False
 ) -> dict[Phase, Outcome]:
     """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
@@ -215,9 +215,9 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     # The computer
     "computer hangs": _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
     "signal": Outcome("aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE),
-    "camera lost": _found_later(CameraError, "gave no picture"),
-    "camera frozen": _found_later(CameraError, "the same picture", found_in_tissue=True),
-    "disk full": _found_later(DiskError, "cannot write"),
+    "camera lost": _find_later(CameraError, "gave no picture"),
+    "camera frozen": _find_later(CameraError, "the same picture", found_in_tissue=True),
+    "disk full": _find_later(DiskError, "cannot write"),
 }
 """Fault -> what must come of it, in every phase or by phase."""
 

@@ -12,7 +12,7 @@ from tests.devices.captures import SIZE_PX
 FILM_RATE_HZ = 20.0
 
 
-def numbered_picture(number: int) -> Picture:
+def draw_numbered_picture(number: int) -> Picture:
     """Return the picture with a number."""
     picture = np.full(SIZE_PX[::-1], 10 + 5 * number, np.uint8)
     picture[:8] = 0
@@ -28,7 +28,7 @@ def write_pictures(folder: Path, count: int) -> Path:
     """Write pictures 1.png, 2.png, ... into a new folder."""
     folder.mkdir()
     for number in range(count):
-        cv2.imwrite(str(folder / f"{number + 1}.png"), numbered_picture(number))
+        cv2.imwrite(str(folder / f"{number + 1}.png"), draw_numbered_picture(number))
     return folder
 
 
@@ -42,6 +42,6 @@ def write_film(path: Path, count: int) -> Path:
     """Write a video of such pictures."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), FILM_RATE_HZ, SIZE_PX, isColor=True)
     for number in range(count):
-        writer.write(cv2.cvtColor(numbered_picture(number), cv2.COLOR_GRAY2BGR))
+        writer.write(cv2.cvtColor(draw_numbered_picture(number), cv2.COLOR_GRAY2BGR))
     writer.release()
     return path

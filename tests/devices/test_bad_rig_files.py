@@ -107,6 +107,6 @@ def test_what_cannot_be_is_refused_before_any_frame(
         _open(path)
     assert _frames(bus) == 0
     lines = [f"{path}:{number}:" for number in _lines_with(path, new)]
-    told = [p for p in refusal.value.problems if words in f"{p.message} {p.hint}"]
-    assert [p for p in told if p.where.startswith(tuple(lines))], refusal.value.problems
-    assert all(p.hint for p in told)
+    problems = [p for p in refusal.value.problems if words in f"{p.message} {p.hint}"]
+    assert [p for p in problems if p.where.startswith(tuple(lines))], refusal.value.problems
+    assert all(p.hint for p in problems)

@@ -73,7 +73,7 @@ def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None
             _connect_and_reference(opened)
 
 
-def _written(opened: OpenedRig) -> object:
+def _list_writes(opened: OpenedRig) -> object:
     return opened.rig.insertion.describe()["settings_written"]
 
 
@@ -81,7 +81,7 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
     """A second connection writes no setting; the first ends with both halves of 0x1020."""
     with _rig() as opened:
         opened.rig.connect()
-        written = _written(opened)
+        written = _list_writes(opened)
         assert isinstance(written, list)
         assert co.POSITION_WINDOW.place in written
         requests = [
@@ -91,7 +91,7 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
         settings = [place for place in places if place not in {0x6040, 0x607A, 0x6060}]
         assert settings[-2:] == [0x1020, 0x1020]
         opened.rig.connect()
-        assert _written(opened) == []
+        assert _list_writes(opened) == []
 
 
 def test_all_failures_of_all_drives_are_told_at_once() -> None:

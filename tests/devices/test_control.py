@@ -24,7 +24,7 @@ from tests.devices.rigs import BENCH, Person, Signal, simulated_rig
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets are POSIX's")
 
 
-def _kept(tmp_path: Path) -> RigDescription:
+def _make_rig(tmp_path: Path) -> RigDescription:
     return simulated_rig("state_file=state.json").placed_in(tmp_path)
 
 
@@ -35,7 +35,7 @@ def _wait_for(asked: Future[Any], rig: Rig) -> None:
 
 def test_a_rig_is_had_by_one_labrig_at_a_time(tmp_path: Path) -> None:
     """The second is refused with who has it; once the first has ended, it is free."""
-    rig = _kept(tmp_path)
+    rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run a.yaml"):
         with (
             pytest.raises(
@@ -54,10 +54,10 @@ def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
     """A process that was killed with the rig open keeps nobody out."""
     code = (
         "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
-        f"FileLock(Path({str(lock_paths(_kept(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
+        f"FileLock(Path({str(lock_paths(_make_rig(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
-    with open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()):
+    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()):
         pass
 
 
@@ -75,7 +75,7 @@ def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path, depth: int) -
     """The one that moves stops, sees every axis stand still, and says so; its wait ends in an error."""
     folder = tmp_path.joinpath(*["folder with a long name"] * depth)
     folder.mkdir(parents=True)
-    rig = _kept(folder)
+    rig = _make_rig(folder)
     with (
         ThreadPoolExecutor(1) as pool,
         open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run b.yaml") as moving,
@@ -97,7 +97,7 @@ def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path, depth: int) -
 
 def test_a_labrig_that_hangs_answers_nobody(tmp_path: Path) -> None:
     """It is given a second; then the rig is stopped otherwise, and that is said."""
-    rig = _kept(tmp_path)
+    rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run c.yaml"):
         reply = ask_to_stop(rig)
         assert reply is not None
@@ -110,13 +110,13 @@ def test_a_labrig_that_hangs_answers_nobody(tmp_path: Path) -> None:
 
 def test_whoever_calls_and_says_nothing_is_no_reason_to_stop(tmp_path: Path) -> None:
     """Noise on the socket does not end a run."""
-    rig = _kept(tmp_path)
+    rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as open_one:
-        for said in (None, "hello"):
+        for line in (None, "hello"):
             caller = connect(tmp_path / "state.json.socket")
             assert caller is not None
-            if said is not None:
-                caller.send(said)
+            if line is not None:
+                caller.send(line)
             open_one.wait(0.1)
             caller.close()
         open_one.wait(0.1)
@@ -124,7 +124,7 @@ def test_whoever_calls_and_says_nothing_is_no_reason_to_stop(tmp_path: Path) -> 
 
 def test_a_flood_on_the_socket_holds_nobody_up(tmp_path: Path) -> None:
     """A caller that sends without end is hung up on within one reading of a bounded line, and others are heard."""
-    rig = _kept(tmp_path)
+    rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as opened:
         flood = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         flood.connect(str(tmp_path / "state.json.socket"))
@@ -140,7 +140,7 @@ def test_a_flood_on_the_socket_holds_nobody_up(tmp_path: Path) -> None:
 
 def test_more_callers_than_are_heard_keep_nobody_out(tmp_path: Path) -> None:
     """Of many callers that say nothing the oldest are hung up on, and the request of the last is heard."""
-    rig = _kept(tmp_path)
+    rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as opened:
         silent = []
         for _ in range(20):
@@ -160,7 +160,7 @@ def test_a_file_in_the_place_of_the_socket_is_kept(tmp_path: Path) -> None:
     (tmp_path / "state.json.socket").write_text("mine")
     with (
         pytest.raises(DiskError, match="cannot listen at"),
-        open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+        open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()),
     ):
         pass
     assert (tmp_path / "state.json.socket").read_text() == "mine"
@@ -172,12 +172,12 @@ def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, co
     (tmp_path / "state.json").write_text(content)
     with (
         pytest.raises(OutputExistsError, match=r"state\.json is named as the state file") as refused,
-        open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()),
+        open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()),
     ):
         pass
     assert "state_file:" in refused.value.hint
     assert (tmp_path / "state.json").read_text() == content
-    found = {result.check: result for result in check_rig(_kept(tmp_path))}
+    found = {result.check: result for result in check_rig(_make_rig(tmp_path))}
     assert found["rig state"].status == "FAIL"
 
 
@@ -185,7 +185,7 @@ def test_a_state_file_never_replaces_a_file_of_something_else(tmp_path: Path, co
 def test_an_empty_or_torn_state_file_is_replaced(tmp_path: Path, content: str) -> None:
     """A file that labrig wrote, or an empty one, is replaced by the first change."""
     (tmp_path / "state.json").write_text(content)
-    with open_rig(_kept(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
+    with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()) as opened:
         assert opened.state.needle_in_tissue is None
         opened.needle.mark_out()
     assert NeedleState(tmp_path / "state.json").state.needle_in_tissue is False
@@ -242,4 +242,4 @@ def test_a_lock_folder_of_another_account_is_refused(lock_folder: Path, tmp_path
 def test_a_socket_left_by_a_killed_labrig_is_nobody(tmp_path: Path) -> None:
     """Nobody listens behind it: the rig is stopped over the bus."""
     (tmp_path / "state.json.socket").touch()
-    assert ask_to_stop(_kept(tmp_path)) is None
+    assert ask_to_stop(_make_rig(tmp_path)) is None

@@ -71,18 +71,18 @@ class OnABus:
     def raises_in_time(self, error: type[DriveError], words: str) -> None:
         """Wait for an error that names what the drive reports by itself."""
 
-        def told() -> bool:
+        def has_reported() -> bool:
             try:
                 self.driver.check()
             except error as reported:
                 return words in reported.message
             return False
 
-        self.wait_until(told)
+        self.wait_until(has_reported)
 
 
 @contextmanager
-def _served(interface: str) -> Iterator[OnABus]:
+def _serve_drives(interface: str) -> Iterator[OnABus]:
     with ExitStack() as stack:
         served = stack.enter_context(served_drives(interface, (1,)))
         reached_by = dict(served.reached_by)
@@ -105,7 +105,7 @@ def _in_process() -> Iterator[OnABus]:
 
 @pytest.fixture(name="bare", params=["in-process", *INTERFACES])
 def _bare(request: pytest.FixtureRequest) -> Iterator[OnABus]:
-    with _in_process() if request.param == "in-process" else _served(request.param) as on_a_bus:
+    with _in_process() if request.param == "in-process" else _serve_drives(request.param) as on_a_bus:
         yield on_a_bus
 
 

@@ -318,10 +318,10 @@ def test_a_restart_is_noticed(ready: OneDrive) -> None:
     assert not ready.driver.is_referenced()
 
 
-@pytest.mark.parametrize("told", [[0x0140], [0x0140, 0x0121]], ids=["stuck", "to and fro"])
-def test_a_drive_that_obeys_no_command_is_told(bench: OneDrive, told: list[int]) -> None:
+@pytest.mark.parametrize("answers", [[0x0140], [0x0140, 0x0121]], ids=["stuck", "to and fro"])
+def test_a_drive_that_obeys_no_command_is_told(bench: OneDrive, answers: list[int]) -> None:
     """It stays where it is, or comes back there again and again: a second, and no longer, is waited for it."""
-    words = cycle(told)
+    words = cycle(answers)
     bench.drive.objects._live = {**bench.drive.objects._live, co.STATUSWORD: lambda: next(words)}
     with pytest.raises(DriveError, match=r"stayed in .* for 1 s on the way to ENABLED"):
         bench.driver.go_to(TargetState.ENABLED)

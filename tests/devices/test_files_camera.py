@@ -18,7 +18,7 @@ from labrig.errors import CameraError, FileFormatError
 from labrig.protocol.formatting import mask_passwords
 from labrig.protocol.yaml_file import dump_yaml
 from tests.devices.captures import SIZE_PX, Computer, ComputerClock, EndlessStream, FedStream
-from tests.devices.recorded import number_in, numbered_picture, write_film, write_pictures, write_sidecar
+from tests.devices.recorded import draw_numbered_picture, number_in, write_film, write_pictures, write_sidecar
 from tests.devices.rigs import SIMULATED
 
 
@@ -156,7 +156,7 @@ def test_a_folder_without_a_sidecar_is_refused(tmp_path: Path) -> None:
 
 def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     """Only pictures that lie in the folder are read."""
-    cv2.imwrite(str(tmp_path / "outside.png"), numbered_picture(0))
+    cv2.imwrite(str(tmp_path / "outside.png"), draw_numbered_picture(0))
     folder = write_pictures(tmp_path / "p", 1)
     (folder / "2.png").symlink_to(tmp_path / "outside.png")
     with pytest.raises(CameraError, match=r"2\.png is not a regular file"):
@@ -257,14 +257,14 @@ def test_a_password_is_kept_out_of_records_and_messages(tmp_path: Path) -> None:
     rig = _load(tmp_path, f"camera.source='{SECRET}'")
     with pytest.raises(FileFormatError) as refusal:
         _load(tmp_path, f"camera.source=['{SECRET}']")
-    told = (
+    texts = (
         dump_yaml(rig),
         repr(rig),
         rig.camera.address,
         str(refusal.value),
         mask_passwords(f"--set a={SECRET}"),
     )
-    assert [text for text in told if "p@ss" in text or "w:rd" in text] == []
+    assert [text for text in texts if "p@ss" in text or "w:rd" in text] == []
     assert rig.camera.address == "rtsp://lab:***@10.0.0.7:554/live"
     assert isinstance(rig.camera, FilesCameraDescription)
     assert rig.camera.source == SECRET
@@ -321,7 +321,7 @@ def test_a_picture_of_a_stream_is_newer_than_its_command_by_the_latency() -> Non
 def test_the_end_of_a_stream_is_told() -> None:
     """With the number of pictures that it gave; the thread has let go of it."""
     source, fed = _stream(Computer())
-    fed.arriving.put(numbered_picture(0))
+    fed.arriving.put(draw_numbered_picture(0))
     fed.arriving.put(None)
     with pytest.raises(CameraError, match="rtsp://h/x: it has ended, after 1"):
         source.read()
@@ -342,7 +342,7 @@ def test_a_stream_that_nobody_reads_keeps_two_pictures() -> None:
     """Older ones are dropped and counted."""
     source, fed = _stream(Computer())
     for number in range(10):
-        fed.arriving.put(numbered_picture(number))
+        fed.arriving.put(draw_numbered_picture(number))
     fed.arriving.put(None)
     with pytest.raises(CameraError, match="after 10"):
         source.read()

@@ -110,8 +110,8 @@ def test_what_cannot_be_is_refused_with_its_line(tmp_path: Path, old: str, new: 
     path.write_text(rig_text({old: new}), encoding="utf-8")
     with pytest.raises(FileFormatError) as refusal:
         load_rig(path)
-    told = "\n".join(f"{p.where} {p.message} {p.hint}" for p in refusal.value.problems)
-    assert message in told
+    problems = "\n".join(f"{p.where} {p.message} {p.hint}" for p in refusal.value.problems)
+    assert message in problems
     assert all(p.where.startswith(f"{path}:") for p in refusal.value.problems)
 
 

@@ -12,7 +12,7 @@ SECTION = uvc_section()
 PERIOD_S = 1 / 24
 
 
-def _opened(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
+def _open(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
     computer = Computer()
     capture = FakeCapture(computer, **kinds)  # type: ignore[arg-type]
     source = UvcSource(
@@ -23,7 +23,7 @@ def _opened(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
 
 def test_a_picture_has_the_time_of_its_buffer() -> None:
     """The kernel's stamp, in rig time, is the time of the picture; it is known to a period."""
-    camera, capture, _ = _opened()
+    camera, capture, _ = _open()
     capture.computer.now_s += 3.01
     frame = camera.capture()
     assert frame.t_s == pytest.approx(capture.exposed_s - 1000.0, abs=1e-6)
@@ -32,7 +32,7 @@ def test_a_picture_has_the_time_of_its_buffer() -> None:
 
 def test_pictures_that_were_queued_are_thrown_away() -> None:
     """After a pause four old pictures wait; the one that is given was exposed after the call."""
-    camera, capture, source = _opened()
+    camera, capture, source = _open()
     camera.capture()
     capture.computer.now_s += 10.0
     asked_s = capture.computer.now_s
@@ -45,7 +45,7 @@ def test_pictures_that_were_queued_are_thrown_away() -> None:
 
 def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None:
     """Nothing waits in the queue then; five pictures were thrown away for one when every call did so."""
-    camera, capture, _ = _opened()
+    camera, capture, _ = _open()
     camera.capture()
     before_s = capture.computer.now_s
     for _ in range(10):
@@ -56,7 +56,7 @@ def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None
 @pytest.mark.parametrize("kind", [{"stamp_offset_s": 1.7e9}, {"stamp_offset_s": -900.0}, {"stamps": False}])
 def test_stamps_of_another_clock_are_not_believed(kind: dict[str, object]) -> None:
     """Calendar time, another origin or none: the picture is of the middle of the call, and bound by its half."""
-    camera, capture, _ = _opened(**kind)
+    camera, capture, _ = _open(**kind)
     capture.computer.now_s += 3.0
     asked_s = capture.computer.now_s
     frame = camera.capture()
@@ -67,7 +67,7 @@ def test_stamps_of_another_clock_are_not_believed(kind: dict[str, object]) -> No
 
 def test_a_picture_older_than_its_command_is_refused() -> None:
     """A queue longer than any driver's gives pictures from before the call: both times are named."""
-    camera, capture, _ = _opened(queue_length=100)
+    camera, capture, _ = _open(queue_length=100)
     camera.capture()
     capture.computer.now_s += 3.0
     with pytest.raises(
@@ -78,7 +78,7 @@ def test_a_picture_older_than_its_command_is_refused() -> None:
 
 def test_a_camera_without_pictures_is_told() -> None:
     """Nothing comes, and nothing is waited for again."""
-    camera, _, _ = _opened(dead=True)
+    camera, _, _ = _open(dead=True)
     with pytest.raises(CameraError, match="no picture"):
         camera.capture()
 
@@ -86,7 +86,7 @@ def test_a_camera_without_pictures_is_told() -> None:
 @pytest.mark.parametrize(("stamps", "words"), [(True, "42 ms, 0.04 mm"), (False, "104 ms, 0.10 mm")])
 def test_a_check_says_how_well_the_time_is_known(stamps: bool, words: str) -> None:
     """By the kernel's stamp to a period; without one to half of the five that a call takes."""
-    camera, _, _ = _opened(stamps=stamps)
+    camera, _, _ = _open(stamps=stamps)
     results = {result.check: result.value for result in UVC.check(SECTION, camera)}
     assert results["camera time"] == f"known within {words} at 1 mm/s"
 
@@ -94,7 +94,7 @@ def test_a_check_says_how_well_the_time_is_known(stamps: bool, words: str) -> No
 def test_the_rate_counts_what_was_thrown_away() -> None:
     """24 Hz are measured, whether or not each call throws pictures away."""
     for kind in ({}, {"stamps": False}):
-        camera, _, _ = _opened(**kind)
+        camera, _, _ = _open(**kind)
         assert camera.measure_rate_hz(10) == pytest.approx(24.0, rel=1e-6)
 
 
@@ -117,7 +117,7 @@ def test_a_frame_of_exact_time_says_nothing_more() -> None:
 
 def test_closing_twice_closes_once() -> None:
     """The device is let go of once."""
-    _, capture, source = _opened()
+    _, capture, source = _open()
     source.close()
     source.close()
     assert capture.released == 1

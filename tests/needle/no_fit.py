@@ -31,7 +31,7 @@ class NoFit:
     def __init__(self, view: HingeView, eroded_mm: float = 0.0) -> None:
         lateral, axial = view.box.lateral_mm, view.box.axial_mm
         self._box = shapely.box(-lateral, -axial, lateral, axial)
-        knuckles = [_eroded(pair.knuckle, eroded_mm) for pair in view.sections]
+        knuckles = [_erode(pair.knuckle, eroded_mm) for pair in view.sections]
         self._pairs = [
             (convex_pieces(knuckle), convex_pieces(pair.socket))
             for knuckle, pair in zip(knuckles, view.sections, strict=True)
@@ -134,7 +134,7 @@ def _farthest_mm(link: shapely.Geometry) -> float:
     return float(np.hypot(*shapely.get_coordinates(link).T).max())
 
 
-def _eroded(link: shapely.Geometry, by_mm: float) -> shapely.Geometry:
+def _erode(link: shapely.Geometry, by_mm: float) -> shapely.Geometry:
     """Return a link eroded by at least so much: the chords of its round corners lie within what is taken off."""
     return link if by_mm == 0.0 else shapely.buffer(link, -1.01 * by_mm, quad_segs=16)
 

@@ -34,7 +34,7 @@ def _random(arcs: int, seed: int) -> FloatArray:
 CONFIGURATIONS = [ZERO, TINY, *(_random(arcs, seed) for seed, arcs in enumerate((1, 2, 3, 4, 5, 6)))]
 
 
-def _integrated(psi: FloatArray, steps: int = 400) -> FloatArray:
+def _integrate(psi: FloatArray, steps: int = 400) -> FloatArray:
     """Return the tip by following curvature and roll in small steps, with none of the closed forms."""
     position, rotation = np.zeros(3), Rotation.identity()
     for theta, delta in psi:
@@ -66,7 +66,7 @@ def _differences(tip: Callable[[FloatArray], FloatArray], psi: FloatArray, step:
 def test_the_tip_is_where_integration_ends(psi: FloatArray) -> None:
     """Equations (5) to (8) agree with stepwise integration of curvature and roll."""
     tip = path_frames(psi, RADIUS_MM).positions_mm[-1]
-    np.testing.assert_allclose(tip, _integrated(psi), atol=1e-4)
+    np.testing.assert_allclose(tip, _integrate(psi), atol=1e-4)
 
 
 @pytest.mark.parametrize("psi", CONFIGURATIONS)

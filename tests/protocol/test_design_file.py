@@ -32,7 +32,7 @@ def test_a_design_gives_diameter_and_radius_with_its_tolerance(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "words"),
     [
         ({"kind": "labrig-plane"}, "kind"),
         ({"schema_version": 2}, "schema_version is 2"),
@@ -47,13 +47,13 @@ def test_a_design_gives_diameter_and_radius_with_its_tolerance(tmp_path: Path) -
     ],
 )
 def test_a_file_that_is_no_design_is_refused_at_its_line(
-    changed: dict[str, object], said: str, tmp_path: Path
+    changed: dict[str, object], words: str, tmp_path: Path
 ) -> None:
     """Another kind, a newer version, a wrong or missing value: each names the file, its line and the key."""
     path = write_design(tmp_path / "n2.json", **changed)
     with pytest.raises(FileFormatError, match=r"n2\.json:\d+:\d+") as refused:
         load_design(path)
-    assert said in refused.value.message
+    assert words in refused.value.message
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[1, 2]"])
@@ -96,7 +96,7 @@ def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "words"),
     [
         ("  diameter_mm: 1.2\n" + LINE, "diameter_mm is 1.2, and design_file gives it too"),
         ("  design_radius_mm: 30\n" + LINE, "design_radius_mm is 30, and design_file gives it too"),
@@ -112,7 +112,7 @@ def test_a_design_can_be_set_for_one_run(tmp_path: Path) -> None:
         ("  design_file: ../designs/thick.json\n", "must be above needle.diameter_mm, 2.5"),
     ],
 )
-def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines: str, said: str, tmp_path: Path) -> None:
+def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines: str, words: str, tmp_path: Path) -> None:
     """Numbers beside it, names out of reach, and files that are no design are told with line, key and hint."""
     top = tmp_path / "top"
     write_design(top / "designs" / "n2.json")
@@ -121,7 +121,7 @@ def test_a_design_that_cannot_be_used_is_refused_at_its_line(lines: str, said: s
     (top / "link.json").symlink_to(write_design(tmp_path / "elsewhere.json"))
     with pytest.raises(FileFormatError, match=r"sweep\.yaml:\d+:\d+") as refused:
         load_protocol(sweep_with(top / "protocols", lines), PROTOCOL_MODELS)
-    assert said in refused.value.message
+    assert words in refused.value.message
     assert all(problem.hint for problem in refused.value.problems)
 
 

@@ -27,7 +27,7 @@ def problems_of(text: str) -> tuple[Problem, ...]:
     return caught.value.problems
 
 
-def changed(old: str, new: str, text: str = STEERABILITY) -> str:
+def change(old: str, new: str, text: str = STEERABILITY) -> str:
     """Return a text with one part exchanged."""
     assert old in text
     return text.replace(old, new, 1)
@@ -139,7 +139,7 @@ def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
     old: str, new: str, key: str, message: str, hint: str
 ):
     """One fault gives one problem at its line and column, in words that say what to write instead."""
-    text = changed(old, new)
+    text = change(old, new)
     (problem,) = problems_of(text)
     place, _, path = problem.where.partition(" ")
     assert path == key
@@ -183,7 +183,7 @@ def test_a_wrong_value_is_told_with_place_value_limit_and_hint(
 )
 def test_values_that_do_not_go_together_are_told_where_to_change(old: str, new: str, key: str, message: str):
     """A rule across fields names both values and stands at the line of the first."""
-    text = changed(old, new)
+    text = change(old, new)
     (problem,) = problems_of(text)
     assert problem.where.endswith(f" {key}")
     assert message in problem.message
@@ -193,17 +193,17 @@ def test_values_that_do_not_go_together_are_told_where_to_change(old: str, new: 
 
 def test_all_problems_of_a_file_are_told_in_its_order():
     """A file is corrected in one go: nothing is told only after something else is right."""
-    text = changed("seed: 20260", "seed: x\nseed: 3")
-    text = changed("diameter_mm: 1.2", "diametr_mm: 1.2", text)
-    text = changed("  depth_mm: 15\n", "", text)
+    text = change("seed: 20260", "seed: x\nseed: 3")
+    text = change("diameter_mm: 1.2", "diametr_mm: 1.2", text)
+    text = change("  depth_mm: 15\n", "", text)
     where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
     assert where == ["seed", "seed", "needle.diametr_mm", "sheath.depth_mm"]
 
 
 def test_several_rules_broken_at_once_are_all_told():
     """Rules across fields do not hide each other."""
-    text = changed("hole_spacing_mm: 10", "hole_spacing_mm: 1")
-    text = changed("diameter_mm: 2.0", "diameter_mm: 1.0", text)
+    text = change("hole_spacing_mm: 10", "hole_spacing_mm: 1")
+    text = change("diameter_mm: 2.0", "diameter_mm: 1.0", text)
     where = [problem.where.partition(" ")[2] for problem in problems_of(text)]
     assert where == ["hole_spacing_mm", "sheath.diameter_mm"]
 
@@ -219,7 +219,7 @@ def test_a_missing_section_is_told_with_what_it_holds():
 
 def test_a_missing_experiment_is_told_with_the_choices():
     """Without `experiment:` no model can be chosen; the message lists what there is."""
-    (problem,) = problems_of(changed("experiment: steerability\n", ""))
+    (problem,) = problems_of(change("experiment: steerability\n", ""))
     assert (
         problem.message
         == "experiment is missing, expected one of camera-calibration, design, import, insertion, roll-zero, "
@@ -241,7 +241,7 @@ def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
     value: str, key: str, message: str, hint: str
 ):
     """A list of another length is one fault of the list, a wrong entry one of the entry."""
-    (problem,) = problems_of(changed("[150, 310]", value, CALIBRATION))
+    (problem,) = problems_of(change("[150, 310]", value, CALIBRATION))
     assert problem.where.endswith(f" {key}")
     assert message in problem.message
     assert hint in problem.hint
@@ -249,7 +249,7 @@ def test_a_list_that_is_wrong_is_told_as_a_whole_or_by_its_entry(
 
 def test_a_choice_close_to_one_that_exists_is_suggested():
     """A misspelt choice brings the right one to mind."""
-    (problem,) = problems_of(changed("insertion: right", "insertion: Rihgt", CALIBRATION))
+    (problem,) = problems_of(change("insertion: right", "insertion: Rihgt", CALIBRATION))
     assert problem.message == 'insertion is "Rihgt", expected one of right, left, up, down'
     assert problem.hint == "did you mean right?"
 
@@ -265,7 +265,7 @@ def test_a_file_with_hundreds_of_faults_tells_the_first_fifty():
 def test_the_error_names_the_file_as_it_was_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Where a file was loaded from is part of each place, and loading prints nothing."""
     path = tmp_path / "my protocol.yaml"
-    path.write_text(changed("seed: 20260", "seed: -1"), encoding="utf-8")
+    path.write_text(change("seed: 20260", "seed: -1"), encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"my protocol\.yaml:18:7 seed: seed is -1"):
         load_protocol(path, PROTOCOL_MODELS)
     assert capsys.readouterr() == ("", "")

@@ -115,7 +115,7 @@ def _same(found: object, original: object) -> bool:
     return found == original
 
 
-def told(run: Path) -> str:
+def describe_damage(run: Path) -> str:
     """Return what a check says, be it by refusing; nothing but a named error may leave it."""
     try:
         return "\n".join(f"{problem.where}: {problem.message}" for problem in check_run(run).damage)

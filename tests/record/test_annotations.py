@@ -20,13 +20,17 @@ def test_a_note_keeps_its_revisions(tmp_path: Path) -> None:
     run = closed_run(tmp_path)
     _note(run, "gel was cloudy")
     _note(run, "needle bent")
-    said = _note(run, "gel 3 was cloudy", revises=1)
-    assert [(note.note, note.revision, note.text) for note in said.notes] == [
+    annotations = _note(run, "gel 3 was cloudy", revises=1)
+    assert [(note.note, note.revision, note.text) for note in annotations.notes] == [
         (1, 2, "gel 3 was cloudy"),
         (2, 1, "needle bent"),
     ]
-    assert [note.text for note in said.revisions] == ["gel was cloudy", "needle bent", "gel 3 was cloudy"]
-    assert (said.notes[0].by, said.notes[0].at) == ("Chen", "2026-03-02T09:45:00+00:00")
+    assert [note.text for note in annotations.revisions] == [
+        "gel was cloudy",
+        "needle bent",
+        "gel 3 was cloudy",
+    ]
+    assert (annotations.notes[0].by, annotations.notes[0].at) == ("Chen", "2026-03-02T09:45:00+00:00")
 
 
 def test_tags_and_verdict_stand_as_last_said(tmp_path: Path) -> None:
@@ -36,8 +40,12 @@ def test_tags_and_verdict_stand_as_last_said(tmp_path: Path) -> None:
     tag_run(run, ["pilot"], remove=True, by="Yang", at=ENDED)
     judge_run(run, "bad", "", by="Chen", at=ENDED)
     judge_run(run, "doubtful", "cloudy", by="Chen", at=ENDED)
-    said = read_annotations(run)
-    assert (said.tags, said.verdict, said.verdict_reason) == (("größe 2",), "doubtful", "cloudy")
+    annotations = read_annotations(run)
+    assert (annotations.tags, annotations.verdict, annotations.verdict_reason) == (
+        ("größe 2",),
+        "doubtful",
+        "cloudy",
+    )
     assert len((run / "notes.jsonl").read_bytes().splitlines()) == 5
 
 
@@ -59,8 +67,8 @@ def test_a_torn_remark_is_dropped_and_not_continued(tmp_path: Path) -> None:
     whole = (run / "notes.jsonl").read_bytes()
     for cut in (1, 2, 30):
         (run / "notes.jsonl").write_bytes(whole + whole[:-cut])
-        said = _note(run, "second")
-        assert [note.text for note in said.revisions] == (
+        annotations = _note(run, "second")
+        assert [note.text for note in annotations.revisions] == (
             ["first", "first", "second"] if cut == 1 else ["first", "second"]
         )
 

@@ -15,7 +15,14 @@ from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
-from tests.record.faults import RAW_FILES, full_run, is_noticed_or_unchanged, killed_run, told, values
+from tests.record.faults import (
+    RAW_FILES,
+    describe_damage,
+    full_run,
+    is_noticed_or_unchanged,
+    killed_run,
+    values,
+)
 from tests.record.runs import ENDED, begin, closed_run, picture
 
 
@@ -45,13 +52,13 @@ def test_every_changed_file_of_a_closed_run_is_found(tmp_path: Path) -> None:
     for name in RAW_FILES:
         content = (run / name).read_bytes()
         (run / name).write_bytes(content[:-3] + bytes([content[-3] ^ 1]) + content[-2:])
-        assert name in told(run), name
+        assert name in describe_damage(run), name
         (run / name).write_bytes(content)
     assert check_run(run).damage == ()
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "changes", "said"),
+    ("name", "number", "changes", "words"),
     [
         ("frames.jsonl", 3, {"frame": 1}, "frame 1 is there twice"),
         ("frames.jsonl", 3, {"frame": 5, "file": "frames/000005.png"}, "frames 2 to 4 are missing"),
@@ -70,12 +77,12 @@ def test_every_changed_file_of_a_closed_run_is_found(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_lines_that_do_not_fit_together_are_named(
-    tmp_path: Path, name: str, number: int, changes: dict[str, object], said: str
+    tmp_path: Path, name: str, number: int, changes: dict[str, object], words: str
 ) -> None:
     """Duplicate numbers, missing frames, a clock that goes backwards and dangling references are named with place."""
     run = full_run(tmp_path, closed=False)
     edit_line(run / name, number, **changes)
-    assert any(said in problem.message for problem in check_run(run).damage)
+    assert any(words in problem.message for problem in check_run(run).damage)
     with pytest.raises(RecordError, match="is damaged: "):
         Recorder.reopen(run, "test")
 
@@ -130,10 +137,10 @@ def test_what_is_no_run_or_newer_is_refused(tmp_path: Path) -> None:
     newer = closed_run(tmp_path, "newer")
     text = (newer / "manifest.json").read_text().replace('"schema_version": 1', '"schema_version": 99')
     (newer / "manifest.json").write_text(text)
-    for path, said in ((tmp_path / "folder", "is no run"), (newer, "schema version 99")):
+    for path, words in ((tmp_path / "folder", "is no run"), (newer, "schema version 99")):
         before = sorted(path.rglob("*"))
         for act in (check_run, lambda p: repair_run(p, ENDED), lambda p: Recorder.reopen(p, "test")):
-            with pytest.raises(RecordError, match=said):
+            with pytest.raises(RecordError, match=words):
                 act(path)
         assert sorted(path.rglob("*")) == before
 
@@ -261,7 +268,7 @@ def test_a_file_cut_at_any_byte_is_opened_or_refused(tmp_path: Path, name: str, 
         (run / name).write_bytes(content[:kept])
         assert is_noticed_or_unchanged(run, original), kept
         if not closed:
-            told(run)
+            describe_damage(run)
 
 
 @pytest.mark.parametrize(("closed", "store"), [(True, "png"), (False, "png"), (True, "raw"), (False, "raw")])
@@ -273,7 +280,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path, closed: bool, store: Store) ->
     for _ in range(30):
         path, undo = flip()
         assert is_noticed_or_unchanged(run, original), path
-        told(run)
+        describe_damage(run)
         undo()
     assert is_noticed_or_unchanged(run, original)
 

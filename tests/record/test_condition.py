@@ -75,7 +75,7 @@ def test_a_condition_holds_or_not(text: str, holds: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "words"),
     [
         ("", "character 1: expected the name of a field, found the end"),
         ("seed 7", "character 6: expected one of"),
@@ -88,9 +88,9 @@ def test_a_condition_holds_or_not(text: str, holds: bool) -> None:
         ("and=7", "character 1: expected the name of a field"),
     ],
 )
-def test_what_cannot_be_read_is_refused_with_its_place(text: str, said: str) -> None:
+def test_what_cannot_be_read_is_refused_with_its_place(text: str, words: str) -> None:
     """The message says at which character the condition stops making sense, and what belongs there."""
-    with pytest.raises(InputError, match=said.replace("(", r"\(")):
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
         parse_condition(text)
 
 

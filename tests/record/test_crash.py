@@ -20,7 +20,7 @@ WRITER = [sys.executable, "-m", "tests.record.endless_writer"]
 UNSHARE = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
 
 
-def acknowledged(text: str) -> Counter[str]:
+def count_acknowledged(text: str) -> Counter[str]:
     """Count the calls that returned, by stream."""
     return Counter(line.split()[0] for line in text.splitlines())
 
@@ -50,7 +50,7 @@ def test_a_killed_writer_loses_nothing_acknowledged(tmp_path: Path, seed: int) -
         text += writer.stdout.read()
     run = open_run(tmp_path / "run")
     assert run.manifest["exit_status"] == "incomplete"
-    assert_all_there(run, acknowledged(text))
+    assert_all_there(run, count_acknowledged(text))
 
 
 def test_a_file_that_may_not_grow_ends_the_run_whole(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_a_file_that_may_not_grow_ends_the_run_whole(tmp_path: Path) -> None:
     assert run.problems == ()
     assert run.manifest["exit_status"] == "failed"
     assert "File too large" in str(run.manifest["reason"])
-    assert_all_there(run, acknowledged(done.stdout))
+    assert_all_there(run, count_acknowledged(done.stdout))
 
 
 def _can_mount(folder: Path) -> bool:
@@ -88,4 +88,4 @@ def test_a_full_disk_ends_the_run_whole(tmp_path: Path) -> None:
     assert re.search(r"cannot write .*No space left on device \(\d+\.\d MB free", str(run.manifest["reason"]))
     assert list(run.events["kind"])[-1] == "run_stop"
     assert not list(copy.rglob(".*.tmp"))
-    assert_all_there(run, acknowledged(done.stdout))
+    assert_all_there(run, count_acknowledged(done.stdout))

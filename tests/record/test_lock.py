@@ -24,7 +24,7 @@ sys.stdin.read()
 """
 
 
-def held_by_another(path: Path) -> subprocess.Popen[str]:
+def hold_elsewhere(path: Path) -> subprocess.Popen[str]:
     """Return a process that holds the lock until its standard input ends."""
     holder = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -50,7 +50,7 @@ def test_a_held_lock_is_refused_with_its_owner(tmp_path: Path) -> None:
 def test_the_lock_of_a_killed_owner_is_stale(tmp_path: Path) -> None:
     """After SIGKILL the file keeps the dead owner's text; nobody holds the lock, and it can be acquired."""
     path = tmp_path / "lock"
-    with held_by_another(path) as holder:
+    with hold_elsewhere(path) as holder:
         with pytest.raises(LockedError, match=f"process {holder.pid} "):
             FileLock(path).acquire("labrig resume")
         holder.send_signal(signal.SIGKILL)

@@ -38,7 +38,7 @@ def everything(run: Run) -> dict[str, object]:
     }
 
 
-def trusted(run_path: Path) -> dict[str, object] | None:
+def read_values(run_path: Path) -> dict[str, object] | None:
     """Return every value of a run that opens without a problem; None of one that is refused with a place."""
     try:
         run = open_run(run_path)
@@ -175,7 +175,7 @@ def test_no_flipped_bit_goes_unnoticed(tmp_path: Path) -> None:
         bit = flips.randrange(8 * len(content))
         damaged[bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
-        assert trusted(run_path) in (None, before), (path, bit)
+        assert read_values(run_path) in (None, before), (path, bit)
         path.write_bytes(content)
     assert everything(open_run(run_path)) == before
 

@@ -14,7 +14,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.tables import split_vectors
 from labrig.report.export import FORMATS
 from labrig.report.tables import run_tables
-from tests.analysis.insertions import analysed, observations, recorded
+from tests.analysis.insertions import analyse, observations, record_insertion
 from tests.analysis.synthetic import NOW
 from tests.record.runs import closed_run
 
@@ -91,9 +91,9 @@ def test_the_matlab_example_runs(experiment: str, run: Run, tmp_path: Path) -> N
         (tmp_path / name).write_bytes(content)
     for name in ("figure", "plot", "errorbar", "xlabel", "ylabel", "legend", "axis"):
         (tmp_path / f"{name}.m").write_text(f"function {name}(varargin)\nend\n")
-    said = _octave(f"addpath('{tmp_path}'); source('{DATA / 'read_run.m'}')", tmp_path)
+    output = _octave(f"addpath('{tmp_path}'); source('{DATA / 'read_run.m'}')", tmp_path)
     for line in expected:
-        assert line in said
+        assert line in output
 
 
 def _octave(command: str, folder: Path) -> str:
@@ -105,8 +105,8 @@ def _octave(command: str, folder: Path) -> str:
 
 
 def _insertion_tables() -> dict[str, pd.DataFrame]:
-    insertion = recorded()
-    analysed(insertion)
+    insertion = record_insertion()
+    analyse(insertion)
     return run_tables(insertion, insertion.latest_result())
 
 
@@ -115,7 +115,7 @@ def test_the_lists_of_an_insertion_are_tables_of_their_own() -> None:
     tables = _insertion_tables()
     steps = tables["insertion_steps"]
     assert {"trial", "frame", "tip_y_mm", "estimate_z_mm", "true_y_mm", "nis"} <= set(steps.columns)
-    assert len(steps) == len(observations(recorded()))
+    assert len(steps) == len(observations(record_insertion()))
     path = tables["insertion_plan_path"]
     assert set(path["plan"]) <= set(range(len(tables["insertion_plans"])))
     assert list(path.columns) == ["trial", "plan", "path_y_mm", "path_z_mm"]

@@ -14,7 +14,7 @@ from tests.analysis.synthetic import (
     NOW,
     PROVENANCE,
     Sweep,
-    aborted,
+    abort_sweep,
     record_calibration,
     record_import,
     record_sweep,
@@ -176,7 +176,7 @@ def test_the_same_run_gives_the_same_page(page: Page) -> None:
     ("sweep", "word", "sentence"),
     [
         (
-            aborted(Sweep()),
+            abort_sweep(Sweep()),
             "aborted",
             "The run was aborted: the operator said no. 3 of 4 planned insertions ended.",
         ),

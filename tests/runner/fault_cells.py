@@ -180,7 +180,7 @@ class Cell:
             resource.setrlimit(resource.RLIMIT_FSIZE, self.limit)
 
 
-def _scripted(**values: object) -> Callable[[Cell], None]:
+def _script_fault(**values: object) -> Callable[[Cell], None]:
     fault = FaultDescription.model_validate(values)
     return lambda cell: cell.script(fault)
 
@@ -191,7 +191,7 @@ def _of_a_question(**values: object) -> Callable[[Cell], None]:
 
 
 def _emergency(code: int) -> Callable[[Cell], None]:
-    return _scripted(fault="emergency", axis="insertion", code=code)
+    return _script_fault(fault="emergency", axis="insertion", code=code)
 
 
 def _limit_behind(cell: Cell) -> None:
@@ -202,15 +202,15 @@ def _limit_behind(cell: Cell) -> None:
 STRIKES: dict[str, Callable[[Cell], None]] = {
     "one frame duplicated": _of_a_question(fault="duplicated-frames"),
     "one frame lost": _of_a_question(fault="lost-frames"),
-    "one answer lost": _scripted(fault="sdo-timeout", axis="insertion"),
+    "one answer lost": _script_fault(fault="sdo-timeout", axis="insertion"),
     "one frame late": _of_a_question(fault="late-frames", delay_s=0.2),
-    "node silent": _scripted(fault="silent", axis="insertion"),
-    "node deaf": _scripted(fault="deaf", axis="insertion"),
-    "boot-up": _scripted(fault="boot-up", axis="insertion"),
-    "SDO abort": _scripted(fault="sdo-abort", axis="insertion", code=0x08000022),
-    "SDO timeout": _scripted(fault="sdo-timeout", axis="insertion", count=2),
-    "heartbeat of the drive lost": _scripted(fault="heartbeat-stops", axis="insertion"),
-    "node-id clash": _scripted(fault="node-id-clash", axis="insertion"),
+    "node silent": _script_fault(fault="silent", axis="insertion"),
+    "node deaf": _script_fault(fault="deaf", axis="insertion"),
+    "boot-up": _script_fault(fault="boot-up", axis="insertion"),
+    "SDO abort": _script_fault(fault="sdo-abort", axis="insertion", code=0x08000022),
+    "SDO timeout": _script_fault(fault="sdo-timeout", axis="insertion", count=2),
+    "heartbeat of the drive lost": _script_fault(fault="heartbeat-stops", axis="insertion"),
+    "node-id clash": _script_fault(fault="node-id-clash", axis="insertion"),
     "EMCY generic": _emergency(0x1000),
     "EMCY over-current": _emergency(0x2310),
     "EMCY over-voltage": _emergency(0x3210),
@@ -223,13 +223,13 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "EMCY CAN passive": _emergency(0x8120),
     "EMCY PDO length": _emergency(0x8210),
     "EMCY Hall sensor": _emergency(0xFF01),
-    "following error": _scripted(fault="following-error", axis="insertion"),
+    "following error": _script_fault(fault="following-error", axis="insertion"),
     "software limit": _limit_behind,
-    "limit switch": _scripted(fault="positive-limit-switch", axis="insertion"),
-    "emergency stop": _scripted(fault="emergency-stop", axis="insertion"),
-    "bus off": _scripted(fault="bus-off"),
-    "bus passive": _scripted(fault="bus-passive"),
-    "adapter unplugged": _scripted(fault="unplugged"),
+    "limit switch": _script_fault(fault="positive-limit-switch", axis="insertion"),
+    "emergency stop": _script_fault(fault="emergency-stop", axis="insertion"),
+    "bus off": _script_fault(fault="bus-off"),
+    "bus passive": _script_fault(fault="bus-passive"),
+    "adapter unplugged": _script_fault(fault="unplugged"),
     "wrong encoder resolution": lambda cell: cell.swap(od.ENCODER_PULSES, 1000),
     "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),
     "unknown hardware": lambda cell: cell.swap(od.HARDWARE_VERSION, 0x6552),

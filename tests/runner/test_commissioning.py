@@ -73,8 +73,8 @@ def test_a_wrong_gear_of_an_axis_that_turns_is_named() -> None:
 def test_play_is_told_and_where_to_write_it() -> None:
     """What comes back short is play; a rig file that says so already is right."""
     assert "axes.insertion.backlash: 0.5" in judge_backlash("insertion", INSERTION, 5, -4.5).solution
-    told = INSERTION.model_copy(update={"backlash": 0.5})
-    assert judge_backlash("insertion", told, 5, -4.5).status == "PASS"
+    stated = INSERTION.model_copy(update={"backlash": 0.5})
+    assert judge_backlash("insertion", stated, 5, -4.5).status == "PASS"
 
 
 def test_axes_are_homed_in_their_order_on_confirmation() -> None:
@@ -261,7 +261,7 @@ def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
 # What is left of it
 
 
-def _noted(folder: Path) -> list[dict[str, object]]:
+def _read_log(folder: Path) -> list[dict[str, object]]:
     return [decode_line(line) for line in (folder / "state.json.motions.jsonl").read_bytes().splitlines()]
 
 
@@ -271,7 +271,7 @@ def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
         jog(opened.rig, "linear", 2.0)
         home_axes(opened.rig, None, needle_mounted=True)
         last = last_motion(tmp_path / "state.json")
-    lines = _noted(tmp_path)
+    lines = _read_log(tmp_path)
     assert [(line["kind"], line["axis"]) for line in lines] == [
         (kind, axis) for axis in ("linear", "linear", "insertion", "rotation") for kind in ("start", "end")
     ]
@@ -296,7 +296,7 @@ def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
         opened.hardware.clock.on_advance(arrive_later)
         with pytest.raises(InterruptedRunError):
             jog(opened.rig, "linear", 20.0)
-    end = _noted(tmp_path)[-1]
+    end = _read_log(tmp_path)[-1]
     assert (end["kind"], end["outcome"]) == ("end", "interrupted by SIGINT")
     assert isinstance(end["position"], float)
     assert 0.5 < end["position"] < 19
@@ -344,5 +344,5 @@ def test_the_check_tells_what_was_moved_last(tmp_path: Path) -> None:
     assert "last motion by hand" not in {result.check for result in check_rig(description)}
     with _bare(description) as (opened, _):
         jog(opened.rig, "linear", 2.0)
-    (told,) = (result for result in check_rig(description) if result.check == "last motion by hand")
-    assert told.value.startswith("axis linear at 2 mm, move by 2 mm at 1 mm/s, done, ")
+    (check,) = (result for result in check_rig(description) if result.check == "last motion by hand")
+    assert check.value.startswith("axis linear at 2 mm, move by 2 mm at 1 mm/s, done, ")

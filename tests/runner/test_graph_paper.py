@@ -20,7 +20,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
-from tests.experiments.insertion.test_procedure import EVEN, certified, insertion
+from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 from tests.pages import write_page
 from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
 
@@ -36,7 +36,7 @@ def nearer(opened: Bench, part: float) -> None:
     world.description = world.description.model_copy(update={"lens": moved})
 
 
-def conducted(
+def conduct(
     opened: Bench, protocol: ExperimentProtocol, bump: float, when: type[object]
 ) -> tuple[Outcome, Run]:
     """Conduct a run in which the camera comes nearer once the operator has answered a kind of request."""
@@ -51,7 +51,7 @@ def conducted(
     return opened.conduct(protocol)
 
 
-def analysed(run: Run) -> AnyResult:
+def analyse(run: Run) -> AnyResult:
     """Analyse a run."""
     return analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
 
@@ -64,12 +64,12 @@ def page(run: Run, result: AnyResult) -> str:
 def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: Path) -> None:
     """Three in a thousand over 20 mm: the run succeeds, and its standard deviation has grown by them."""
     protocol = insertion(*NEAR)
-    with certified(tmp_path, protocol, EVEN) as opened:
-        outcome, run = conducted(opened, protocol, 0.003, ConfirmPlan)
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+        outcome, run = conduct(opened, protocol, 0.003, ConfirmPlan)
     assert outcome.exit_status == "success"
     roles = run.frame_table["role"].tolist()
     assert (roles[0], roles[-1]) == ("grid-before", "grid-after")
-    result = analysed(run)
+    result = analyse(run)
     assert isinstance(result.content, InsertionResult)
     sentinel, (trial,) = result.content.sentinel, result.content.insertions
     assert sentinel is not None
@@ -84,12 +84,12 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
 def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
     """Two per cent: the run ends as failed with exit code 1, no error is stated, nobody says that it was reached."""
     protocol = insertion(*NEAR)
-    with certified(tmp_path, protocol, EVEN) as opened:
-        outcome, run = conducted(opened, protocol, 0.02, ConfirmPlan)
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
+        outcome, run = conduct(opened, protocol, 0.02, ConfirmPlan)
     assert isinstance(outcome.error, CalibrationRefusedError)
     assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
     assert "the camera was bumped" in outcome.reason
-    result = analysed(run)
+    result = analyse(run)
     assert isinstance(result.content, InsertionResult)
     (trial,) = result.content.insertions
     assert (trial.target_error_mm, trial.reached, result.content.reached) == (None, False, False)
@@ -100,7 +100,7 @@ def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
 def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
     """No paper is laid where the protocol says nothing of it."""
     protocol = insertion("target.position_mm=[0,-2,20]")
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         opened.conduct(protocol)
     assert not any(isinstance(request, LayGraphPaper | ClearBench) for request in watched.asked)
@@ -128,7 +128,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
     (fit,) = events(run, "roll_zero")
     assert abs(math.degrees(fit["zero_rad"])) < 2.0
     assert fit["residual_rms_mm"] < 0.1
-    result = analysed(run)
+    result = analyse(run)
     assert isinstance(result.content, RollZeroResult)
     assert result.content.accepted
     assert result.content.fit is not None
@@ -143,11 +143,11 @@ def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) ->
     """The grid is out of scale by two per cent afterwards: the rig knows no zero, the answer is no."""
     protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
     with bench(tmp_path, protocol, EVEN) as opened:
-        outcome, run = conducted(opened, protocol, 0.02, ShiftToHole)
+        outcome, run = conduct(opened, protocol, 0.02, ShiftToHole)
         assert opened.opened.rig.needle.roll_zero_of("N1") is None
     assert isinstance(outcome.error, CalibrationRefusedError)
     assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
-    result = analysed(run)
+    result = analyse(run)
     assert isinstance(result.content, RollZeroResult)
     assert not result.content.accepted
     assert any("the camera was bumped" in reason for reason in result.content.reasons)

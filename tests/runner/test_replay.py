@@ -38,7 +38,7 @@ def replay(run: Run) -> Replay:
     return replay_run(again, experiment_of(again), protocol_of(again), Told())
 
 
-def recorded(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
+def record_run(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
     """Record a run on the simulated rig."""
     with bench(tmp_path, protocol, overrides) as at:
         _, run = at.conduct(protocol)
@@ -48,7 +48,7 @@ def recorded(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> R
 @pytest.fixture(scope="module")
 def insertion(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A sweep of one insertion."""
-    return recorded(tmp_path_factory.mktemp("runs"), sweep())
+    return record_run(tmp_path_factory.mktemp("runs"), sweep())
 
 
 SHORTER = {
@@ -64,7 +64,9 @@ def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name
     """Every command, question, event, state, picture and CAN frame is the recorded one, times included."""
     protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
     run = (
-        designed(tmp_path, protocol) if isinstance(protocol, DesignProtocol) else recorded(tmp_path, protocol)
+        record_design(tmp_path, protocol)
+        if isinstance(protocol, DesignProtocol)
+        else record_run(tmp_path, protocol)
     )
     found = replay(run)
     assert (found.first_difference, found.bit_exact) == (None, True)
@@ -73,7 +75,7 @@ def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name
     assert found.counts.get("questions", 0) == sum(run.events["kind"] == "operator")
 
 
-def designed(tmp_path: Path, protocol: DesignProtocol) -> Run:
+def record_design(tmp_path: Path, protocol: DesignProtocol) -> Run:
     """Record a run that moves nothing."""
     clock = SimulatedClock()
     manifest = {"experiment": "design", "started": clock.utc()}
@@ -132,7 +134,7 @@ def test_a_procedure_that_does_more_or_less_differs(
     assert (difference.what, recorded in difference.recorded, now in difference.now) == (what, True, True)
 
 
-def edited(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
+def edit_events(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
     """Return an open copy of a run in which events were changed, with checksums that fit."""
     copy = tmp_path / "edited"
     copy.mkdir()
@@ -151,7 +153,7 @@ def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run
     def change(event: dict[str, object]) -> dict[str, object]:
         return event | {"asked_position": 41.0} if event.get("asked_position") == 40.0 else event
 
-    run = edited(insertion, tmp_path, change)
+    run = edit_events(insertion, tmp_path, change)
     difference = replay_run(run, experiment_of(run), protocol_of(run), Told()).first_difference
     assert difference is not None
     assert (difference.recorded, difference.now) == (
@@ -193,7 +195,7 @@ def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -
 )
 def test_faults_of_devices_come_again(tmp_path: Path, fault: str) -> None:
     """A drive that restarts, frames that get lost, an adapter that goes: the record is followed as far as it goes."""
-    run = recorded(tmp_path, sweep(), f"faults=[{fault}]")
+    run = record_run(tmp_path, sweep(), f"faults=[{fault}]")
     found = replay(run)
     assert found.identical, found.first_difference
     assert found.counts["states"] == len(run.states)

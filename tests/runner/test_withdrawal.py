@@ -97,7 +97,7 @@ def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[
         depth_mm = move.position
 
 
-def _turned_in_gel(rig: Bench) -> None:
+def _turn_in_gel(rig: Bench) -> None:
     """Put the needle into gel, turning its bevel on the way."""
     session = rig.session
     for request in (MountNeedle("N-1"), ConfirmAxesAtZero()):
@@ -114,7 +114,7 @@ def _turned_in_gel(rig: Bench) -> None:
 def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
     """The path that the record holds takes the needle out, and then it counts as out."""
     with bench(tmp_path, sweep()) as rig:
-        _turned_in_gel(rig)
+        _turn_in_gel(rig)
         path = recorded_path(open_run(rig.recorder.path))
         assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
         withdraw(rig.session, path)
@@ -126,7 +126,7 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
 def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path) -> None:
     """After a power cut the counters start at zero; from confirmed positions the needle still comes out."""
     with bench(tmp_path, sweep()) as rig:
-        _turned_in_gel(rig)
+        _turn_in_gel(rig)
         axis = rig.opened.rig.insertion
         axis.referenced = False
         axis.assume_position(14.5)
@@ -149,7 +149,7 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
 def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> None:
     """A withdrawal that does not come to its end changes nothing of what the rig knows."""
     with bench(tmp_path, sweep()) as rig:
-        _turned_in_gel(rig)
+        _turn_in_gel(rig)
         rig.opened.hardware.drives["insertion"].block()
         with pytest.raises(DriveError):
             withdraw(rig.session, (AxisPositions(0, 0, 0),))

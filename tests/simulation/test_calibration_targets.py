@@ -22,7 +22,7 @@ def corners_mm() -> Floats:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-def found_corners(picture: npt.NDArray[np.uint8]) -> Floats:
+def find_corners(picture: npt.NDArray[np.uint8]) -> Floats:
     """Return the inner corners of the board in a picture (54, 2), refined."""
     found, corners = cv2.findChessboardCorners(picture, (BOARD.columns, BOARD.rows))
     assert found
@@ -38,7 +38,7 @@ def views() -> list[Floats]:
     for view in range(16):
         world.hold_board(view, BOARD.columns, BOARD.rows, BOARD.square_mm)
         pictures.append(world.picture())
-    return [found_corners(picture) for picture in pictures]
+    return [find_corners(picture) for picture in pictures]
 
 
 def test_corners_are_seen_where_the_pose_puts_them(views: list[Floats]) -> None:

@@ -61,7 +61,7 @@ def test_hole_specimen_needle_and_seed_each_change_the_draw() -> None:
     assert len({world.truth()["radius_mm"] for world in (*worlds, other_needle, other_specimen)}) == 5
 
 
-def designed(low_mm: float, high_mm: float) -> WorldDescription:
+def make_world(low_mm: float, high_mm: float) -> WorldDescription:
     """Return a quiet world whose needle was designed for a radius in between."""
     design = DesignDescription(radius_low_mm=low_mm, radius_high_mm=high_mm)
     return QUIET.model_copy(update={"needle": NeedleDescription(design=design)})
@@ -69,15 +69,15 @@ def designed(low_mm: float, high_mm: float) -> WorldDescription:
 
 def test_a_design_scales_the_radii_of_the_gels() -> None:
     """A needle designed for 45 mm steers half as tight again as the paper's, designed for 30, in the same hole."""
-    paper, wide = bench().truth()["radius_mm"], bench(designed(45.0, 45.0)).truth()["radius_mm"]
+    paper, wide = bench().truth()["radius_mm"], bench(make_world(45.0, 45.0)).truth()["radius_mm"]
     assert isinstance(paper, float)
     assert wide == pytest.approx(1.5 * paper)
-    assert bench(designed(30.0, 30.0)).truth() == bench().truth()
+    assert bench(make_world(30.0, 30.0)).truth() == bench().truth()
 
 
 def test_each_needle_draws_its_own_radius_within_the_tolerance() -> None:
     """One draw a needle and seed, the same in every hole, spread over the whole tolerance."""
-    world = designed(27.0, 33.0)
+    world = make_world(27.0, 33.0)
     scales = [draw_needle_scale(world, 5, f"N{number}") for number in range(200)]
     assert 27.0 / 30 < min(scales) < 27.3 / 30
     assert 32.7 / 30 < max(scales) < 33.0 / 30

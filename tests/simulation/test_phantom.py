@@ -24,7 +24,7 @@ def disturbances(**changes: object) -> DisturbancesDescription:
     return DisturbancesDescription.model_validate({**none, **changes})
 
 
-def drawn(description: DisturbancesDescription, seed: int) -> Unevenness:
+def draw_path(description: DisturbancesDescription, seed: int) -> Unevenness:
     """Return what is drawn for a path."""
     return draw_unevenness(description, np.random.default_rng(seed))
 
@@ -41,7 +41,7 @@ def phantom(seed: int = 3, *balls: Ball, **changes: object) -> World:
 
 def test_the_heading_wanders_with_the_root_of_the_length() -> None:
     """Over 200 paths the heading's spread is 0.3 degrees after 1 mm and 3 degrees after 100 mm."""
-    turns = np.array([drawn(disturbances(heading_deg_per_root_mm=0.3), seed).turn_rad for seed in SEEDS])
+    turns = np.array([draw_path(disturbances(heading_deg_per_root_mm=0.3), seed).turn_rad for seed in SEEDS])
     for length_mm, expected_deg in ((1.0, 0.3), (100.0, 3.0)):
         spread = np.degrees(turns[:, : round(length_mm / NODE_MM)].sum(axis=1)).std()
         assert spread == pytest.approx(expected_deg, rel=0.2)
@@ -50,7 +50,7 @@ def test_the_heading_wanders_with_the_root_of_the_length() -> None:
 def test_the_curvature_wanders_about_its_mean_and_forgets() -> None:
     """Its share has the given spread, and a correlation of 1/e after the given length."""
     description = disturbances(curvature_fraction=0.05, curvature_length_mm=10.0)
-    off = np.array([drawn(description, seed).curvature_share for seed in SEEDS]) - 1.0
+    off = np.array([draw_path(description, seed).curvature_share for seed in SEEDS]) - 1.0
     assert off.std() == pytest.approx(0.05, rel=0.1)
     later = off[:, round(10.0 / NODE_MM) :]
     correlation = np.mean(off[:, : later.shape[1]] * later) / off.var()
@@ -73,7 +73,7 @@ def test_a_needle_does_not_steer_in_a_cavity() -> None:
 def test_cavities_are_as_many_and_as_long_as_described() -> None:
     """Each is between six and ten millimetres long unless two of them meet."""
     for seed in range(20):
-        empty = drawn(disturbances(cavities=1), seed).curvature_share == 0.0
+        empty = draw_path(disturbances(cavities=1), seed).curvature_share == 0.0
         assert 6.0 - NODE_MM <= empty.sum() * NODE_MM <= 10.0 + NODE_MM
 
 

@@ -29,7 +29,7 @@ def _pose(rotation: ArrayLike, position: ArrayLike) -> np.ndarray:
     return pose
 
 
-def _turned(seed: int) -> np.ndarray:
+def _turn(seed: int) -> np.ndarray:
     rotation, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     return rotation * np.linalg.det(rotation)
 
@@ -96,7 +96,7 @@ def test_a_sphere_about_the_arcs_centre_is_a_radius_away() -> None:
 def test_a_plan_moves_with_its_frame(seed: int) -> None:
     """Turning and moving the start, the target and the obstacles together changes no arc."""
     still = plan_path(PlanProblem(TARGET, OBSTACLES, planar=True))
-    rotation, shift = _turned(seed), np.array([10.0, -20.0, 5.0])
+    rotation, shift = _turn(seed), np.array([10.0, -20.0, 5.0])
     moved = PlanProblem(
         tuple(rotation @ TARGET + shift),
         tuple(Obstacle(tuple(rotation @ o.position_mm + shift), o.radius_mm) for o in OBSTACLES),

@@ -20,7 +20,7 @@ from tests.runner.sessions import PROTOCOLS
 SIMULATED = Path(__file__).parents[2] / "calibration" / "rig-simulated.yaml"
 
 
-def _seen(off_rad: float, misses: int) -> TipSearched:
+def _search(off_rad: float, misses: int) -> TipSearched:
     """Look for a tip that stands 20 mm deep and points elsewhere than expected, after so many misses."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
@@ -51,6 +51,6 @@ def _picture(view: TipView) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uin
 
 def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
     """A cavity leads the heading astray by more than a fix may turn; then every heading is tried."""
-    assert _seen(0.0, misses=0).position_mm is not None
-    assert _seen(math.radians(25), misses=0).position_mm is None
-    assert _seen(math.radians(25), misses=2).position_mm is not None
+    assert _search(0.0, misses=0).position_mm is not None
+    assert _search(math.radians(25), misses=0).position_mm is None
+    assert _search(math.radians(25), misses=2).position_mm is not None

@@ -42,7 +42,7 @@ def test_a_kind_without_a_simulated_drive_says_so() -> None:
 
 
 @contextmanager
-def _served(interface: str, driver: str = "epos2") -> Iterator[OpenedDrive]:
+def _serve_drives(interface: str, driver: str = "epos2") -> Iterator[OpenedDrive]:
     section = find_drive_kind(driver).example_section(1)
     with served_drives(interface, section.nodes, driver) as served:
         reached_by = dict(served.reached_by)
@@ -61,7 +61,7 @@ class TestEpos2OverVirtual(DriveConformance):
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
-        return _served("virtual")
+        return _serve_drives("virtual")
 
 
 class TestEpos2OverMulticast(DriveConformance):
@@ -69,7 +69,7 @@ class TestEpos2OverMulticast(DriveConformance):
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
-        return _served("udp_multicast")
+        return _serve_drives("udp_multicast")
 
 
 class TestEpos2OverSlcan(DriveConformance):
@@ -77,7 +77,7 @@ class TestEpos2OverSlcan(DriveConformance):
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
-        return _served("slcan")
+        return _serve_drives("slcan")
 
 
 class TestCia402(DriveConformance):
@@ -93,7 +93,7 @@ class TestCia402OverMulticast(DriveConformance):
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
-        return _served("udp_multicast", "cia402")
+        return _serve_drives("udp_multicast", "cia402")
 
 
 class TestCia402OverSlcan(DriveConformance):
@@ -101,7 +101,7 @@ class TestCia402OverSlcan(DriveConformance):
 
     def open_drive(self) -> AbstractContextManager[OpenedDrive]:
         """Open it."""
-        return _served("slcan", "cia402")
+        return _serve_drives("slcan", "cia402")
 
 
 class TestAnotherMake(DriveConformance):

@@ -34,7 +34,7 @@ class Bench:
         towards = -np.cross(turned[:, 0], turned[:, 1])
         return -np.column_stack((turned[:, :2], towards)).T @ turned[:, 2]
 
-    def folded_mm(self, px, fold_deg):
+    def fold_mm(self, px, fold_deg):
         """Return the points (N, 2), along the paper, of a sheet whose right half rises towards the camera."""
         x, y, z = self.camera_mm()
         sheet, slope = self.mm(px), np.tan(np.deg2rad(fold_deg))
@@ -43,7 +43,7 @@ class Bench:
         risen = np.column_stack(((x + along * right) / np.cos(np.deg2rad(fold_deg)), y + along * down))
         return np.where(sheet[:, :1] > 0.0, risen, sheet)
 
-    def rolled_mm(self, px, radius_mm):
+    def roll_mm(self, px, radius_mm):
         """Return the points (N, 2), along the paper, of a sheet rolled up at left and right to a cylinder.
 
         The cylinder touches the plane in the middle and rises towards the camera; each ray is followed to where it
@@ -107,9 +107,9 @@ def draw_paper(
     px = (np.column_stack((columns.ravel(), rows.ravel())) - (supersampling - 1) / 2) / supersampling
     mm = bench.mm(px)
     if roll_mm is not None:
-        mm = bench.rolled_mm(px, roll_mm)
+        mm = bench.roll_mm(px, roll_mm)
     elif fold_deg is not None:
-        mm = bench.folded_mm(px, fold_deg)
+        mm = bench.fold_mm(px, fold_deg)
     mm = mm + bulge_mm * np.sin(mm[:, ::-1] / 6.0)
     dark = np.zeros(len(mm))
     for every, half_width, density in lines:

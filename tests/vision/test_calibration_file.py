@@ -67,7 +67,7 @@ def plane_file(tmp_path):
     return path
 
 
-def changed(path, **values):
+def change_members(path, **values):
     """Return the file after changing members of its document."""
     document = json.loads(path.read_text())
     path.write_text(json.dumps({**document, **values}))
@@ -175,14 +175,14 @@ def test_refuses_what_is_no_such_file(text, message, lens_file):
 def test_names_the_value_that_is_wrong(values, where, lens_file):
     """A wrong type, sign, length or missing member is named by its key."""
     with pytest.raises(FileFormatError) as caught:
-        load_intrinsics(changed(lens_file, **values))
+        load_intrinsics(change_members(lens_file, **values))
     assert any(problem.where.endswith(f" {where}") for problem in caught.value.problems), caught.value
 
 
 def test_refuses_a_plane_that_maps_to_a_line(plane_file):
     """A homography without an inverse is refused."""
     with pytest.raises(FileFormatError, match="no inverse"):
-        load_plane(changed(plane_file, homography=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), LENS)
+        load_plane(change_members(plane_file, homography=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), LENS)
 
 
 def test_refuses_missing_and_binary_files(tmp_path):

@@ -20,7 +20,7 @@ def before():
     return plane, picture, check_grid(picture, plane, 1.0)
 
 
-def warped(picture, matrix):
+def warp(picture, matrix):
     """Return the picture from a camera that was moved."""
     size = picture.shape[::-1]
     return cv2.warpPerspective(picture, np.array(matrix, float), size, borderMode=cv2.BORDER_REFLECT_101)
@@ -48,7 +48,7 @@ def test_camera_that_came_closer_is_an_error_bar_or_refuses(before, scale, accep
     """A drift of 0.3 % is accepted and stated; a drift of 1 % is refused with value and limit."""
     plane, picture, check = before
     centre = np.array([400.0, 300.0]) * (1.0 - scale)
-    moved = warped(picture, [[scale, 0, centre[0]], [0, scale, centre[1]], [0, 0, 1]])
+    moved = warp(picture, [[scale, 0, centre[0]], [0, scale, centre[1]], [0, 0, 1]])
     drift = compare_grids(check, check_grid(moved, plane, 1.0))
     assert drift.accepted == accepted
     assert drift.relative == pytest.approx(scale - 1.0, abs=5e-4)
@@ -58,7 +58,7 @@ def test_camera_that_came_closer_is_an_error_bar_or_refuses(before, scale, accep
 def test_camera_that_was_tilted_refuses(before):
     """A tilt distorts the grid even if its mean scale stays the same."""
     plane, picture, check = before
-    tilted = warped(picture, [[1, 0, 0], [0, 1, 0], [4e-5, 0, 1.0 - 400 * 4e-5]])
+    tilted = warp(picture, [[1, 0, 0], [0, 1, 0], [4e-5, 0, 1.0 - 400 * 4e-5]])
     drift = compare_grids(check, check_grid(tilted, plane, 1.0))
     assert not drift.accepted
     assert "calibrate the plane again" in drift.reason

@@ -43,7 +43,7 @@ def lens(distortion=tuple(DISTORTION)):
     )
 
 
-def seen(tilt_deg, turn_deg, shift=(0.0, 0.0), distance=120.0, noise=0.1, seed=0, zoom=1.0):
+def project_board(tilt_deg, turn_deg, shift=(0.0, 0.0), distance=120.0, noise=0.1, seed=0, zoom=1.0):
     """Return the pixels of the board's corners in this pose."""
     first = cv2.Rodrigues(np.deg2rad(np.array([tilt_deg, turn_deg, 5.0])))[0]
     centre = np.append(BOARD.mean(axis=0), 0.0)
@@ -58,12 +58,12 @@ def good_views(noise=0.1, seed=0, zoom=1.0):
     poses = [(0, 0, 0, 0), (35, 0, -15, 8), (-35, 0, 15, -8), (0, 35, -20, -6), (0, -35, 20, 6)]
     poses += [(25, 25, 18, -9), (-25, 25, -18, 9), (30, -30, 0, 0)]
     return [
-        seen(a, b, (u, v), 120.0 * max(zoom, 1.0), noise, 100 * seed + n, zoom)
+        project_board(a, b, (u, v), 120.0 * max(zoom, 1.0), noise, 100 * seed + n, zoom)
         for n, (a, b, u, v) in enumerate(poses)
     ]
 
 
-def calibrated(views, names=None):
+def calibrate(views, names=None):
     """Return the calibration from views of the whole board."""
     return calibrate_intrinsics([BOARD] * len(views), views, SIZE, names)
 
@@ -105,7 +105,7 @@ def test_fingerprint_follows_the_model_alone():
 
 def test_finds_the_camera_that_took_the_views():
     """Careful views of a board give the drawn camera within three standard deviations, and are accepted."""
-    found = calibrated(good_views())
+    found = calibrate(good_views())
     for name, true in [("fx", 1400.0), ("fy", 1403.0), ("cx", 645.0), ("cy", 352.0)]:
         assert abs(getattr(found, name) - true) < 3.0 * found.sigma[name], name
     assert found.accepted, found.reasons
@@ -116,14 +116,14 @@ def test_finds_the_camera_that_took_the_views():
 
 def test_claimed_spread_is_the_observed_one():
     """The stated standard deviation of the focal length matches repeated calibrations."""
-    found = [calibrated(good_views(noise=0.3, seed=seed)) for seed in range(40)]
+    found = [calibrate(good_views(noise=0.3, seed=seed)) for seed in range(40)]
     observed = np.std([lens.fx for lens in found])
     assert observed == pytest.approx(np.mean([lens.sigma["fx"] for lens in found]), rel=0.35)
 
 
 def test_to_json_holds_the_keys_that_others_rely_on():
     """The document has every key of the interface, and each view its four keys."""
-    document = calibrated(good_views(), [f"view{n}.png" for n in range(8)]).to_json()
+    document = calibrate(good_views(), [f"view{n}.png" for n in range(8)]).to_json()
     assert {
         "accepted",
         "reasons",
@@ -144,8 +144,8 @@ def test_to_json_holds_the_keys_that_others_rely_on():
 
 def test_refuses_nearly_identical_views():
     """Five photographs of nearly the same pose are refused although their corners fit to 0.2 px."""
-    views = [seen(3.0 + 0.3 * n, 2.0, (0.2 * n, 0.0), noise=0.1, seed=n) for n in range(5)]
-    found = calibrated(views)
+    views = [project_board(3.0 + 0.3 * n, 2.0, (0.2 * n, 0.0), noise=0.1, seed=n) for n in range(5)]
+    found = calibrate(views)
     assert found.rms_px < 0.2
     assert not found.accepted
     assert any("poses that can be told apart" in reason or "pose that" in reason for reason in found.reasons)
@@ -155,7 +155,7 @@ def test_refuses_nearly_identical_views():
 def test_refuses_views_that_are_all_parallel():
     """A board that is moved but never tilted does not determine the focal length."""
     views = [
-        seen(0, 0, shift, distance, seed=n)
+        project_board(0, 0, shift, distance, seed=n)
         for n, (shift, distance) in enumerate(
             [
                 ((-20.0, 0.0), 130.0),
@@ -166,7 +166,7 @@ def test_refuses_views_that_are_all_parallel():
             ]
         )
     ]
-    found = calibrated(views)
+    found = calibrate(views)
     assert not found.accepted
     assert any("tilts differ" in reason for reason in found.reasons)
 
@@ -174,10 +174,10 @@ def test_refuses_views_that_are_all_parallel():
 def test_refuses_a_board_in_the_middle_only():
     """A board in the middle of the picture does not determine the distortion near the edges."""
     views = [
-        seen(tilt, turn, distance=300.0, seed=n)
+        project_board(tilt, turn, distance=300.0, seed=n)
         for n, (tilt, turn) in enumerate([(0, 0), (40, 0), (-40, 0), (0, 40), (0, -40), (30, 30)])
     ]
-    found = calibrated(views)
+    found = calibrate(views)
     assert not found.accepted
     assert any("cover" in reason and "corners" in reason for reason in found.reasons)
 
@@ -185,7 +185,7 @@ def test_refuses_a_board_in_the_middle_only():
 @pytest.mark.parametrize("count", [1, 2])
 def test_refuses_fewer_than_three_views(count):
     """One or two views give numbers that are not accepted, and no hold-out error."""
-    found = calibrated(good_views()[1 : 1 + count])
+    found = calibrate(good_views()[1 : 1 + count])
     assert not found.accepted
     assert found.holdout_rms_px is None
     assert any("at least 3" in reason for reason in found.reasons)
@@ -193,7 +193,7 @@ def test_refuses_fewer_than_three_views(count):
 
 def test_refuses_noisy_corners():
     """Corners a few pixels off leave the focal length uncertain, and that is the reason given."""
-    found = calibrated(good_views(noise=2.5))
+    found = calibrate(good_views(noise=2.5))
     assert not found.accepted
     assert any("standard deviation of fx" in reason for reason in found.reasons)
     assert any("left out" in reason for reason in found.reasons)
@@ -203,8 +203,8 @@ def test_leaves_out_a_gross_view():
     """A view with wrong corners is left out and listed with its error; the rest is used."""
     views = good_views()
     views[4] = views[4] + np.random.default_rng(9).normal(0.0, 15.0, views[4].shape)
-    found = calibrated(views, [f"{n}.png" for n in range(8)])
-    clean = calibrated([view for n, view in enumerate(views) if n != 4])
+    found = calibrate(views, [f"{n}.png" for n in range(8)])
+    clean = calibrate([view for n, view in enumerate(views) if n != 4])
     assert [view.image for view in found.views if not view.used] == ["4.png"]
     assert "px from where the other views put them" in found.views[4].reason
     assert found.fx == pytest.approx(clean.fx, abs=1e-6)
@@ -247,7 +247,7 @@ def test_refuses_boards_that_cannot_be(columns, rows, square):
         board_points_mm(columns, rows, square)
 
 
-def drawn_board(turn_deg=0.0, square_px=40, blur=1.0):
+def draw_board(turn_deg=0.0, square_px=40, blur=1.0):
     """Return a picture of a 7 x 5 board and where its corners are."""
     squares = (np.indices((6 * square_px, 8 * square_px)) // square_px).sum(axis=0) % 2
     sheet = np.pad(np.where(squares == 0, 30, 220).astype(np.uint8), 120, constant_values=220)
@@ -263,7 +263,7 @@ def drawn_board(turn_deg=0.0, square_px=40, blur=1.0):
 @pytest.mark.parametrize("turn_deg", [0.0, 7.0, -20.0])
 def test_finds_corners_where_they_were_drawn(turn_deg):
     """Corners are found to a twentieth of a pixel, with pixel centres at integers."""
-    picture, corners = drawn_board(turn_deg)
+    picture, corners = draw_board(turn_deg)
     found = find_board(picture, 7, 5).pixels
     distance = np.linalg.norm(found[:, None] - corners[None], axis=2).min(axis=1)
     assert found.shape == (35, 2)
@@ -273,13 +273,13 @@ def test_finds_corners_where_they_were_drawn(turn_deg):
 def test_says_that_there_is_no_board():
     """A picture without the board is refused with a hint."""
     with pytest.raises(MeasurementRefusedError, match="9 x 6 inner corners") as caught:
-        find_board(drawn_board()[0], 9, 6)
+        find_board(draw_board()[0], 9, 6)
     assert "margin" in caught.value.hint
 
 
 def test_pictures_of_another_size_are_left_out():
     """A picture of another camera setting is listed with both sizes, and the rest goes on."""
-    picture, _ = drawn_board()
+    picture, _ = draw_board()
     pictures = [("a.png", picture), ("b.png", picture[:100, :100]), ("c.png", picture)]
     found = calibrate_from_pictures(pictures, 7, 5, 10.0)
     assert [view.used for view in found.views] == [True, False, True]
@@ -293,7 +293,7 @@ def test_views_of_another_camera_are_left_out():
     tilt = cv2.Rodrigues(np.deg2rad(np.array([25.0, 20.0, 5.0])))[0]
     corners = (np.column_stack((BOARD, np.zeros(len(BOARD)))) - [24.0, 15.0, 0.0]) @ tilt.T + (0.0, 0.0, 90.0)
     seen_there = cv2.projectPoints(corners, np.zeros(3), np.zeros(3), other, np.zeros(5))[0].reshape(-1, 2)
-    found = calibrated([*views, seen_there])
+    found = calibrate([*views, seen_there])
     assert not found.views[8].used
     assert "from where the other views put them" in found.views[8].reason
     assert found.fx == pytest.approx(1400.0, rel=2e-3)
@@ -303,7 +303,7 @@ def test_views_of_another_camera_are_left_out():
 def test_refuses_views_of_two_cameras(zoom, others):
     """Views of another focal length among the rest are named, though the fit over all of them may look fine."""
     views = [*good_views()[: 8 - others], *good_views(seed=1, zoom=zoom)[8 - others :]]
-    found = calibrated(views, [f"{n}.png" for n in range(8)])
+    found = calibrate(views, [f"{n}.png" for n in range(8)])
     assert not found.accepted
     assert len(found.reasons) == 1
     assert "of two cameras, or of one whose zoom or focus changed" in found.reasons[0]
@@ -401,7 +401,7 @@ def test_skew_is_undone_with_the_rest():
     assert skewed.fingerprint() != lens().fingerprint()
 
 
-def drawn_charuco(cut):
+def draw_charuco(cut):
     """Return a drawn ChArUco board of 8 x 6 squares, the first `cut` columns of pixels gone."""
     sheet = cv2.aruco.CharucoBoard(
         (8, 6), 1.0, 0.7, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
@@ -412,7 +412,7 @@ def drawn_charuco(cut):
 @pytest.mark.parametrize("cut", [0, 250])
 def test_charuco_corners_are_found_where_they_were_drawn(cut):
     """A ChArUco board may be cut by the frame: what is seen of it has the right numbers and places."""
-    seen = find_board(drawn_charuco(cut), 7, 5, BoardSearch(charuco=Charuco("DICT_5X5_100", 0.7)))
+    seen = find_board(draw_charuco(cut), 7, 5, BoardSearch(charuco=Charuco("DICT_5X5_100", 0.7)))
     assert len(seen.pixels) >= (35 if not cut else 20)
     # Squares are 100 px; their borders lie between pixels.
     assert seen.pixels == pytest.approx((seen.cells + 1) * 100.0 - 0.5 - (cut, 0.0), abs=0.05)
@@ -420,7 +420,7 @@ def test_charuco_corners_are_found_where_they_were_drawn(cut):
 
 def test_cut_chessboard_is_found_where_asked_for():
     """With `partial`, the visible part of a cut board is a grid of its own; otherwise the picture is refused."""
-    whole = drawn_board()[0]
+    whole = draw_board()[0]
     cut = whole[:, 175:]
     with pytest.raises(MeasurementRefusedError, match="no board"):
         find_board(cut, 7, 5, BoardSearch())
@@ -435,11 +435,11 @@ def test_cut_chessboard_is_found_where_asked_for():
     [
         (lambda: BoardSearch(window_px=0), "corner window is 0"),
         (
-            lambda: find_board(drawn_charuco(0), 7, 5, BoardSearch(charuco=Charuco("NONE", 0.7))),
+            lambda: find_board(draw_charuco(0), 7, 5, BoardSearch(charuco=Charuco("NONE", 0.7))),
             "no dictionary",
         ),
         (
-            lambda: find_board(drawn_charuco(0), 7, 5, BoardSearch(charuco=Charuco("DICT_5X5_100", 1.2))),
+            lambda: find_board(draw_charuco(0), 7, 5, BoardSearch(charuco=Charuco("DICT_5X5_100", 1.2))),
             "marker's side",
         ),
     ],
@@ -452,8 +452,8 @@ def test_refuses_impossible_searches(search, message):
 
 def test_refusals_say_what_to_photograph_next():
     """The reasons name the corner of the picture, the direction of the tilt, and the distance."""
-    middle = calibrated(
-        [seen(tilt, 0.0, (8.0, 6.0), distance=300.0, seed=tilt) for tilt in (0, 4, 8, 12, 15)]
+    middle = calibrate(
+        [project_board(tilt, 0.0, (8.0, 6.0), distance=300.0, seed=tilt) for tilt in (0, 4, 8, 12, 15)]
     )
     message = " ".join(middle.reasons)
     assert "left edge towards the camera" in message
@@ -479,7 +479,7 @@ def test_what_borders_on_a_cut_board_is_no_corner(number):
 @pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
 def test_corners_of_a_cut_board_are_numbered_as_they_lie(quarter_turns):
     """However the picture is turned, columns and rows of a part turn the same way round: never mirrored."""
-    cut = np.ascontiguousarray(np.rot90(drawn_board(7.0)[0][:, 175:], quarter_turns))
+    cut = np.ascontiguousarray(np.rot90(draw_board(7.0)[0][:, 175:], quarter_turns))
     seen = find_board(cut, 7, 5, BoardSearch(partial=True))
     moves = np.linalg.lstsq(np.column_stack((seen.cells, np.ones(len(seen.cells)))), seen.pixels, rcond=None)[
         0

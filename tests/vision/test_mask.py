@@ -24,7 +24,7 @@ def two_needles():
     return picture, [[0, 0], [1279, 0], [1279, 60], [420, 130], [0, 130]]
 
 
-def written(path, document):
+def write_json(path, document):
     """Return the path of a JSON file with this content."""
     path.write_text(json.dumps(document))
     return path
@@ -34,7 +34,7 @@ def written(path, document):
 def test_polygons_take_a_second_needle_away(two_needles, tmp_path, names):
     """Two needles are refused. With the second masked, the first is measured, in the pictures of the polygon."""
     picture, polygon = two_needles
-    mask = load_mask(written(tmp_path / "mask.json", {name: [polygon] for name in names}))
+    mask = load_mask(write_json(tmp_path / "mask.json", {name: [polygon] for name in names}))
     assert "Two shafts" in measure_curvature(picture, LENS.plane_map(), SETTINGS).reason
     found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("a.png", picture))
     assert found.accepted == (names != ["other.png"])
@@ -80,7 +80,7 @@ def test_masked_stretch_of_the_needle_does_not_count():
 def test_refuses_what_are_no_polygons(tmp_path, document, message):
     """Malformed files are refused with an example of the right form."""
     with pytest.raises(FileFormatError, match=message) as caught:
-        load_mask(written(tmp_path / "mask.json", document))
+        load_mask(write_json(tmp_path / "mask.json", document))
     assert '"*"' in caught.value.hint
 
 

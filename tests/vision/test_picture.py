@@ -24,7 +24,7 @@ def colour():
     return np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
 
 
-def saved(path, image):
+def save(path, image):
     """Write a picture and return its path."""
     assert cv2.imwrite(str(path), image)
     return path
@@ -34,7 +34,7 @@ def saved(path, image):
 def test_reads_pixels_as_they_were_saved(name, tmp_path, request):
     """A PNG comes back bit for bit, grey as (H, W) and colour as blue-green-red."""
     image = request.getfixturevalue(name)
-    read = read_picture(saved(tmp_path / "picture.png", image))
+    read = read_picture(save(tmp_path / "picture.png", image))
     assert read.dtype == np.uint8
     assert (read == image).all()
 
@@ -42,7 +42,7 @@ def test_reads_pixels_as_they_were_saved(name, tmp_path, request):
 def test_drops_the_alpha_channel(colour, tmp_path):
     """Transparency is not light, so only the colours are kept."""
     with_alpha = np.dstack((colour, np.full(colour.shape[:2], 7, dtype=np.uint8)))
-    assert (read_picture(saved(tmp_path / "alpha.png", with_alpha)) == colour).all()
+    assert (read_picture(save(tmp_path / "alpha.png", with_alpha)) == colour).all()
 
 
 def exif(orientation, order=">"):
@@ -52,9 +52,9 @@ def exif(orientation, order=">"):
     return start + struct.pack(f"{order}IH", 8, 1) + entry + bytes(4)
 
 
-def marked(path, image, orientation, order=">"):
+def save_oriented(path, image, orientation, order=">"):
     """Return the path of a JPEG or PNG with an EXIF orientation."""
-    plain = saved(path, image).read_bytes()
+    plain = save(path, image).read_bytes()
     tags = exif(orientation, order)
     if path.suffix == ".jpg":
         body = b"Exif\x00\x00" + tags
@@ -70,19 +70,19 @@ def marked(path, image, orientation, order=">"):
 @pytest.mark.parametrize("order", [">", "<"])
 def test_refuses_a_picture_that_is_to_be_shown_turned(suffix, order, grey, tmp_path):
     """Pixels that a person reads in a viewer would not be the sensor's; the refusal says how it is turned."""
-    turned = marked(tmp_path / f"turned.{suffix}", grey, 6, order)
+    turned = save_oriented(tmp_path / f"turned.{suffix}", grey, 6, order)
     with pytest.raises(
         PictureError, match=rf"turned\.{suffix} is to be shown turned by 90 degrees"
     ) as caught:
         read_picture(turned)
     assert "without that mark" in caught.value.hint
-    upright = marked(tmp_path / f"upright.{suffix}", grey, 1, order)
+    upright = save_oriented(tmp_path / f"upright.{suffix}", grey, 1, order)
     assert size_of(read_picture(upright)) == (40, 30)
 
 
 def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
     """A directory of tags that points outside the file is ignored, and the picture is read."""
-    path = saved(tmp_path / "picture.jpg", grey)
+    path = save(tmp_path / "picture.jpg", grey)
     plain = path.read_bytes()
     body = b"Exif\x00\x00MM\x00*" + struct.pack(">I", 2**31)
     path.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + plain[2:])
@@ -93,7 +93,7 @@ def test_malformed_marks_of_orientation_turn_nothing(grey, tmp_path):
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
     """A truncated picture is refused, although decoders would fill it with grey."""
-    whole = saved(tmp_path / f"whole.{suffix}", colour).read_bytes()
+    whole = save(tmp_path / f"whole.{suffix}", colour).read_bytes()
     torn = tmp_path / f"torn.{suffix}"
     torn.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(PictureError, match=rf"torn\.{suffix} is truncated"):
@@ -102,7 +102,7 @@ def test_refuses_a_truncated_picture(suffix, share, colour, tmp_path):
 
 def test_refuses_a_torn_picture_behind_a_whole_thumbnail(colour, tmp_path):
     """A thumbnail's end marker is not taken for the picture's own."""
-    whole = saved(tmp_path / "whole.jpg", colour).read_bytes()
+    whole = save(tmp_path / "whole.jpg", colour).read_bytes()
     thumbnail = b"Exif\x00\x00" + whole
     header = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
     torn = tmp_path / "torn.jpg"
@@ -113,7 +113,7 @@ def test_refuses_a_torn_picture_behind_a_whole_thumbnail(colour, tmp_path):
 
 def test_refuses_a_damaged_png(grey, tmp_path):
     """A flipped bit fails the chunk's checksum."""
-    path = saved(tmp_path / "picture.png", grey)
+    path = save(tmp_path / "picture.png", grey)
     data = bytearray(path.read_bytes())
     data[60] ^= 1
     path.write_bytes(data)
@@ -123,7 +123,7 @@ def test_refuses_a_damaged_png(grey, tmp_path):
 
 def test_refuses_sixteen_bits(grey, tmp_path):
     """Depths other than eight bits are not scaled by guess."""
-    path = saved(tmp_path / "deep.png", grey.astype(np.uint16) * 257)
+    path = save(tmp_path / "deep.png", grey.astype(np.uint16) * 257)
     with pytest.raises(PictureError, match=r"deep\.png has uint16 pixels") as caught:
         read_picture(path)
     assert "8-bit" in caught.value.hint

@@ -146,7 +146,7 @@ def test_paper_is_found_under_hard_conditions(how, drawn):
     assert np.linalg.norm(plane.to_mm(px) - truth(bench, px, "right"), axis=1).max() < 0.02
 
 
-def traced_over(picture):
+def draw_traces(picture):
     """Return the picture with dark pen traces across it, a zigzag half down it, and a shadow at its edge."""
     height, width = picture.shape
     drawn = picture.copy()
@@ -170,7 +170,7 @@ def slanted():
 @pytest.fixture(scope="module")
 def slanted_paper(slanted):
     """Return a picture of it: one weight of lines, uneven light, traces over it."""
-    return traced_over(draw_paper(slanted, lines=LINES[:1], uneven=1.0))
+    return draw_traces(draw_paper(slanted, lines=LINES[:1], uneven=1.0))
 
 
 @pytest.mark.parametrize("pitch_mm", [1.0, 5.0, 10.0])
@@ -185,9 +185,9 @@ def test_lines_of_every_pitch_give_the_plane(pitch_mm, slanted, slanted_paper):
 
 def test_lines_are_numbered_across_a_fold(slanted):
     """All but 1 % of the crossings on either side have the right numbers; the fold is refused, with a bend."""
-    picture = traced_over(draw_paper(slanted, lines=LINES[:1], uneven=1.0, fold_deg=5.0))
+    picture = draw_traces(draw_paper(slanted, lines=LINES[:1], uneven=1.0, fold_deg=5.0))
     found = find_crossings(picture)
-    true = slanted.folded_mm(found.pixels, 5.0)
+    true = slanted.fold_mm(found.pixels, 5.0)
     design = np.column_stack((found.indices, np.ones(len(true))))
     numbering = np.round(np.linalg.lstsq(design, true, rcond=None)[0])
     assert np.mean(np.abs(true - design @ numbering).max(axis=1) < 0.25) > 0.99
@@ -371,7 +371,7 @@ def test_hand_held_photographs_are_numbered_and_judged(name, flat, holdout_mm):
     assert plane.bend.holdout_rms_mm >= plane.crossing_noise_mm
 
 
-def traced(camera, mm, index, above_mm, surface_mm):
+def trace_ray(camera, mm, index, above_mm, surface_mm):
     """Return where the ray through a paper point (y, z) [mm] ends up, by vectors and Snell's law in three dimensions.
 
     The paper's plane is x = 0 in a frame whose x points away from the camera; the surface is at x = surface_mm, and the
@@ -396,7 +396,7 @@ def test_refraction_is_snell_s(bench, paper, paper_at, surface_mm):
     bare = calibrate_plane(paper, bench.intrinsics, 1.0, ORIGIN, "right")
     plane = calibrate_plane(paper, bench.intrinsics, 1.0, ORIGIN, "right", gel=gel)
     px = field(bench)
-    ends = [traced(bare.camera_mm(), mm, 1.35, 12.0, surface_mm) for mm in bare.to_mm([ORIGIN, *px])]
+    ends = [trace_ray(bare.camera_mm(), mm, 1.35, 12.0, surface_mm) for mm in bare.to_mm([ORIGIN, *px])]
     assert plane.to_mm(px) == pytest.approx(np.array(ends[1:]) - ends[0], abs=1e-6)
     assert plane.to_mm([ORIGIN]) == pytest.approx(np.zeros((1, 2)), abs=1e-9)
     assert plane.to_px(plane.to_mm(px)) == pytest.approx(px, abs=1e-6)

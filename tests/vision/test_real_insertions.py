@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def measured(diameter_mm):
+def measure_frames(diameter_mm):
     """Return pairs (measurement, marked tip [px]) of the forty frames."""
     settings = CurvatureSettings(needle_diameter_mm=diameter_mm, sheath_diameter_mm=None)
     with MARKS.open(newline="", encoding="utf-8") as file:
@@ -48,7 +48,7 @@ def test_tips_lie_within_a_millimetre_and_a_half_of_the_marks(diameter_mm):
     """This holds in at least 38 of the 40 frames, even if the stated diameter is a quarter too large or too small."""
     errors_mm = [
         np.hypot(*(np.array(m.tip_px) - mark)) / PX_PER_MM if m.found else np.inf
-        for m, mark in measured(diameter_mm)
+        for m, mark in measure_frames(diameter_mm)
     ]
     assert len(errors_mm) == 40
     assert sum(error <= TOLERANCE_MM for error in errors_mm) >= 38
@@ -57,7 +57,7 @@ def test_tips_lie_within_a_millimetre_and_a_half_of_the_marks(diameter_mm):
 
 def test_no_radius_of_these_gentle_arcs_is_stated():
     """Every frame is refused a radius, with a sentence that names value and limit."""
-    for m, _ in measured(1.2):
+    for m, _ in measure_frames(1.2):
         assert not m.accepted
         assert m.reason.endswith(".")
         assert "mm" in m.reason

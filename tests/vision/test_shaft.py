@@ -20,7 +20,7 @@ def bench():
     return Bench(LENS)
 
 
-def located(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
+def locate(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
     """Return the shaft in a picture of `needle`."""
     return locate_shaft(bench().picture(needle, gel, seed), LENS.plane_map(), diameter_mm, sheath_mm)
 
@@ -28,7 +28,7 @@ def located(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
 def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
     """Both ends of the centre line are found in mm, and the arc between them has the needle's length."""
     needle = Needle()
-    shaft = located(needle, Gel())
+    shaft = locate(needle, Gel())
     ends_mm = LENS.plane_map().to_mm(np.vstack((shaft.entry_px, shaft.tip_px)))
     path = needle.centre_line()[1]
     assert np.hypot(*(ends_mm - path[[0, -1]]).T) == pytest.approx(0.0, abs=0.1)
@@ -38,13 +38,13 @@ def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
 @pytest.mark.parametrize("length_mm", [3.0, 5.0, 12.0, 25.0])
 def test_short_needles_are_found(length_mm):
     """A needle of a few millimetres beyond its sheath has a tip and a length."""
-    assert located(Needle(length_mm=length_mm), Gel(), seed=4).length_mm == pytest.approx(length_mm, abs=0.15)
+    assert locate(Needle(length_mm=length_mm), Gel(), seed=4).length_mm == pytest.approx(length_mm, abs=0.15)
 
 
 def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
     """No row of the centre line is off by 0.05 mm, and the width is the needle's."""
     needle = Needle()
-    shaft = located(needle)
+    shaft = locate(needle)
     path = needle.centre_line(0.02)[1]
     inner = shaft.arc_mm < 37.0
     distances = np.linalg.norm(shaft.centre_mm[inner, None] - path[None, ::5], axis=2).min(axis=1)
@@ -55,7 +55,7 @@ def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
 @pytest.mark.parametrize("stated_mm", [0.85, 1.0, 1.5, 1.75])
 def test_stated_diameter_may_be_off_by_half(stated_mm):
     """The measured shaft does not depend on the diameter that the caller states."""
-    shaft = located(Needle(), Gel(), diameter_mm=stated_mm)
+    shaft = locate(Needle(), Gel(), diameter_mm=stated_mm)
     assert shaft.width_mm == pytest.approx(1.2, abs=0.02)
     assert shaft.length_mm == pytest.approx(40.0, abs=0.1)
 
@@ -109,14 +109,14 @@ def test_colour_pictures_are_measured_like_grey_ones():
 def test_what_is_no_needle_with_its_tip_is_refused_with_the_reason(needle, gel, words):
     """The refusal says what the picture shows instead."""
     with pytest.raises(MeasurementRefusedError, match=words):
-        located(needle, gel, seed=3)
+        locate(needle, gel, seed=3)
 
 
 @pytest.mark.parametrize(("heading_rad", "seed"), [(0.0647, 1016), (0.09, 1), (-0.09, 2), (0.12, 3)])
 def test_slanting_sheath_is_one_shaft(heading_rad, seed):
     """A sheath that crosses several rows at the border is not taken for two shafts."""
     needle = Needle(15.1, 24.0, sheath_tip_mm=(4.95, 2.67), heading_rad=heading_rad)
-    assert located(needle, Gel(), seed).length_mm == pytest.approx(24.0, abs=0.15)
+    assert locate(needle, Gel(), seed).length_mm == pytest.approx(24.0, abs=0.15)
 
 
 @pytest.mark.parametrize(("level", "looks"), [(0, "black"), (128, "even grey"), (255, "white")])

@@ -29,7 +29,7 @@ def over_plane(places_mm, heights_mm):
     return heights_mm - design @ np.linalg.lstsq(design, heights_mm, rcond=None)[0]
 
 
-def seen(heights_mm, foot_mm, noise_mm=0.03, seed=0):
+def project(heights_mm, foot_mm, noise_mm=0.03, seed=0):
     """Return pixels of crossings that stand so high (N,), by a camera at DISTANCE_MM over `foot_mm` that looks down."""
     aside = SHEET_MM - foot_mm
     px = FOCAL_PX * aside / (DISTANCE_MM - heights_mm)[:, None]
@@ -49,7 +49,7 @@ def test_height_of_a_rolled_sheet_is_found(radius_mm):
     bench = make_bench(distortion=LENS)
     plane = calibrate_plane(draw_paper(bench, roll_mm=radius_mm), bench.intrinsics, 1.0, ORIGIN, "right")
     ends = np.array([plane.bend.highest_px, plane.bend.lowest_px])
-    sheet = bench.rolled_mm(np.concatenate((ends, EVERYWHERE)), radius_mm)
+    sheet = bench.roll_mm(np.concatenate((ends, EVERYWHERE)), radius_mm)
     high, low = over_plane(sheet, radius_mm * (1.0 - np.cos(sheet[:, 0] / radius_mm)))[:2]
     true = high - low
     assert plane.bend.height_mm == pytest.approx(true, rel=0.05)
@@ -94,7 +94,7 @@ def test_noise_is_never_taken_for_a_bend(seed, known):
     """If the crossings of a flat sheet are off by noise alone, no order is better than none."""
     foot = (10.0, -20.0)
     # The noise is message to be too small, so that the search is made.
-    assert bend_of(seen(np.zeros(len(CELLS)), foot, seed=seed), foot if known else None, 0.02)[0] is None
+    assert bend_of(project(np.zeros(len(CELLS)), foot, seed=seed), foot if known else None, 0.02)[0] is None
 
 
 @settings(max_examples=30, deadline=None)
@@ -108,7 +108,7 @@ def test_height_is_right_within_what_is_stated(seed, foot, height_mm, twist):
     """Gentle surfaces of the second and third order under a camera whose place is known: four sigma hold the height."""
     x, y = (CELLS / (12.0, 8.0)).T
     heights = height_mm * (x**2 - 0.4 * twist * x * y + 0.2 * twist * y**3)
-    bend, fit = bend_of(seen(heights, foot), foot)
+    bend, fit = bend_of(project(heights, foot), foot)
     shown = np.hypot(*fit.residuals_mm.T).max()
     assert bend is not None or shown < 0.3
     if bend is not None:
@@ -119,7 +119,7 @@ def test_height_is_right_within_what_is_stated(seed, foot, height_mm, twist):
 def test_bend_explains_a_sheet_seen_by_an_unknown_camera():
     """Left-out crossings of a bent sheet are predicted within a tenth of their own noise, for any camera."""
     x, y = (CELLS / (12.0, 8.0)).T
-    px = seen(5.0 * x**2 + 3.0 * x**2 * y, (80.0, -50.0))
+    px = project(5.0 * x**2 + 3.0 * x**2 * y, (80.0, -50.0))
     bend, fit = bend_of(px, None)
     left = np.sqrt(np.mean(np.sum(fit.residuals_mm[fit.kept] ** 2, axis=1)))
     assert bend.holdout_rms_mm < 1.1 * 0.042 < 0.7 * left

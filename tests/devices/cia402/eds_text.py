@@ -24,14 +24,14 @@ def eds_text(
     device: Mapping[str, object] | None = None,
 ) -> str:
     """Return an EDS file of an EPOS4 with these objects, but for those at the indices of `without`."""
-    said: dict[str, object] = {
+    members: dict[str, object] = {
         "VendorNumber": "0xFB",
         "ProductName": EPOS4.product_name,
         "ProductNumber": "0x61500000",
     }
-    said |= {"RevisionNumber": "0x01500000", **(device or {})}
+    members |= {"RevisionNumber": "0x01500000", **(device or {})}
     lines = ["[FileInfo]", "EDSVersion=4.0", "", "[DeviceInfo]"]
-    lines += [f"{key}={value}" for key, value in said.items() if value is not None]
+    lines += [f"{key}={value}" for key, value in members.items() if value is not None]
     left_out = set(without)
     kept = sorted((e for e in entries if e.index not in left_out), key=lambda e: (e.index, e.subindex))
     for index, group in groupby(kept, key=lambda entry: entry.index):

@@ -41,8 +41,8 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
     """Index, depth and the paper's place reach the plane map; behind 10 mm of gel a pixel is longer than on it."""
-    told = record_calibration(tmp_path, views=10, gel="{index: 1.35, depth_mm: 10, paper_at: surface}")
-    content, folder = _analyse(told)
+    run = record_calibration(tmp_path, views=10, gel="{index: 1.35, depth_mm: 10, paper_at: surface}")
+    content, folder = _analyse(run)
     lens = load_intrinsics(folder / "intrinsics.json")
     plane = load_plane(folder / "plane.json", lens)
     assert plane.gel == Gel(1.35, 10.0, "surface")
@@ -69,15 +69,15 @@ def test_unchanged_settings_give_identical_numbers(run: Run) -> None:
 
 def test_progress_counts_the_pictures(run: Run) -> None:
     """The callback hears of every picture."""
-    told: list[tuple[int, int]] = []
+    updates: list[tuple[int, int]] = []
     analyze_run(
         run,
         experiment_of(run),
-        progress=lambda done, total: told.append((done, total)),
+        progress=lambda done, total: updates.append((done, total)),
         created=NOW,
         provenance=PROVENANCE,
     )
-    assert told[-1] == (13, 13)
+    assert updates[-1] == (13, 13)
 
 
 def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) -> None:

@@ -12,13 +12,13 @@ import pytest
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.errors import InputError
 from labrig.record.reader import open_run
-from tests.analysis.insertions import analysed, observations, recorded
-from tests.experiments.insertion.test_procedure import EVEN, certified, insertion
+from tests.analysis.insertions import analyse, observations, record_insertion
+from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
     """It is within 0.3 mm of the world's own, and comes with the keys that others rely on."""
-    content = analysed(recorded())
+    content = analyse(record_insertion())
     assert content.reached
     assert content.target_error_mm is not None
     assert content.true_target_error_mm is not None
@@ -32,8 +32,8 @@ def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
 
 def test_estimated_again_everything_comes_out_as_it_was() -> None:
     """From the recorded pictures and turns, with the protocol's settings, every estimate is the live one."""
-    run = recorded()
-    steps = analysed(run).insertions[0].steps
+    run = record_insertion()
+    steps = analyse(run).insertions[0].steps
     live = observations(run)
     assert len(steps) == len(live) > 30
     for again, was in zip(steps, live, strict=True):
@@ -44,32 +44,32 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
 
 def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
     """With another noise the innovations weigh otherwise; where the needle ended does not change."""
-    run = recorded()
-    was, would_be = analysed(run), analysed(run, "estimator.observation_sd_mm=0.05")
+    run = record_insertion()
+    was, would_be = analyse(run), analyse(run, "estimator.observation_sd_mm=0.05")
     assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
     assert would_be.target_error_mm == was.target_error_mm
     assert would_be.overrides == ("estimator.observation_sd_mm=0.05",)
     with pytest.raises(InputError, match=r"estimator\.\*"):
-        analysed(run, "target.tolerance_mm=5")
+        analyse(run, "target.tolerance_mm=5")
 
 
 def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
     """The tip as estimated is within half a millimetre of the truth on the whole way; without truth it is unknown."""
-    run = recorded()
-    steps = analysed(run).insertions[0].steps
+    run = record_insertion()
+    steps = analyse(run).insertions[0].steps
     for step in steps:
         assert step.true_mm is not None
         assert step.estimate_mm == pytest.approx(step.true_mm, abs=0.5)
     copy = shutil.copytree(run.path, tmp_path / "real")
     (copy / "truth.jsonl").unlink()
-    content = analysed(open_run(copy))
+    content = analyse(open_run(copy))
     assert content.true_target_error_mm is None
     assert content.insertions[0].steps[-1].true_mm is None
 
 
 def test_insertions_that_missed_are_counted_with_their_causes() -> None:
     """Of repetitions those that arrived are counted, and the others by cause."""
-    content = analysed(recorded("repetitions=2", "target.tolerance_mm=0.001"))
+    content = analyse(record_insertion("repetitions=2", "target.tolerance_mm=0.001"))
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
     assert content.target_error_mm == max(insertion.target_error_mm or 0 for insertion in content.insertions)
@@ -77,11 +77,11 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
 
 def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path) -> None:
     """The reason is told, and what happened on the way is told all the same."""
-    run = recorded()
+    run = record_insertion()
     copy = shutil.copytree(run.path, tmp_path / "damaged")
     final = run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
     (copy / final).write_bytes(b"no picture")
-    content = analysed(open_run(copy))
+    content = analyse(open_run(copy))
     assert content.target_error_mm is None
     assert content.insertions[0].unmeasured
     assert content.insertions[0].steps
@@ -89,8 +89,8 @@ def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path
 
 def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
     """Steered within the tolerance and measured outside of it, it counts as missed, and the cause says so."""
-    run = recorded()
-    error_mm = analysed(run).target_error_mm
+    run = record_insertion()
+    error_mm = analyse(run).target_error_mm
     assert error_mm is not None
     copy = shutil.copytree(run.path, tmp_path / "strict")
     protocol = (copy / "protocol.yaml").read_text(encoding="utf-8")
@@ -99,7 +99,7 @@ def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path)
     manifest = (copy / "manifest.json").read_text(encoding="utf-8")
     was, becomes = (hashlib.sha256(text.encode()).hexdigest() for text in (protocol, strict))
     (copy / "manifest.json").write_text(manifest.replace(was, becomes), encoding="utf-8")
-    content = analysed(open_run(copy))
+    content = analyse(open_run(copy))
     assert (content.reached, content.causes) == (False, {"target_missed": 1})
     assert "measured" in content.insertions[0].cause
 
@@ -124,12 +124,12 @@ class _CoveredSource:
 def test_an_insertion_whose_tip_was_lost_from_sight_comes_out_as_it_was(tmp_path: Path) -> None:
     """After misses the search is wider and tries every heading, in the analysis as it did in the run."""
     protocol = insertion()
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         camera = opened.opened.rig.camera
         camera._source = _CoveredSource(camera._source)
         _, run = opened.conduct(protocol)
     misses = [observation["misses"] for observation in observations(run)]
     assert max(misses) >= 3
     assert misses[-1] == 0
-    content = analysed(run)
+    content = analyse(run)
     assert content.insertions[0].as_recorded

@@ -10,7 +10,7 @@ from labrig.experiments.registry import experiment_of, view_of
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
-from tests.analysis.insertions import recorded
+from tests.analysis.insertions import record_insertion
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.pages import write_page
 
@@ -18,7 +18,7 @@ from tests.pages import write_page
 @pytest.fixture(scope="module")
 def html() -> str:
     """The page of an insertion past one obstacle."""
-    run = recorded()
+    run = record_insertion()
     result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
     return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 
@@ -69,7 +69,7 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
 
 def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion holds more than its pictures: paths, plans and the estimate's curves."""
-    run = recorded()
+    run = record_insertion()
     analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
     assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW).read_bytes()
     assert b"/estimate" in write_view(run, NO_LINES, view_of(run)).read_bytes()

@@ -38,7 +38,9 @@ def insertion(*overrides: str) -> ExperimentProtocol:
 
 
 @contextmanager
-def certified(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
+def open_certified_rig(
+    tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()
+) -> Iterator[Bench]:
     """Open a rig on which a needle is mounted, the axes are referenced, and its roll zero is certified."""
     with bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
@@ -48,11 +50,11 @@ def certified(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[
         yield opened
 
 
-def conducted(
+def conduct_insertion(
     tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = EVEN
 ) -> tuple[Outcome, Run]:
     """Conduct an insertion."""
-    with certified(tmp_path, protocol, overrides) as opened:
+    with open_certified_rig(tmp_path, protocol, overrides) as opened:
         return opened.conduct(protocol)
 
 
@@ -77,7 +79,7 @@ def truth(run: Run) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def arrived(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, Run]:
     """An insertion that arrived."""
-    return conducted(tmp_path_factory.mktemp("insertion"), insertion())
+    return conduct_insertion(tmp_path_factory.mktemp("insertion"), insertion())
 
 
 def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, Run]) -> None:
@@ -132,7 +134,7 @@ def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
 def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
     """With a lag of two seconds the needle goes on no sooner than that after each turn."""
     protocol = insertion("target.position_mm=[0,3,25]")
-    with certified(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
         _, run = opened.conduct(protocol)
     turned_s = [event["t_s"] for event in events(run, "move_done") if event["axis"] == "rotation"]
     flips_s = [flip["t_s"] for flip in events(run, "flip")]
@@ -146,7 +148,7 @@ def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
 def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) -> None:
     """Axes that stand elsewhere than at zero, the needle being out, are taken there first."""
     protocol = insertion("target.position_mm=[0,-3,25]")
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.session.move("linear", 3.0, 5.0)
         opened.session.move("insertion", 0.4, 1.0)
         outcome, _ = opened.conduct(protocol)
@@ -156,7 +158,7 @@ def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) ->
 def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
     """The operator is asked with a picture on disk, in colour, while the needle stands flush with the sheath."""
     protocol = insertion()
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         rig, shown = opened.opened.rig, []
 
         def look(request: object) -> None:
@@ -171,7 +173,7 @@ def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
 def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) -> None:
     """No means no: the run is aborted, and the needle has not left the sheath."""
     protocol = insertion()
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.opened.rig.operator = Watched(opened.opened.rig.operator, declines=ConfirmPlan)
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "aborted"
@@ -193,7 +195,7 @@ def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
 def test_the_roll_zero_of_another_needle_does_not_count(tmp_path: Path) -> None:
     """It is certified for the needle that was mounted."""
     protocol = insertion("needle.needle_id=N2")
-    outcome, _ = conducted(tmp_path, protocol)
+    outcome, _ = conduct_insertion(tmp_path, protocol)
     assert outcome.reason == "no_roll_zero"
 
 
@@ -213,7 +215,7 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
 def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
     """With a tolerance that nothing can keep the reason is target_missed; the needle is out all the same."""
     protocol = insertion("target.tolerance_mm=0.001")
-    with certified(tmp_path, protocol) as opened:
+    with open_certified_rig(tmp_path, protocol) as opened:
         outcome, run = opened.conduct(protocol)
         assert opened.opened.rig.state.needle_in_tissue is False
     assert (outcome.exit_status, outcome.reason) == ("failed", "target_missed")
@@ -224,7 +226,7 @@ def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
 
 def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tmp_path: Path) -> None:
     """There is no path, with the planner's reason; the sheath has stayed where it was."""
-    outcome, run = conducted(tmp_path, insertion("target.position_mm=[0,20,10]"))
+    outcome, run = conduct_insertion(tmp_path, insertion("target.position_mm=[0,20,10]"))
     assert outcome.reason == "no_path"
     assert outcome.error is not None
     assert "turning circles" in outcome.error.message
@@ -234,7 +236,9 @@ def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tm
 def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
     """The light has gone: the error names the mean grey and its limit, and the axes stand."""
     protocol = insertion()
-    with certified(tmp_path, protocol, (*EVEN, "world.light.level=8", "world.light.glint=0")) as opened:
+    with open_certified_rig(
+        tmp_path, protocol, (*EVEN, "world.light.level=8", "world.light.glint=0")
+    ) as opened:
         outcome, _ = opened.conduct(protocol)
     assert isinstance(outcome.error, CameraError)
     assert "the picture is dark" in outcome.error.message
@@ -243,7 +247,7 @@ def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
 def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> None:
     """In a picture drowned in noise the tip is lost after the misses allowed; the operator is told, then it is out."""
     protocol = insertion("policy.most_misses=3", "sheath.origin=null")
-    with certified(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.reason == "needle_lost"
@@ -256,7 +260,7 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
     """With half a millimetre and a degree of play: tip and heading as the world has them, in plan and picture too."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.7")
     protocol = insertion("target.position_mm=[0,-3,25]")
-    outcome, run = conducted(tmp_path, protocol, (*EVEN[:2], *play))
+    outcome, run = conduct_insertion(tmp_path, protocol, (*EVEN[:2], *play))
     assert outcome.exit_status == "success"
     (origin,), plan = events(run, "origin"), events(run, "plan")[1]
     assert origin["accepted"]
@@ -274,15 +278,15 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
 def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
     """A millimetre along: the needle never leaves it, the operator is told why, the sheath is drawn back, exit 1."""
     protocol = insertion()
-    with certified(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
         assert opened.opened.rig.state.needle_in_tissue is False
     assert isinstance(outcome.error, TargetMissedError)
     assert (outcome.reason, outcome.error.exit_code) == ("sheath_astray", 1)
-    told = [request.reason for request in watched.asked if isinstance(request, ConfirmStopped)]
-    assert "1.0" in told[0]
-    assert "the sheath slipped" in told[0]
+    reasons = [request.reason for request in watched.asked if isinstance(request, ConfirmStopped)]
+    assert "1.0" in reasons[0]
+    assert "the sheath slipped" in reasons[0]
     assert not any(isinstance(request, ConfirmPlan) for request in watched.asked)
     assert run.states["insertion_mm"].max() < 0.01
     assert abs(run.states.iloc[-1]["linear_mm"]) < 0.05
@@ -291,7 +295,7 @@ def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
 
 def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> None:
     """A protocol that does not say what to expect starts at the plane's origin, as records of before do."""
-    _, run = conducted(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
+    _, run = conduct_insertion(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
     assert not events(run, "origin")
     assert [plan["because"] for plan in events(run, "plan")].count("start") == 1
     assert events(run, "plan")[0]["start"]["position_mm"] == [0.0, 0.0, pytest.approx(1.5)]
@@ -300,7 +304,7 @@ def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> Non
 def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
     """The operator names a pixel; what is aimed at is where that pixel lies in the plane."""
     protocol = insertion("target={ask: true}")
-    with certified(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-5,35]")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-5,35]")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
         outcome, run = opened.conduct(protocol)
     assert outcome.exit_status == "success"
@@ -311,7 +315,7 @@ def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
 def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
     """What is asked during the run is judged as what stands in the protocol."""
     protocol = insertion("target={ask: true}", "specimen.width_mm=20")
-    with certified(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-15,35]")) as opened:
+    with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-15,35]")) as opened:
         outcome, _ = opened.conduct(protocol)
     assert isinstance(outcome.error, FileFormatError)
     assert "outside of the tissue" in outcome.error.message
@@ -319,7 +323,7 @@ def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
 
 def test_repetitions_are_all_made(tmp_path: Path) -> None:
     """Each takes a block of its own, and is a trial."""
-    outcome, run = conducted(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
+    outcome, run = conduct_insertion(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
     assert outcome.exit_status == "success"
     assert list(run.trials["exit_status"]) == ["success", "success"]
 
@@ -327,7 +331,7 @@ def test_repetitions_are_all_made(tmp_path: Path) -> None:
 def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
     """The screw jams at 12 mm: the drive lags behind, every axis stands, and the needle counts as in tissue."""
     protocol = insertion()
-    with certified(tmp_path, protocol, EVEN) as opened:
+    with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         insertion_drive = opened.opened.hardware.drives["insertion"]
 
         def jam(done: float, doing: str) -> None:
@@ -346,6 +350,6 @@ def test_the_same_seed_gives_the_same_record_byte_for_byte(
 ) -> None:
     """Frames, states, events and CAN frames of a second insertion are those of the first."""
     _, first = arrived
-    _, second = conducted(tmp_path, insertion())
+    _, second = conduct_insertion(tmp_path, insertion())
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "truth.jsonl", "can.log"):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()

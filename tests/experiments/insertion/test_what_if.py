@@ -8,7 +8,7 @@ import pytest
 from labrig.analysis.divergence import find_divergence
 from labrig.experiments.insertion.result import InsertionResult
 from labrig.experiments.insertion.summary import compare_steering, summarise_steering
-from tests.analysis.insertions import analysed, observations, recorded
+from tests.analysis.insertions import analyse, observations, record_insertion
 
 
 @cache
@@ -19,7 +19,7 @@ def _document(*overrides: str) -> dict[str, Any]:
 
 @cache
 def _result(*overrides: str) -> InsertionResult:
-    return analysed(recorded(), *overrides)
+    return analyse(record_insertion(), *overrides)
 
 
 def test_unchanged_settings_give_every_command_again() -> None:
@@ -28,11 +28,11 @@ def test_unchanged_settings_give_every_command_again() -> None:
     assert insertion.as_recorded is True
     (found,) = compare_steering(_document(), _document())
     assert (found.divergence, found.old) == (None, found.new)
-    flips = [event for event in recorded().lines("events") if event["kind"] == "flip"]
+    flips = [event for event in record_insertion().lines("events") if event["kind"] == "flip"]
     assert list(found.new.turns_at_mm) == [flip["depth_mm"] for flip in flips]
     assert found.new.stop == "target_reached"
     assert [command.frame for command in insertion.commands[1:]] == [
-        observation["frame"] for observation in observations(recorded())
+        observation["frame"] for observation in observations(record_insertion())
     ]
 
 
@@ -61,16 +61,16 @@ def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
     found = find_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
     assert found is not None
     assert found.key.startswith("insertions.0.steps.")
-    assert found.frame in {observation["frame"] for observation in observations(recorded())}
+    assert found.frame in {observation["frame"] for observation in observations(record_insertion())}
 
 
 def test_after_a_stop_no_more_commands_are_given() -> None:
     """Settings that would have stopped the needle earlier end its commands there; it is estimated on to the end."""
     other = _document("planner.radius_mm=200")
-    told = summarise_steering(other["insertions"][0])
-    assert told.stop is not None
+    what_if = summarise_steering(other["insertions"][0])
+    assert what_if.stop is not None
     assert len(other["insertions"][0]["commands"]) <= len(other["insertions"][0]["steps"])
-    assert len(other["insertions"][0]["steps"]) == len(observations(recorded()))
+    assert len(other["insertions"][0]["steps"]) == len(observations(record_insertion()))
 
 
 @pytest.mark.parametrize("lacking", [{}, {"insertions": [{"trial": 0, "steps": []}]}])

@@ -25,7 +25,7 @@ def protocol(*overrides: str) -> SteerabilityProtocol:
     return loaded
 
 
-def begun(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
+def begin(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
     """Return a trial as the record has it."""
     start = SweepTrialStart(
         t_s=0.0,
@@ -54,7 +54,7 @@ def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
 def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
     """It gets a number, a hole and a place of its own; trials not yet begun keep theirs."""
     trials = planned_trials(protocol())
-    past = [begun(trials[0], finished=True), begun(trials[1], finished=False)]
+    past = [begin(trials[0], finished=True), begin(trials[1], finished=False)]
     left = remaining_trials(protocol(), past)
     assert [(trial.trial, trial.hole, trial.hole_position_mm, trial.repeats) for trial in left] == [
         (2, 2, 20.0, None), (6, 3, 30.0, 1), (3, 0, 0.0, None), (4, 1, 10.0, None), (5, 2, 20.0, None),
@@ -65,7 +65,7 @@ def test_a_narrow_block_is_entered_between_two_holes() -> None:
     """Where the arc has no room behind the last hole, the nearest free place halfway between two is taken."""
     narrow = protocol("specimen_width_mm=44")
     trials = planned_trials(narrow)
-    past = [begun(trial, finished=trial.trial != 2) for trial in trials[:3]]
+    past = [begin(trial, finished=trial.trial != 2) for trial in trials[:3]]
     left = remaining_trials(narrow, past)
     assert (left[0].hole_position_mm, left[0].hole, left[0].repeats) == (15.0, 3, 2)
 
@@ -73,7 +73,7 @@ def test_a_narrow_block_is_entered_between_two_holes() -> None:
 def test_a_block_without_room_is_refused() -> None:
     """When even the places between the holes are used, the block and the trial are named."""
     narrow = protocol("specimen_width_mm=44")
-    past = [begun(trial, finished=False) for trial in planned_trials(narrow)[:3]]
+    past = [begin(trial, finished=False) for trial in planned_trials(narrow)[:3]]
     with pytest.raises(InputError, match=r"specimen a has no room for another entry point, in which trial 2"):
         remaining_trials(narrow, past)
 
@@ -85,8 +85,8 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cu
     past: list[BegunTrial] = []
     for cut in cuts:
         left = remaining_trials(wide, past)
-        past += [begun(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
-    past += [begun(trial, finished=True) for trial in remaining_trials(wide, past)]
+        past += [begin(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
+    past += [begin(trial, finished=True) for trial in remaining_trials(wide, past)]
     finished = [trial for trial in past if trial.exit_status == "success"]
     starts = [trial.start for trial in past]
     assert len(finished) == len(planned_trials(wide))

@@ -1,4 +1,4 @@
-"""Rig files that cannot be: refused with line and hint before any frame is sent, as a bus that listens can tell."""
+"""Rig files that are refused, with line and hint, before any frame is sent on the bus."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,15 +51,15 @@ def _open(path: Path) -> None:
         pytest.fail("a rig without drives has opened")
 
 
-def test_a_rig_file_that_can_be_sends_frames(bus: can.BusABC, tmp_path: Path) -> None:
-    """The bus does count: without drives there, the rig is refused only after they have been asked."""
+def test_a_valid_rig_file_sends_frames(bus: can.BusABC, tmp_path: Path) -> None:
+    """The counting bus works: a valid rig without drives is refused only after frames have been sent."""
     with pytest.raises(DriveError, match=r"node 1.*did not answer.*node 2.*did not answer.*node 3"):
         _open(_write(tmp_path, "node_id: 1", "node_id: 1"))
     assert _frames(bus) >= 6
 
 
-def test_one_that_is_not_complete_sends_none(bus: can.BusABC, tmp_path: Path) -> None:
-    """What nobody has entered yet is named."""
+def test_an_incomplete_rig_file_sends_no_frame(bus: can.BusABC, tmp_path: Path) -> None:
+    """The entries that are still missing are named."""
     path = _write(tmp_path, "gear_ratio: 4.0", "gear_ratio: null")
     with (
         pytest.raises(InputError, match=r"axes\.insertion\.gear_ratio"),
@@ -98,10 +98,10 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "words"), BAD)
-def test_what_cannot_be_is_refused_before_any_frame(
+def test_an_invalid_rig_file_is_refused_before_any_frame(
     bus: can.BusABC, tmp_path: Path, old: str, new: str, words: str
 ) -> None:
-    """Each fault is told with file, line and what to write instead, and the bus has stayed silent."""
+    """Each problem has file, line and what to write instead, and nothing was sent."""
     path = _write(tmp_path, old, new)
     with pytest.raises(FileFormatError) as refusal:
         _open(path)

@@ -1,4 +1,4 @@
-"""The camera: every setting taken or refused, every picture what was promised."""
+"""The camera: every setting is made or refused, and every picture has the stated format."""
 
 import fcntl
 import struct
@@ -58,8 +58,8 @@ class Lens:
         self.closed = True
 
 
-def test_every_setting_is_asked_and_read_back() -> None:
-    """Settings that the camera has none of are left alone."""
+def test_every_setting_is_made_and_read_back() -> None:
+    """A setting that is null is left alone."""
     camera = Camera(SimulatedSource(_world()), CAMERA, SimulatedClock())
     assert camera.settings.asked == camera.settings.readback == CAMERA.settings()
     assert set(CAMERA.settings()) == set(SimulatedCameraDescription.model_fields) - {
@@ -86,14 +86,14 @@ def test_every_setting_is_asked_and_read_back() -> None:
     ],
 )
 def test_a_camera_that_ignores_a_setting_is_refused(name: str, asked: Setting) -> None:
-    """Whichever it is: the error names it, what was asked, and what is used instead."""
+    """The error names the setting, the requested value and the value in use."""
     description = CAMERA.model_copy(update={name: asked})
     with pytest.raises(CameraError, match=f"ignored {name}: {asked} was asked for, it uses"):
         Camera(SimulatedSource(_world(name)), description, SimulatedClock())
 
 
-def test_a_camera_that_does_not_tell_is_refused() -> None:
-    """A setting that cannot be read back cannot be recorded."""
+def test_a_setting_that_cannot_be_read_back_is_refused() -> None:
+    """Such a setting cannot be recorded."""
     lens = Lens()
     description = CAMERA.model_copy(update={"focus": 3})
     lens.get = lambda name: None if name == "focus" else description.settings()[name]  # type: ignore[method-assign]
@@ -103,7 +103,7 @@ def test_a_camera_that_does_not_tell_is_refused() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "taken"), [(30.0003, True), (29.97, True), (25.0, False)])
 def test_a_rate_is_a_fraction_of_integers(rate_hz: float, taken: bool) -> None:
-    """29.97 Hz is what some cameras mean by 30; 25 Hz is not."""
+    """29.97 Hz counts as 30 Hz; 25 Hz does not."""
     if taken:
         assert Camera(Lens(rate_hz=rate_hz), CAMERA, SimulatedClock()).settings.readback["rate_hz"] == rate_hz
     else:
@@ -120,14 +120,14 @@ def test_a_rate_is_a_fraction_of_integers(rate_hz: float, taken: bool) -> None:
         (np.zeros((720, 1280, 3, 1), np.uint8), "shape"),
     ],
 )
-def test_a_picture_that_is_not_what_was_promised_is_refused(picture: Picture | None, words: str) -> None:
-    """A dead camera, another size, another depth."""
+def test_a_picture_of_another_format_is_refused(picture: Picture | None, words: str) -> None:
+    """No picture, another size and another depth are refused."""
     with pytest.raises(CameraError, match=words):
         Camera(Lens(picture), CAMERA, SimulatedClock()).capture()
 
 
 def test_frames_are_numbered_and_stamped_in_rig_time() -> None:
-    """The time is that before the exposure; colour pictures pass as they are."""
+    """The time is that before the exposure; colour pictures pass unchanged."""
     clock = SimulatedClock()
     camera = Camera(Lens(np.zeros((720, 1280), np.uint8), np.zeros((720, 1280, 3), np.uint8)), CAMERA, clock)
     first = camera.capture()
@@ -137,7 +137,7 @@ def test_frames_are_numbered_and_stamped_in_rig_time() -> None:
 
 
 def test_exposure_and_gain_make_the_picture_brighter() -> None:
-    """The simulated sensor gathers light in proportion to the exposure, and doubles it every 64 steps of gain."""
+    """The simulated sensor is linear in the exposure, and doubles every 64 steps of gain."""
     source = SimulatedSource(_world())
 
     def brightness(exposure_us: int, gain: int) -> float:
@@ -157,7 +157,7 @@ def _open_uvc(device: str) -> None:
 
 
 def test_a_missing_camera_is_named_with_a_hint() -> None:
-    """No device file: which one, and how to find the right one."""
+    """The error names the missing device file and how to find the right one."""
     with pytest.raises(CameraError, match="/dev/video-missing cannot be opened: No such file") as missing:
         _open_uvc("/dev/video-missing")
     assert "/dev/video*" in missing.value.hint

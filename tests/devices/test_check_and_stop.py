@@ -38,7 +38,7 @@ def _axis_results(opened: OpenedRig, axis: AxisDescription) -> list[CheckResult]
 
 
 def test_the_simulated_rig_is_in_order() -> None:
-    """Bus, drives, encoders, limits, camera and state pass; references are set by the run itself."""
+    """Bus, drives, encoders, limits, camera and state pass; the run itself sets references."""
     results = _by_name(check_rig(simulated_rig()))
     for name in (
         "bus",
@@ -53,7 +53,7 @@ def test_the_simulated_rig_is_in_order() -> None:
 
 
 def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:
-    """Nothing is raised: every missing thing is a FAIL with what to do about it."""
+    """Nothing is raised: each missing part is a FAIL with a remedy."""
     results = check_rig(load_rig(BENCH))
     failed = _by_name([result for result in results if result.status is CheckStatus.FAIL])
     for name in ("axes.insertion.lead_mm", "bus", "drive rotation", "calibration plane"):
@@ -70,14 +70,14 @@ def test_a_camera_that_ignores_a_setting_fails_the_check() -> None:
 
 
 def test_a_simulated_rig_with_unknown_entries_fails_the_check() -> None:
-    """It cannot be simulated, and which entry is missing is told."""
+    """It cannot be simulated, and the missing entry is named."""
     results = _by_name(check_rig(simulated_rig("axes.linear.lead_mm=null")))
     assert results["axes.linear.lead_mm"].status is CheckStatus.FAIL
     assert results["rig"].status is CheckStatus.FAIL
 
 
 def test_a_wrong_encoder_fails_the_check() -> None:
-    """The drive says one thing, the rig file another; one that is unknown can be taken from the drive."""
+    """A resolution that differs from the rig file fails; an unknown one is reported by the drive."""
     with opened_rig() as opened:
         for pulses, status in ((512, CheckStatus.FAIL), (None, CheckStatus.WARN), (500, CheckStatus.PASS)):
             axis = simulated_rig().axes.linear.model_copy(update={"encoder_pulses_per_turn": pulses})
@@ -97,15 +97,15 @@ def test_a_faulted_drive_fails_the_check() -> None:
         assert decode_state(opened.drives["linear"]._statusword()) is DriveState.FAULT
 
 
-def test_commands_that_are_named_name_the_rig_file() -> None:
-    """Else the student who copies them drives the simulated rig."""
+def test_hints_with_commands_name_the_rig_file() -> None:
+    """A copied command must not drive the simulated rig by default."""
     for result in check_rig(load_rig(BENCH)):
         for command in ("labrig run", "calibrate adopt", "devices home --axis"):
             assert command not in result.solution or "--rig FILE" in result.solution
 
 
 def test_a_needle_in_tissue_fails_the_check(tmp_path: Path) -> None:
-    """The state of the rig is part of the check, and what to do is said."""
+    """The state of the rig is part of the check, with a remedy."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)
     new = _by_name(check_rig(description))["rig state"]
     assert new.status is CheckStatus.WARN
@@ -134,7 +134,7 @@ def _lens(width: int, *, accepted: bool = True) -> Intrinsics:
 def test_a_calibration_is_checked_against_the_camera(
     tmp_path: Path, lens: Intrinsics, status: CheckStatus, words: str
 ) -> None:
-    """One for another size of picture, or one that was refused, fails; a missing plane says how to make it."""
+    """One for another picture size, or a refused one, fails; a missing plane map says how to make it."""
     save_intrinsics(tmp_path / "simulated-intrinsics.json", lens, {})
     results = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))
     assert results["calibration intrinsics"].status is status
@@ -142,8 +142,8 @@ def test_a_calibration_is_checked_against_the_camera(
     assert "protocols/calibration.yaml" in results["calibration plane"].solution
 
 
-def test_a_calibration_that_is_no_calibration_fails_the_check(tmp_path: Path) -> None:
-    """A damaged file is a row with what is wrong, not an exception."""
+def test_a_damaged_calibration_fails_the_check(tmp_path: Path) -> None:
+    """A damaged file is a FAIL with the reason, not an exception."""
     (tmp_path / "simulated-intrinsics.json").write_text("{}", encoding="utf-8")
     result = _by_name(check_rig(simulated_rig().placed_in(tmp_path)))["calibration intrinsics"]
     assert result.status is CheckStatus.FAIL
@@ -167,7 +167,7 @@ def test_stopping_from_outside_stops_every_drive() -> None:
 
 
 def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
-    """A node in NMT STOPPED answers no SDO; whoever opens the rig next wakes it, and nothing moves by that."""
+    """A node in NMT STOPPED answers no SDO; opening the rig starts it again, and nothing moves."""
     with opened_rig() as opened:
         link = opened.hardware.open_link()
         stop_drives(simulated_rig(), link, opened.hardware.clock)
@@ -179,7 +179,7 @@ def test_a_rig_that_was_stopped_from_outside_opens_again() -> None:
 
 
 def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
-    """The others are stopped all the same."""
+    """The other drives are stopped all the same."""
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
@@ -194,7 +194,7 @@ def test_stopping_from_outside_names_a_drive_that_does_not_answer() -> None:
 
 
 def test_stopping_a_simulated_rig_says_that_there_is_nothing_to_stop() -> None:
-    """There is no bus to open; the drives end with the labrig that runs them, and who that is nobody can know."""
+    """It has no bus to open; its drives end with the labrig that runs them."""
     report = stop_rig(simulated_rig())
     assert report.by == "none"
     assert len(report.done) == 1
@@ -209,7 +209,7 @@ def test_stopping_a_simulated_rig_says_that_there_is_nothing_to_stop() -> None:
     ],
 )
 def test_the_hint_is_about_the_interface_that_was_named(interface: str, hint: str) -> None:
-    """One sentence for it, not a list of all that python-can knows."""
+    """The hint is one sentence, not a list of all interfaces of python-can."""
     with pytest.raises(BusError) as refusal:
         open_can(CanDescription(interface=interface, channel="/dev/none", bitrate=1_000_000), SystemClock())
     assert hint in refusal.value.hint
@@ -217,7 +217,7 @@ def test_the_hint_is_about_the_interface_that_was_named(interface: str, hint: st
 
 
 def test_stopping_a_bench_without_a_bus_is_an_error() -> None:
-    """It must not look as if the drives had been told."""
+    """It must not look as if the drives had been stopped."""
     with pytest.raises(BusError, match="socketcan can0 cannot be opened") as refusal:
         stop_rig(load_rig(BENCH))
     assert refusal.value.hint.startswith("press the emergency stop")
@@ -233,7 +233,7 @@ def test_stopping_a_bench_without_a_bus_is_an_error() -> None:
     ],
 )
 def test_an_interface_that_cannot_be_opened_is_a_bus_error(interface: str, channel: str) -> None:
-    """Unknown, without driver or without adapter: one error with a hint, no traceback of the library."""
+    """Unknown, without driver or without adapter: one error with a hint, no traceback."""
     with pytest.raises(BusError, match=f"CAN interface {interface} {channel} cannot be opened") as refusal:
         open_can(CanDescription(interface=interface, channel=channel, bitrate=1_000_000), SystemClock())
     assert refusal.value.hint
@@ -254,7 +254,7 @@ def test_a_real_python_can_bus_serves_as_well() -> None:
 
 
 def test_a_frame_reaches_everybody_but_its_sender() -> None:
-    """On the bus inside the process, delivery is over when send returns."""
+    """On the bus inside the process, a frame is delivered when `send` returns."""
     with opened_rig() as opened:
         heard: list[int] = []
         first = InProcessBus(opened.hardware.wire, lambda m: heard.append(m.arbitration_id))
@@ -266,7 +266,7 @@ def test_a_frame_reaches_everybody_but_its_sender() -> None:
 
 
 def test_the_fingerprint_of_the_settings_is_checked() -> None:
-    """Ours after a run, none since power on, and one of other settings: only the last is a warning."""
+    """Ours and none since power-on pass; that of other settings is a warning."""
     axis = simulated_rig().axes.linear
     with opened_rig() as opened:
         fresh = _by_name(_axis_results(opened, axis))["configuration linear"]
@@ -282,7 +282,7 @@ def test_the_fingerprint_of_the_settings_is_checked() -> None:
 
 
 def test_limits_in_the_drive_are_compared() -> None:
-    """Those of a referenced drive are the rig file's; after the file was changed they are not."""
+    """A referenced drive has the limits of the rig file until the file is changed."""
     with opened_rig() as opened:
         opened.rig.connect()
         opened.rig.reference_axes()
@@ -294,7 +294,7 @@ def test_limits_in_the_drive_are_compared() -> None:
 
 
 def test_a_rig_in_use_is_left_alone(tmp_path: Path) -> None:
-    """Who has it is told; its bus is not touched."""
+    """Its user is named; its bus is not opened."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)
     with open_rig(description, seed=1, person=Person(), interrupted=Signal(), doing="labrig run x.yaml"):
         results = _by_name(check_rig(description))
@@ -320,7 +320,7 @@ class _SlowSource:
 
 @pytest.mark.parametrize(("exposure_s", "status"), [(1 / 30, CheckStatus.PASS), (0.1, CheckStatus.WARN)])
 def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStatus) -> None:
-    """By the clock of the rig: 30 Hz is what was asked, 10 Hz is too slow."""
+    """By rig time, 30 Hz is as requested and 10 Hz is too slow."""
     with opened_rig() as opened:
         source = _SlowSource(opened.hardware.open_source(), opened.hardware.clock, exposure_s)
         measured = Camera(source, simulated_rig().camera, opened.hardware.clock).measure_rate_hz(3)
@@ -328,8 +328,8 @@ def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStat
         assert rate_result(measured, 30.0).status is status
 
 
-def test_the_age_of_a_calibration_is_told(tmp_path: Path) -> None:
-    """Days since it was made; a bench's old one, and one of unknown age, are warnings."""
+def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:
+    """In days; an old one of a bench, and one of unknown age, are warnings."""
     provenance = {"created": "2026-01-01T00:00:00+00:00"}
     save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), provenance)
     rig = load_rig(BENCH).placed_in(tmp_path)

@@ -1,4 +1,4 @@
-"""The state machine's planner, over everything that a drive can say."""
+"""The planner of the state machine, over every possible statusword."""
 
 import pytest
 from hypothesis import given
@@ -24,8 +24,8 @@ def _enables(controlword: int | None) -> bool:
 
 
 @pytest.mark.parametrize("goal", TargetState)
-def test_no_statusword_at_all_makes_the_planner_reset_a_fault(goal: TargetState) -> None:
-    """For every statusword there is a plan or a refusal, and no plan touches the fault reset bit."""
+def test_the_planner_never_resets_a_fault(goal: TargetState) -> None:
+    """Every statusword gives a plan or a refusal, and no plan sets the fault reset bit."""
     for statusword in EVERY_STATUSWORD:
         if goal is TargetState.ENABLED and decode_state(statusword) in FAULTED:
             with pytest.raises(DriveError):
@@ -36,8 +36,8 @@ def test_no_statusword_at_all_makes_the_planner_reset_a_fault(goal: TargetState)
         assert not (plan.attained and plan.controlword is not None)
 
 
-def test_power_is_switched_on_only_when_asked_and_then_with_halt() -> None:
-    """Only the goal of enabling leads to an enabled power stage, from switched on, with the Halt bit."""
+def test_only_the_goal_enabled_switches_power_on() -> None:
+    """It does so from switched on, with the Halt bit set."""
     for goal in TargetState:
         for statusword in EVERY_STATUSWORD:
             state = decode_state(statusword)
@@ -52,7 +52,7 @@ def test_power_is_switched_on_only_when_asked_and_then_with_halt() -> None:
 
 
 def test_only_documented_patterns_name_a_state() -> None:
-    """Bits outside of the state's do not matter; a pattern in no document is unknown and is waited through."""
+    """Other bits do not matter; an undocumented pattern is unknown, and the planner waits."""
     known = dict.fromkeys(DriveState, 0)
     for statusword in EVERY_STATUSWORD:
         known[decode_state(statusword)] += 1
@@ -65,7 +65,7 @@ def test_only_documented_patterns_name_a_state() -> None:
 
 @given(st.lists(st.integers(0, 0xFFFF), max_size=30))
 def test_no_sequence_of_statuswords_enables_out_of_a_fault(statuswords: list[int]) -> None:
-    """Whatever a drive says before and after, a faulted statusword is answered by a refusal, not by a command."""
+    """A faulted statusword gives a refusal and no command, whatever comes before and after."""
     for statusword in [*statuswords, 0x0108, *statuswords, 0x010F]:
         if decode_state(statusword) in FAULTED:
             with pytest.raises(DriveError, match="fault"):
@@ -88,5 +88,5 @@ def test_no_sequence_of_statuswords_enables_out_of_a_fault(statuswords: list[int
     ],
 )
 def test_statuswords_of_a_running_drive_are_understood(statusword: int, state: DriveState) -> None:
-    """With remote, target reached and referenced set as a real drive has them."""
+    """Remote, target reached and referenced are set, as in a real drive."""
     assert decode_state(statusword) is state

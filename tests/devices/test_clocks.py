@@ -11,7 +11,7 @@ from labrig.devices.clocks import MAX_STEP_S, SimulatedClock, SystemClock
 
 @given(st.lists(st.floats(0, 3), max_size=20))
 def test_simulated_time_is_the_sum_of_all_sleeps(durations: list[float]) -> None:
-    """To the microsecond a sleep, and without a drift."""
+    """It is exact to a microsecond per sleep, without drift."""
     clock = SimulatedClock()
     for duration in durations:
         clock.sleep(duration)
@@ -19,8 +19,8 @@ def test_simulated_time_is_the_sum_of_all_sleeps(durations: list[float]) -> None
 
 
 @given(st.floats(0, 5))
-def test_listeners_hear_every_tenth_of_a_second_at_least(duration: float) -> None:
-    """Time goes in steps of at most 0.1 s, the last of which ends where the sleep does."""
+def test_listeners_are_called_at_least_every_tenth_of_a_second(duration: float) -> None:
+    """Time advances in steps of at most 0.1 s, and the last one ends with the sleep."""
     clock, heard = SimulatedClock(), [0.0]
     clock.on_advance(lambda: heard.append(clock.now_s()))
     clock.sleep(duration)
@@ -29,7 +29,7 @@ def test_listeners_hear_every_tenth_of_a_second_at_least(duration: float) -> Non
 
 
 def test_listeners_are_called_in_their_order() -> None:
-    """Drives first, then the world that follows them."""
+    """Drives come first, then the world that follows them."""
     clock, order = SimulatedClock(), []
     clock.on_advance(lambda: order.append("drive"))
     clock.on_advance(lambda: order.append("world"))

@@ -44,8 +44,8 @@ def _value(opened: OpenedRig, entry: Entry) -> int:
     return opened.drives["insertion"].objects.value(entry)
 
 
-def test_the_drive_holds_what_the_rig_file_says() -> None:
-    """Windows, decelerations, heartbeat and switches after connecting; software limits once the axis is referenced."""
+def test_the_drive_has_the_settings_of_the_rig_file() -> None:
+    """Windows, decelerations, heartbeat and switches; software limits once the axis is referenced."""
     with _rig() as opened:
         opened.rig.connect()
         assert (_value(opened, co.LOWER_LIMIT), _value(opened, co.UPPER_LIMIT)) == (-(2**31), 2**31 - 1)
@@ -65,7 +65,7 @@ def test_the_drive_holds_what_the_rig_file_says() -> None:
 
 @pytest.mark.parametrize("entry", READ_BACK, ids=lambda entry: entry.place)
 def test_a_setting_that_the_drive_does_not_keep_is_refused(entry: Entry) -> None:
-    """Each is read back after it has been written, and the object is named."""
+    """Each setting is read back after it has been written; the error names the object."""
     with _rig() as opened:
         objects = opened.drives["insertion"].objects
         objects._live = {**objects._live, entry: lambda: entry.default}
@@ -78,7 +78,7 @@ def _list_writes(opened: OpenedRig) -> object:
 
 
 def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
-    """A second connection writes no setting; the first ends with both halves of 0x1020."""
+    """A second connection writes nothing; the first ends with both parts of 0x1020."""
     with _rig() as opened:
         opened.rig.connect()
         written = _list_writes(opened)
@@ -94,8 +94,8 @@ def test_only_what_differs_is_written_and_the_fingerprint_last() -> None:
         assert _list_writes(opened) == []
 
 
-def test_all_failures_of_all_drives_are_told_at_once() -> None:
-    """A silent drive, a wrong encoder and fingerprint of one drive, and a COB-ID that it shares with another."""
+def test_all_failures_of_all_drives_are_reported_together() -> None:
+    """A silent drive, a wrong encoder and fingerprint, and a COB-ID used twice are in one error."""
     with _rig(
         "axes.rotation.configuration_fingerprint=[1, 2]", "axes.rotation.encoder_pulses_per_turn=512"
     ) as opened:
@@ -114,8 +114,8 @@ def test_all_failures_of_all_drives_are_told_at_once() -> None:
             assert words in refusal.value.message
 
 
-def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_drive(tmp_path: Path) -> None:
-    """The drive has kept its reference and the old limits; the rig file's hold."""
+def test_a_referenced_drive_gets_changed_limits(tmp_path: Path) -> None:
+    """It has kept its reference and old limits; the limits of the rig file replace them."""
     with _rig("state_file=state.json") as opened:
         opened.rig.connect()
         opened.rig.needle.mark_out()
@@ -132,8 +132,8 @@ def test_limits_that_were_changed_between_two_runs_are_given_to_a_referenced_dri
 
 
 @pytest.mark.parametrize("method", [method for method in HOMING_DIRECTIONS if method != HOMING_HERE])
-def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
-    """Methods -1 and -3 positive, -2 and -4 negative, switches by their side; home is where it ends."""
+def test_each_homing_method_has_its_direction(method: int) -> None:
+    """-1 and -3 go positive, -2 and -4 negative, switches to their side; home is where they end."""
     with _rig() as opened:
         opened.rig.connect()
         drive = opened.drives["insertion"]
@@ -150,7 +150,7 @@ def test_each_homing_goes_the_way_that_its_sign_says(method: int) -> None:
 
 
 def test_a_signal_ends_a_homing() -> None:
-    """The axis is halted, stands still, is without a reference, and the run is told to be interrupted."""
+    """The axis halts, stands still and has no reference, and the run counts as interrupted."""
     with _rig() as opened:
         opened.rig.connect()
         opened.hardware.clock.on_advance(
@@ -167,8 +167,8 @@ def test_a_signal_ends_a_homing() -> None:
         assert "insertion" not in opened.rig.state.referenced
 
 
-def test_a_homing_method_that_the_drive_has_not_is_refused() -> None:
-    """By the drive, with its code; nothing has moved."""
+def test_a_homing_method_that_the_drive_lacks_is_refused() -> None:
+    """The drive refuses it with an abort code, and nothing has moved."""
     with _rig() as opened:
         opened.rig.connect()
         with pytest.raises(DriveRefusedError) as refusal:

@@ -1,4 +1,4 @@
-"""One labrig a rig, and how another one stops it."""
+"""Only one labrig uses a rig, and another one can stop it."""
 
 import os
 import socket
@@ -33,8 +33,8 @@ def _wait_for(asked: Future[Any], rig: Rig) -> None:
         rig.wait(0.1)
 
 
-def test_a_rig_is_had_by_one_labrig_at_a_time(tmp_path: Path) -> None:
-    """The second is refused with who has it; once the first has ended, it is free."""
+def test_only_one_labrig_uses_a_rig_at_a_time(tmp_path: Path) -> None:
+    """A second one is refused with the name of the first; the rig is free when that ends."""
     rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run a.yaml"):
         with (
@@ -51,7 +51,7 @@ def test_a_rig_is_had_by_one_labrig_at_a_time(tmp_path: Path) -> None:
 
 
 def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
-    """A process that was killed with the rig open keeps nobody out."""
+    """A process that was killed with the rig open does not keep others out."""
     code = (
         "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
         f"FileLock(Path({str(lock_paths(_make_rig(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
@@ -62,7 +62,7 @@ def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
 
 
 def test_rig_files_with_the_same_nodes_exclude_each_other(tmp_path: Path) -> None:
-    """Locks are of the bus and its nodes as well as of the state file; another channel is another bus."""
+    """Locks cover the bus and its nodes as well as the state file; another channel is another bus."""
     first, second = load_rig(BENCH), load_rig(BENCH, ["state_file=other.json"])
     elsewhere = load_rig(BENCH, ["state_file=other.json", "can.channel=can1"])
     assert len(set(lock_paths(first)) & set(lock_paths(second))) == 3
@@ -72,7 +72,7 @@ def test_rig_files_with_the_same_nodes_exclude_each_other(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("depth", [1, 12])
 def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path, depth: int) -> None:
-    """The one that moves stops, sees every axis stand still, and says so; its wait ends in an error."""
+    """The moving one stops, reports that every axis stands still, and its wait raises."""
     folder = tmp_path.joinpath(*["folder with a long name"] * depth)
     folder.mkdir(parents=True)
     rig = _make_rig(folder)
@@ -96,7 +96,7 @@ def test_a_moving_rig_is_stopped_by_another_labrig(tmp_path: Path, depth: int) -
 
 
 def test_a_labrig_that_hangs_answers_nobody(tmp_path: Path) -> None:
-    """It is given a second; then the rig is stopped otherwise, and that is said."""
+    """It gets a second to answer; then the rig is stopped over the bus, and the report says so."""
     rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal(), doing="labrig run c.yaml"):
         reply = ask_to_stop(rig)
@@ -108,8 +108,8 @@ def test_a_labrig_that_hangs_answers_nobody(tmp_path: Path) -> None:
     assert "did not answer" in report.done[0]
 
 
-def test_whoever_calls_and_says_nothing_is_no_reason_to_stop(tmp_path: Path) -> None:
-    """Noise on the socket does not end a run."""
+def test_a_caller_without_a_request_does_not_stop_a_run(tmp_path: Path) -> None:
+    """Silence or noise on the socket does not end a run."""
     rig = _make_rig(tmp_path)
     with open_rig(rig, seed=1, person=Person(), interrupted=Signal()) as open_one:
         for line in (None, "hello"):
@@ -239,7 +239,7 @@ def test_a_lock_folder_of_another_account_is_refused(lock_folder: Path, tmp_path
         _acquire_drives(tmp_path)
 
 
-def test_a_socket_left_by_a_killed_labrig_is_nobody(tmp_path: Path) -> None:
-    """Nobody listens behind it: the rig is stopped over the bus."""
+def test_a_socket_of_a_killed_labrig_is_ignored(tmp_path: Path) -> None:
+    """Nobody listens at it, so the rig is stopped over the bus."""
     (tmp_path / "state.json.socket").touch()
     assert ask_to_stop(_make_rig(tmp_path)) is None

@@ -1,4 +1,4 @@
-"""The driver over every bus: inside the process in simulated time, and over python-can's in real time."""
+"""The driver over every bus: inside the process in simulated time, and over python-can in real time."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -119,7 +119,7 @@ def _ready(bare: OnABus) -> OnABus:
 
 
 def test_connecting_verifies_writes_and_reads_back(bare: OnABus) -> None:
-    """Identity, encoder, COB-IDs; only settings that differ are written, and the fingerprint last."""
+    """Identity, encoder and COB-IDs are verified; only different settings are written, the fingerprint last."""
     identity = bare.driver.read_identity()
     assert (identity.model, identity.serial_number) == ("EPOS2 24/5", 1001)
     bare.driver.section = epos2_axis(encoder_pulses_per_turn=512)
@@ -138,7 +138,7 @@ def test_connecting_verifies_writes_and_reads_back(bare: OnABus) -> None:
 
 
 def test_enabling_moves_nothing(bare: OnABus) -> None:
-    """A stale target is replaced by the actual position, with Halt, before power comes on."""
+    """The actual position replaces a stale target, with Halt, before power comes on."""
     bare.driver.hold_off()
     bare.driver.download(co.TARGET_POSITION, FAR)
     bare.driver.enable()
@@ -148,7 +148,7 @@ def test_enabling_moves_nothing(bare: OnABus) -> None:
 
 
 def test_moves_arrive_and_can_be_changed_on_their_way(ready: OnABus) -> None:
-    """Both edges of the handshake are seen, and a second set-point replaces the first at once, also backwards."""
+    """Both edges of the handshake are checked; a second set-point replaces the first, also backwards."""
     ready.driver.start_profile(FAR, FAST_RPM)
     assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
     ready.driver.start_profile(-1000, 2 * FAST_RPM)
@@ -161,7 +161,7 @@ def _is_beyond(bus: OnABus, counter: int) -> bool:
 
 
 def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
-    """Each ends with the axis standing still, as its position reads."""
+    """After each of them the position no longer changes."""
     for stop, state in (
         (ready.driver.stop, DriveState.OPERATION_ENABLED),
         (ready.driver.quick_stop, DriveState.QUICK_STOP_ACTIVE),
@@ -176,7 +176,7 @@ def test_halt_holds_and_quick_stop_leaves_operation(ready: OnABus) -> None:
 
 
 def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
-    """Method 35 makes the position zero; a search without a stop is ended by Halt, and attains nothing."""
+    """Method 35 sets the position to zero; Halt ends a search without a stop, which attains nothing."""
     ready.driver.start_profile(2000, FAST_RPM)
     ready.arrive()
     ready.driver.start_homing(Homing(HOMING_HERE))
@@ -195,7 +195,7 @@ def test_homing_here_and_homing_that_is_halted(ready: OnABus) -> None:
 
 
 def test_a_homing_that_takes_too_long_is_given_up(ready: OnABus) -> None:
-    """The attained bit of an earlier homing is not taken for success."""
+    """The attained bit of an earlier homing does not count."""
     ready.driver.start_homing(Homing(HOMING_HERE))
     ready.wait_until(ready.driver.has_homed)
     ready.driver.finish_homing(Homing(HOMING_HERE))
@@ -212,7 +212,7 @@ def test_a_refusal_carries_its_code(bare: OnABus) -> None:
 
 
 def test_an_emergency_names_code_register_text_and_remedy(ready: OnABus) -> None:
-    """The axis brakes by itself, and the driver knows why without asking; nothing enables it again."""
+    """The axis brakes by itself, the driver reports why without a request, and nothing enables it again."""
     ready.driver.start_profile(FAR, FAST_RPM)
     ready.do(lambda: ready.drive.fail(0x4210))
     ready.raises_in_time(DriveFaultError, "error 0x4210, over-temperature")
@@ -226,7 +226,7 @@ def test_an_emergency_names_code_register_text_and_remedy(ready: OnABus) -> None
 
 
 def test_passing_a_limit_is_a_fault(ready: OnABus) -> None:
-    """0xFF09, told by the drive."""
+    """The drive reports 0xFF09."""
     ready.driver.download(co.UPPER_LIMIT, 2000)
     ready.driver.start_profile(FAR, FAST_RPM)
     ready.raises_in_time(DriveFaultError, "0xFF09")
@@ -235,13 +235,13 @@ def test_passing_a_limit_is_a_fault(ready: OnABus) -> None:
 
 
 def test_a_restart_is_noticed(ready: OnABus) -> None:
-    """The boot-up frame says that position and reference are gone."""
+    """The boot-up frame shows that position and reference are lost."""
     ready.do(ready.drive.restart)
     ready.raises_in_time(DriveRestartedError, "has restarted")
 
 
-def test_heartbeats_are_watched_both_ways(ready: OnABus) -> None:
-    """The drive gives up a computer that has beaten and falls silent; the driver a drive that falls silent."""
+def test_each_side_notices_a_lost_heartbeat(ready: OnABus) -> None:
+    """The drive stops when the computer falls silent, and the driver raises when the drive does."""
     ready.driver.download(co.CONSUMER_HEARTBEAT, 127 << 16 | 100)
     heartbeat = HeartbeatDescription(period_ms=10, timeout_ms=100)
     HeartbeatClock(ready.clock, ready.driver._link, heartbeat).beat()
@@ -249,7 +249,7 @@ def test_heartbeats_are_watched_both_ways(ready: OnABus) -> None:
 
 
 def test_a_drive_without_heartbeat_is_silent(ready: OnABus) -> None:
-    """It is named, with how long it has been silent."""
+    """The error names the drive and how long it has been silent."""
     ready.driver.watch(20, 0.2)
     ready.do(ready.drive.stop_heartbeat)
     ready.raises_in_time(DriveSilentError, "has sent no heartbeat")

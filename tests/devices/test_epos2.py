@@ -1,4 +1,4 @@
-"""The driver against the simulated drive, over the bus."""
+"""The EPOS2 driver against the simulated drive, over the bus."""
 
 import math
 from collections.abc import Iterator
@@ -74,7 +74,7 @@ def _run_until_done(bench: OneDrive) -> float:
 
 
 def test_identity_is_read(bench: OneDrive) -> None:
-    """Model, versions and serial number are what the drive says."""
+    """Model, versions and serial number are those that the drive reports."""
     identity = bench.driver.read_identity()
     assert identity.document() == {
         "model": "EPOS2 24/5",
@@ -86,13 +86,13 @@ def test_identity_is_read(bench: OneDrive) -> None:
 
 @pytest.mark.parametrize(("version", "name"), [(0x6210, "EPOS 24/5"), (0x6552, "unknown to labrig")])
 def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
-    """An EPOS of the first generation, or one that nobody knows, is no EPOS2."""
+    """A first-generation EPOS and an unknown model are not an EPOS2."""
     with one_drive(hardware_version=version) as bench, pytest.raises(DriveError, match=name):
         bench.driver.read_identity()
 
 
 def test_a_wrong_encoder_is_refused_and_never_written(bench: OneDrive) -> None:
-    """The drive's encoder resolution is compared with the rig file, and left alone."""
+    """The encoder resolution of the drive is compared with the rig file and not changed."""
     bench.driver.section = epos2_axis(encoder_pulses_per_turn=512)
     with pytest.raises(DriveError, match="500 encoder pulses a turn, the rig file says 512"):
         bench.driver.identify()
@@ -105,7 +105,7 @@ def test_settings_are_written_and_read_back(ready: OneDrive) -> None:
 
 
 def test_enabling_moves_nothing(bench: OneDrive) -> None:
-    """A target left over from another program is not driven at: the actual position is the target, Halt is set."""
+    """The actual position replaces the target of another program, and Halt is set."""
     _configure(bench)
     bench.driver.download(co.TARGET_POSITION, 1_000_000)
     bench.driver.enable()
@@ -115,8 +115,8 @@ def test_enabling_moves_nothing(bench: OneDrive) -> None:
     assert bench.drive.shaft_counts == 0
 
 
-def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
-    """A drive that a crashed program left moving is halted and stands still before it is configured."""
+def test_connecting_stops_a_moving_axis(ready: OneDrive) -> None:
+    """A drive that a crashed program left moving stands still before it is configured."""
     ready.driver.start_profile(100_000, 120)
     ready.clock.sleep(2.0)
     _configure(ready)
@@ -130,7 +130,7 @@ def test_connecting_stops_what_moves_already(ready: OneDrive) -> None:
 
 
 def test_a_move_ends_at_its_target_in_its_time(ready: OneDrive) -> None:
-    """40 000 quadcounts at 120 rpm: ten seconds, ramps and window time."""
+    """40 000 quadcounts at 120 rpm take ten seconds, ramps and window time."""
     ready.driver.start_profile(40_000, 120)
     ramps_s = COUNTS_PER_S_AT_120_RPM / 200_000
     assert _run_until_done(ready) == pytest.approx(10.0 + ramps_s + 0.02, abs=0.011)
@@ -146,14 +146,14 @@ def test_a_move_can_be_changed_on_its_way(ready: OneDrive) -> None:
     assert ready.driver.counter() == -1000
 
 
-def test_both_edges_of_the_handshake_are_seen(ready: OneDrive) -> None:
-    """After a move has been started, the acknowledge is gone again and the next set-point can be taken."""
+def test_both_edges_of_the_handshake_are_checked(ready: OneDrive) -> None:
+    """After a move has started, the acknowledge is cleared for the next set-point."""
     ready.driver.start_profile(40_000, 120)
     assert not ready.driver.statusword() & SETPOINT_ACKNOWLEDGED
 
 
 def test_a_stale_acknowledge_is_no_success(ready: OneDrive) -> None:
-    """A set-point bit left high by somebody else would swallow the next move; the driver notices."""
+    """A set-point bit left high by another program would hide the next move; the driver notices."""
     ready.driver.download(co.CONTROLWORD, ENABLE | NEW_SETPOINT)
     with pytest.raises(DriveError, match="get ready for a set-point"):
         ready.driver.start_profile(1000, 120)
@@ -172,7 +172,7 @@ def test_halt_decelerates_and_holds(ready: OneDrive) -> None:
 
 
 def test_halting_a_drive_without_power_does_not_switch_it_on(bench: OneDrive) -> None:
-    """The halt command carries the enable bits; it is only sent to a drive that is enabled."""
+    """Halt has the enable bits set, so it is sent only to an enabled drive."""
     _configure(bench)
     bench.driver.go_to(TargetState.POWER_OFF)
     bench.driver.stop()
@@ -190,24 +190,24 @@ def test_quick_stop_is_sharper_than_halt(ready: OneDrive) -> None:
     assert decode_state(ready.driver.statusword()) is DriveState.QUICK_STOP_ACTIVE
 
 
-def test_an_axis_that_does_not_stop_is_told(ready: OneDrive) -> None:
-    """Standing still is read from the position, so that a drive that ignores a halt is found out."""
+def test_an_axis_that_does_not_stop_is_reported(ready: OneDrive) -> None:
+    """Standstill is judged by the position, so a drive that ignores Halt is noticed."""
     ready.driver.start_profile(400_000, 120)
     with pytest.raises(DriveError, match="still moves"):
         ready.driver.settle(0.5)
 
 
 @pytest.mark.parametrize("rpm", [1, -1, 2])
-def test_a_creep_is_no_standing_still(rpm: int, ready: OneDrive) -> None:
-    """1 rpm is the slowest that the drive can be told, 1.7 quadcounts in 50 ms; it is found out."""
+def test_a_creep_does_not_count_as_standstill(rpm: int, ready: OneDrive) -> None:
+    """1 rpm, the slowest speed of the drive, is 1.7 quadcounts in 50 ms, and is noticed."""
     ready.driver.start_profile(int(math.copysign(4000, rpm)), abs(rpm))
     ready.clock.sleep(1.0)
     with pytest.raises(DriveError, match="still moves"):
         ready.driver.settle(2.0)
 
 
-def test_standing_still_is_seen_in_time(ready: OneDrive) -> None:
-    """With 500 pulses a turn a standing axis is known to stand within 0.2 s, so that a stop keeps its deadline."""
+def test_standstill_is_noticed_in_time(ready: OneDrive) -> None:
+    """With 500 pulses per turn standstill is certain within 0.2 s, so a stop meets its deadline."""
     before_s = ready.clock.now_s()
     ready.driver.settle(0.5)
     assert 0.15 <= ready.clock.now_s() - before_s <= 0.2
@@ -215,14 +215,14 @@ def test_standing_still_is_seen_in_time(ready: OneDrive) -> None:
 
 @given(pulses=st.integers(188, 65_535), phase=st.floats(0, 1))
 def test_a_creep_moves_farther_than_a_servo_at_rest(pulses: int, phase: float) -> None:
-    """In the time that is waited, 1 rpm turns any encoder by more than the dither, wherever its counts begin."""
+    """In the waiting time, 1 rpm turns any encoder by more than the dither, at any start."""
     turned = 4 * pulses / 60 * still_time_s(4 * pulses / 60)
     assert math.floor(phase + turned) - math.floor(phase) > STILL_COUNTS
     assert still_time_s(4 * pulses / 60) <= still_time_s(None)
 
 
 def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
-    """Method 35 moves nothing; the counter becomes zero and the drive knows itself referenced."""
+    """Method 35 moves nothing; the counter becomes zero and the drive is referenced."""
     ready.driver.start_profile(4000, 120)
     _run_until_done(ready)
     assert not ready.driver.is_referenced()
@@ -238,7 +238,7 @@ def test_homing_here_makes_the_position_zero(ready: OneDrive) -> None:
 
 
 def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
-    """An SDO abort becomes a sentence with maxon's code."""
+    """The error explains the SDO abort code of maxon."""
     with pytest.raises(
         DriveError, match=r"profile velocity \(0x6081:00\) = 0: the value is too low .*0x06090032"
     ):
@@ -246,7 +246,7 @@ def test_a_refusal_names_object_value_and_reason(bench: OneDrive) -> None:
 
 
 def test_a_silent_drive_is_named(bench: OneDrive) -> None:
-    """A node that has gone answers nothing; on this bus that is known at once."""
+    """An absent node does not answer; on this bus that is certain at once."""
     bench.drive.unplug()
     with pytest.raises(DriveError, match=r"drive of axis insertion \(node 1\) did not answer") as silence:
         bench.driver.statusword()
@@ -254,7 +254,7 @@ def test_a_silent_drive_is_named(bench: OneDrive) -> None:
 
 
 def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
-    """Beyond 0x607D the drive brakes with the quick stop deceleration, switches off and says 0xFF09."""
+    """Beyond 0x607D the drive brakes with the quick stop deceleration and reports 0xFF09."""
     ready.driver.download(co.UPPER_LIMIT, 8000)
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(3.0)
@@ -276,7 +276,7 @@ def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
     ],
 )
 def test_a_fault_while_moving_stops_the_axis_and_is_named(ready: OneDrive, code: int, words: str) -> None:
-    """The drive brakes by itself; the driver tells code and meaning, from the EMCY and from the error history."""
+    """The drive brakes by itself; EMCY and error history give code and meaning."""
     ready.driver.start_profile(40_000, 120)
     ready.clock.sleep(2.0)
     ready.drive.fail(code)

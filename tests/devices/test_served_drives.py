@@ -1,4 +1,4 @@
-"""Simulated drives as other programs reach them: python-can's interfaces, slcan, and a client nobody here wrote."""
+"""Simulated drives for other programs: python-can's interfaces, slcan, and an outside CANopen client."""
 
 import json
 import os
@@ -71,8 +71,8 @@ def _talk(adapter: SlcanAdapter, text: bytes) -> tuple[bytes, can.Message | None
         os.close(port)
 
 
-def test_the_adapter_acknowledges_as_adapters_do(adapter: SlcanAdapter) -> None:
-    """Commands get a return, frames z and a return, and what is refused a bell; a closed channel takes no frame."""
+def test_the_adapter_acknowledges_commands(adapter: SlcanAdapter) -> None:
+    """Commands get CR, frames z and CR, errors a bell; a closed channel accepts no frame."""
     assert _talk(adapter, b"t60180000000000000000\r") == (b"\a", None)
     assert _talk(adapter, b"\rV\rN\rS8\r?\r")[0] == b"\rV1013\rNA123\r\r\a"
     answer, message = _talk(adapter, b"O\rt6012ABCD\r")
@@ -83,8 +83,8 @@ def test_the_adapter_acknowledges_as_adapters_do(adapter: SlcanAdapter) -> None:
     assert _talk(adapter, b"C\rC\r")[0] == b"\r\a"
 
 
-def test_half_a_frame_is_nothing(adapter: SlcanAdapter) -> None:
-    """A line that stops short waits for its end."""
+def test_half_a_frame_is_not_sent(adapter: SlcanAdapter) -> None:
+    """An unfinished line waits for its end."""
     assert _talk(adapter, b"S8\rO\r")[0] == b"\r\r"
     assert _talk(adapter, b"t6012AB") == (b"", None)
     answer, message = _talk(adapter, b"CD\r")
@@ -92,13 +92,13 @@ def test_half_a_frame_is_nothing(adapter: SlcanAdapter) -> None:
 
 
 def test_nothing_passes_at_a_wrong_bit_rate(adapter: SlcanAdapter) -> None:
-    """The adapter takes the frame, the bus does not, and the flags say so."""
+    """The adapter accepts the frame, the bus does not, and the flags show it."""
     answer, message = _talk(adapter, b"S6\rO\rt6012ABCD\rF\r")
     assert (answer, message) == (b"\r\rz\rF20\r", None)
 
 
 def test_frames_survive_the_serial_line() -> None:
-    """Standard, extended and remote frames come back as they went."""
+    """Standard, extended and remote frames arrive unchanged."""
     for frame in (
         can.Message(arbitration_id=0x7FF, data=b"\1\2\3", is_extended_id=False),
         can.Message(arbitration_id=0x1FFFFFFF, data=bytes(8)),
@@ -110,7 +110,7 @@ def test_frames_survive_the_serial_line() -> None:
 
 
 def test_pulling_the_adapter_ends_its_port() -> None:
-    """A program that has the port open gets an error, as from a real serial port that is gone."""
+    """An open port raises an error, as a real serial port does when its adapter is pulled."""
     adapter = SlcanAdapter(1_000_000)
     port = os.open(adapter.path, os.O_RDWR | os.O_NOCTTY)
     adapter.unplug()
@@ -120,8 +120,8 @@ def test_pulling_the_adapter_ends_its_port() -> None:
     adapter.shutdown()
 
 
-def test_a_client_that_nobody_here_wrote_drives_the_simulated_drive() -> None:
-    """The npm package canopen enables it, moves it, is refused with maxon's codes, and hears its emergency."""
+def test_an_outside_client_drives_the_simulated_drive() -> None:
+    """The npm package canopen enables and moves it, gets maxon's abort codes and its emergency."""
     node = shutil.which("node")
     if node is None or not (PACKAGES / "canopen").is_dir():
         pytest.skip("needs node and, in the virtual environment, npm's canopen: make .venv/outside-client")
@@ -156,7 +156,7 @@ def _simulate(*arguments: str) -> "subprocess.Popen[str]":
 
 
 def test_the_command_names_its_port_serves_and_leaves_a_journal(tmp_path: Path) -> None:
-    """One line when ready; drives answer there; INT ends it with 130, and the journal tells what the drives did."""
+    """One line when ready; INT ends it with 130, and the journal holds what the drives did."""
     journal = tmp_path / "drives.jsonl"
     with _simulate("--interface", "slcan", "--nodes", "4", "--journal", str(journal)) as serving:
         assert serving.stdout is not None
@@ -175,7 +175,7 @@ def test_the_command_names_its_port_serves_and_leaves_a_journal(tmp_path: Path) 
 
 
 def test_an_existing_file_is_not_replaced_by_a_journal(tmp_path: Path) -> None:
-    """Without --force the command ends with 2 before it serves, and the file is as it was."""
+    """Without --force the command exits with 2 before it serves, and the file is unchanged."""
     journal = tmp_path / "drives.jsonl"
     journal.write_text("mine")
     with _simulate("--interface", "slcan", "--journal", str(journal)) as serving:
@@ -195,9 +195,9 @@ def test_an_existing_file_is_not_replaced_by_a_journal(tmp_path: Path) -> None:
         (("--interface", "slcan", "--nodes", "0"), "list of different node ids"),
     ],
 )
-def test_the_command_refuses_what_nobody_could_reach(
+def test_the_command_refuses_an_unreachable_bus(
     capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
 ) -> None:
-    """Wrong input leaves with 2 and a sentence."""
+    """Wrong input exits with 2 and a sentence."""
     assert run_command(["devices", "simulate", *arguments]) == 2
     assert words in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The CANopen side of the simulated drive: NMT, heartbeat, guarding, PDO, EMCY, storing, and the codes of refusals."""
+"""CANopen of the simulated drive: NMT, heartbeat, guarding, PDO, EMCY, storing, and abort codes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -76,8 +76,8 @@ def _bench() -> Iterator[Bench]:
     bus.shutdown()
 
 
-def test_the_heartbeat_tells_the_nmt_state_at_its_period(bench: Bench) -> None:
-    """Pre-operational, operational and stopped show as 127, 5 and 4."""
+def test_the_heartbeat_carries_the_nmt_state(bench: Bench) -> None:
+    """Pre-operational, operational and stopped are 127, 5 and 4, once per period."""
     bench.frames(0x705)
     bench.write(co.PRODUCER_HEARTBEAT, 100)
     for command, state in ((0x80, 127), (0x01, 5), (0x02, 4)):
@@ -89,7 +89,7 @@ def test_the_heartbeat_tells_the_nmt_state_at_its_period(bench: Bench) -> None:
 
 
 def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Bench) -> None:
-    """0x8130 comes 500 ms after the last beat; nothing is watched before the first one."""
+    """0x8130 comes 500 ms after the last heartbeat, and never before the first one."""
     bench.write(co.CONSUMER_HEARTBEAT, 127 << 16 | 500)
     bench.clock.sleep(2.0)
     assert bench.frames(0x085) == []
@@ -107,7 +107,7 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Ben
 
 
 def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
-    """The state with the toggle bit; silence where heartbeats are produced; the master's silence is an error."""
+    """State and toggle bit; no answer with heartbeats on; a silent master is an error."""
     bench.frames(0x705)
     for _ in range(3):
         bench.send(0x705, b"\0", remote=True)
@@ -123,7 +123,7 @@ def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
 
 
 def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> None:
-    """TxPDO 1 carries the statusword on change; in PRE-OPERATIONAL there are no PDOs, and RxPDO 1 is deaf."""
+    """TxPDO 1 sends the statusword on change; PRE-OPERATIONAL has no PDOs in either direction."""
     bench.send(0x205, b"\x06\0")
     assert bench.frames(0x185) == []
     bench.nmt(0x01)
@@ -137,7 +137,7 @@ def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> Non
 
 
 def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
-    """Position and following error in one PDO: on SYNC with type 1, on a remote frame with type 253."""
+    """Position and following error in a PDO: on SYNC with type 1, on a remote frame with type 253."""
     mapping = co.TPDO_MAPS[2]
     for entry, value in (
         (mapping[0], 0),
@@ -159,7 +159,7 @@ def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
 
 
 def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
-    """Type 1 takes effect at the next SYNC; one that is too short is an emergency."""
+    """Type 1 takes effect at the next SYNC; a PDO that is too short is an emergency."""
     bench.write(co.RPDO_TYPES[0], 1)
     bench.nmt(0x01)
     bench.send(0x205, b"\x06\0")
@@ -186,12 +186,12 @@ def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
     ],
 )
 def test_refusals_carry_maxons_codes(bench: Bench, entry: Entry, value: int, code: int) -> None:
-    """Each write that a drive would not take is aborted with the code for its reason."""
+    """Each invalid write is aborted with the code for its reason."""
     assert bench.write(entry, value) == code
 
 
 def test_mapping_has_rules(bench: Bench) -> None:
-    """Unmappable objects, wrong lengths, too much for a frame, and mapping outside PRE-OPERATIONAL are refused."""
+    """Unmappable objects, wrong or excessive lengths, and mapping outside PRE-OPERATIONAL are refused."""
     mapping = co.TPDO_MAPS[0]
     assert bench.write(mapping[0], 0) == 0
     assert bench.write(mapping[1], 0x10180120) == 0x06040041
@@ -205,8 +205,8 @@ def test_mapping_has_rules(bench: Bench) -> None:
     assert bench.write(co.LOWER_LIMIT, 11) == 0x06090036
 
 
-def test_what_is_saved_survives_power_and_what_is_not_does_not(bench: Bench) -> None:
-    """0x1010 keeps settings across a reset, 0x1011 gives the defaults back; reset communication keeps the motion's."""
+def test_only_saved_settings_survive_a_reset(bench: Bench) -> None:
+    """0x1010 saves settings, 0x1011 restores defaults; reset communication keeps motion settings."""
     bench.write(co.PROFILE_ACCELERATION, 77)
     bench.nmt(0x82)
     assert bench.read(co.PROFILE_ACCELERATION) == 77
@@ -223,7 +223,7 @@ def test_what_is_saved_survives_power_and_what_is_not_does_not(bench: Bench) -> 
 
 
 def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) -> None:
-    """0x1020 falls to zero when a parameter changes, and stays when the same value or process data is written."""
+    """A new parameter value sets 0x1020 to zero; an equal value or process data does not."""
     bench.write(od.CONFIGURATION_DATE, 7)
     bench.write(od.CONFIGURATION_TIME, 9)
     bench.write(co.TARGET_POSITION, 100)
@@ -234,7 +234,7 @@ def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) ->
 
 
 def test_error_history_is_newest_first_and_can_be_cleared(bench: Bench) -> None:
-    """0x1003 holds what happened; writing zero to its count empties it."""
+    """Writing zero to the count of 0x1003 empties it."""
     for code in (0x2310, 0x3210):
         bench.drive.fail(code)
     assert [bench.read(entry) for entry in co.ERROR_HISTORY[:3]] == [0x3210, 0x2310, 0]
@@ -254,8 +254,8 @@ def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Ben
     assert bench.read(co.STATUSWORD) & 0x4F == 0x40
 
 
-def test_a_stopped_node_tells_no_emergency(bench: Bench) -> None:
-    """In NMT STOPPED there is no EMCY; the error stands in the history."""
+def test_a_stopped_node_sends_no_emergency(bench: Bench) -> None:
+    """In NMT STOPPED there is no EMCY; the error is in the history."""
     bench.nmt(0x02)
     bench.drive.fail(0x2310)
     assert bench.frames(0x085) == []
@@ -264,7 +264,7 @@ def test_a_stopped_node_tells_no_emergency(bench: Bench) -> None:
 
 
 def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
-    """Clients that send four bytes in segments, or do not say how many bytes they send, are served."""
+    """Clients may send four bytes in segments, or not state the number of bytes."""
     bench.send(0x605, b"\x21\x83\x60\0\x04\0\0\0")
     bench.send(0x605, b"\x07\x05\0\0\0\0\0\0")
     assert [answer[0] for answer in bench.frames(0x585)] == [0x60, 0x20]
@@ -276,8 +276,8 @@ def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
     assert bench.frames(0x585)[0][0] == 0x80
 
 
-def test_the_wire_loses_doubles_and_delays(bench: Bench) -> None:
-    """Faults of the bus: a lost frame, a duplicated one, one that comes behind a later one, and none at all."""
+def test_the_wire_loses_repeats_and_delays_frames(bench: Bench) -> None:
+    """Bus faults: a lost, a repeated and an overtaken frame, and no frames at all."""
     ask = b"\x40\x41\x60\0\0\0\0\0"
     bench.wire.lose(1)
     bench.send(0x605, ask)
@@ -299,7 +299,7 @@ def test_the_wire_loses_doubles_and_delays(bench: Bench) -> None:
 
 
 def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
-    """A reset takes its time; the boot-up frame comes at its end, and nothing before."""
+    """A reset takes time; nothing is sent before the boot-up frame at its end."""
     clock, wire = SimulatedClock(), InProcessWire()
     heard: list[int] = []
     bus = InProcessBus(wire, lambda message: heard.append(message.arbitration_id))

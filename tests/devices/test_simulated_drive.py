@@ -1,4 +1,4 @@
-"""The simulated drive, as an outside CANopen client sees it: the wire, the object dictionary, faults."""
+"""The simulated drive as an outside CANopen client sees it: wire, object dictionary, faults."""
 
 from collections.abc import Iterator
 
@@ -42,12 +42,12 @@ def _node(wire: InProcessWire, heard: list[can.Message]) -> Iterator[canopen.Rem
 
 
 def test_it_announces_itself(node: canopen.RemoteNode, heard: list[can.Message]) -> None:
-    """The first frame after power on is a boot-up frame."""
+    """The first frame after power-on is the boot-up frame."""
     assert (heard[0].arbitration_id, bytes(heard[0].data)) == (0x705, b"\0")
 
 
 def test_identity_is_that_of_an_epos2(node: canopen.RemoteNode) -> None:
-    """Device type, vendor and hardware version as maxon's EPOS2 24/5 has them; its name comes in segments."""
+    """Device type, vendor and hardware version are those of an EPOS2 24/5; the name comes in segments."""
     assert node.sdo.upload(0x1000, 0) == (0x00020192).to_bytes(4, "little")
     assert node.sdo.upload(0x1018, 1) == (0xFB).to_bytes(4, "little")
     assert node.sdo.upload(0x2003, 2) == (0x6220).to_bytes(2, "little")
@@ -75,7 +75,7 @@ def test_refusals_carry_the_codes_that_maxon_lists(
 
 
 def test_every_number_reads_back_its_default(node: canopen.RemoteNode) -> None:
-    """Each entry of the table is served in its own width, with the value that it has after power on."""
+    """Each entry of the table has its width and its value after power-on."""
     own_id = {od.NODE_ID, co.EMERGENCY_ID, co.SDO_REQUEST_ID, co.SDO_RESPONSE_ID}
     own_id |= {*co.RECEIVE_PDO_COB_IDS, *co.TRANSMIT_PDO_COB_IDS}
     changing = {co.STATUSWORD, co.SERIAL_NUMBER, *own_id}
@@ -86,8 +86,8 @@ def test_every_number_reads_back_its_default(node: canopen.RemoteNode) -> None:
     assert node.sdo.upload(0x1800, 1) == (0x40000185).to_bytes(4, "little")
 
 
-def test_a_strange_command_is_refused(wire: InProcessWire, heard: list[can.Message]) -> None:
-    """What the server does not speak, block transfer, is answered by an abort, never by silence."""
+def test_an_unknown_command_is_refused(wire: InProcessWire, heard: list[can.Message]) -> None:
+    """Block transfer, which the server lacks, is answered by an abort."""
     drive = SimulatedDrive(wire, 5, SimulatedClock())
     for request in (bytes([0xC0, 0, 0, 0, 0, 0, 0, 0]), bytes([0x70, 0, 0, 0, 0, 0, 0, 0])):
         heard.clear()
@@ -101,7 +101,7 @@ def test_a_strange_command_is_refused(wire: InProcessWire, heard: list[can.Messa
 
 
 def test_a_stopped_node_answers_no_sdo_and_starts_again(node: canopen.RemoteNode) -> None:
-    """In NMT STOPPED there is no SDO; NMT start brings it back, with the remote bit."""
+    """NMT STOPPED has no SDO; NMT start restores it, with the remote bit."""
     node.nmt.send_command(0x02)
     with pytest.raises(canopen.SdoCommunicationError):
         node.sdo.upload(0x6041, 0)

@@ -1,4 +1,4 @@
-"""How the simulated drive moves: profile velocity, homing, limits, switches, following error, and what stops it."""
+"""Motion of the simulated drive: velocity profile, homing, limits, switches, following error, and stops."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -73,7 +73,7 @@ def bench(mechanics: Mechanics = MECHANICS) -> Iterator[Bench]:
 
 
 def test_profile_velocity_runs_until_it_is_halted() -> None:
-    """The target velocity is attained by the profile's acceleration; Halt brakes, releasing it runs on."""
+    """It accelerates to the target velocity; Halt brakes, and releasing Halt starts it again."""
     with bench(Mechanics()) as b:
         b.write(co.MODE, 3)
         b.write(co.TARGET_VELOCITY, 600)
@@ -110,7 +110,7 @@ def test_profile_velocity_runs_until_it_is_halted() -> None:
     ],
 )
 def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
-    """Signs are maxon's: -1 and -3 go forward, -2 and -4 backward; the index is the next one behind the end."""
+    """Signs are maxon's: -1 and -3 go forward, -2 and -4 backward, then to the next index."""
     with bench() as b:
         b.write(od.HOME_POSITION, 50)
         b.home(method)
@@ -121,12 +121,12 @@ def test_homing_ends_where_the_method_says(method: int, home: float) -> None:
 
 
 def test_every_method_of_the_table_is_tried() -> None:
-    """The test above leaves out only method 0, which homes nowhere."""
+    """The test above omits only method 0, which does nothing."""
     assert len(METHODS) == 16
 
 
 def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
-    """Bit 12 belongs to the present homing; Halt brakes, and homing does not go on when it is released."""
+    """Bit 12 belongs to the present homing; Halt ends it, also after Halt is released."""
     with bench() as b:
         b.home(35)
         assert b.word() & 0x1000
@@ -145,8 +145,8 @@ def test_the_attained_bit_is_cleared_by_a_new_start_and_halt_aborts() -> None:
         assert last.text == "stopped"
 
 
-def test_homing_without_a_stop_goes_on_for_ever() -> None:
-    """Where nothing ends it, only who waits can."""
+def test_homing_without_a_stop_never_ends() -> None:
+    """Only a timeout of the driver can end it."""
     with bench(Mechanics()) as b:
         b.home(-3)
         b.clock.sleep(100.0)
@@ -155,7 +155,7 @@ def test_homing_without_a_stop_goes_on_for_ever() -> None:
 
 
 def test_a_blocked_shaft_becomes_a_following_error() -> None:
-    """0x8611 at the instant at which the shaft lags by more than 0x6065; the shaft has not moved."""
+    """0x8611 as soon as the shaft lags by more than 0x6065."""
     with bench(Mechanics()) as b:
         b.go(100_000)
         b.clock.sleep(0.5)
@@ -171,7 +171,7 @@ def test_a_blocked_shaft_becomes_a_following_error() -> None:
 
 
 def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
-    """By default the axis runs past the switch; with the bit in 0x2071:04 it stops with 0xFF07."""
+    """By default the axis passes the switch; with its bit in 0x2071:04 it stops with 0xFF07."""
     with bench(Mechanics(positive_switch=5_000.0)) as b:
         b.go(10_000)
         b.clock.sleep(2.0)
@@ -186,8 +186,8 @@ def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
 
 
 @pytest.mark.parametrize("code", [0x2310, 0x3210])
-def test_errors_of_the_power_stage_let_go_at_once(code: int) -> None:
-    """Over-current and over-voltage switch the power off: no braking, fault at the same instant."""
+def test_errors_of_the_power_stage_switch_power_off_at_once(code: int) -> None:
+    """Over-current and over-voltage are a fault without braking."""
     with bench(Mechanics()) as b:
         b.go(100_000)
         b.clock.sleep(0.5)
@@ -199,7 +199,7 @@ def test_errors_of_the_power_stage_let_go_at_once(code: int) -> None:
 
 
 def test_an_emergency_stop_lasts_until_power_is_back() -> None:
-    """Resetting the fault does nothing while the supply is cut."""
+    """A fault cannot be reset while the supply is cut."""
     with bench() as b:
         b.drive.cut_power_stage()
         b.write(co.CONTROLWORD, 0x80)
@@ -211,7 +211,7 @@ def test_an_emergency_stop_lasts_until_power_is_back() -> None:
 
 
 def test_a_set_point_that_is_not_immediate_waits_for_the_present_one() -> None:
-    """Without bit 5 the second move follows the first; the acknowledge stays until then."""
+    """Without bit 5 the second move follows the first, and the acknowledge stays until then."""
     with bench(Mechanics()) as b:
         b.go(10_000)
         b.write(co.TARGET_POSITION, 5_000)
@@ -224,7 +224,7 @@ def test_a_set_point_that_is_not_immediate_waits_for_the_present_one() -> None:
 
 
 def test_a_changed_encoder_makes_the_position_invalid() -> None:
-    """0x2210 is refused with power on; without, it takes the reference and raises 0x7320."""
+    """0x2210 is refused with power on; without, it clears the reference and raises 0x7320."""
     with bench() as b:
         b.home(35)
         b.write(co.CONTROLWORD, 0)
@@ -248,7 +248,7 @@ def test_a_changed_encoder_makes_the_position_invalid() -> None:
 def test_the_drive_never_leaves_its_limits_by_more_than_braking(
     steps: list[tuple[int, int, int, float]],
 ) -> None:
-    """Whatever is written, demand beyond a software limit is a fault, and the axis comes to rest."""
+    """For any command, demand beyond a software limit is a fault and the axis stops."""
     with bench(Mechanics()) as b:
         b.write(co.LOWER_LIMIT, -20_000)
         b.write(co.UPPER_LIMIT, 20_000)
@@ -269,7 +269,7 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
 
 @given(st.floats(-1e5, 1e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
 def test_a_velocity_profile_attains_its_velocity(position: float, velocity: float, speed: float) -> None:
-    """It starts where the motion is, changes velocity no faster than allowed, and keeps what was asked for."""
+    """It starts from the present motion, keeps the acceleration limit, and holds the velocity."""
     profile = run_profile(2.0, position, velocity, speed, Limits(1e5, 1000.0, 500.0))
     assert profile.at(2.0)[0] == pytest.approx(position)
     assert profile.at(1e4)[1] == pytest.approx(speed, abs=1e-6)

@@ -16,7 +16,7 @@ limits = st.builds(
 def test_a_profile_comes_to_rest_at_its_target(
     start: float, velocity: float, target: float, bounds: Limits
 ) -> None:
-    """Wherever it starts and however fast, it ends at the target, at rest."""
+    """It ends at rest at the target, from any start."""
     profile = move_profile(1.0, start, velocity, target, bounds)
     assert profile.at(profile.end_s) == (target, 0.0)
     assert profile.end_s >= 1.0
@@ -25,7 +25,7 @@ def test_a_profile_comes_to_rest_at_its_target(
 @given(positions, st.floats(-1e5, 1e5), positions, limits)
 @example(0.0, 65536.0, 0.0, Limits(1.0, 439_351.0, 1.0))
 def test_position_never_jumps(start: float, velocity: float, target: float, bounds: Limits) -> None:
-    """Each segment begins where the one before it ends, and the first where the motion began."""
+    """Each segment begins where the one before it ends."""
     profile = move_profile(0.0, start, velocity, target, bounds)
     scale = 1 + abs(start) + abs(target) + velocity**2 / bounds.deceleration
     here = (start, velocity)
@@ -37,7 +37,7 @@ def test_position_never_jumps(start: float, velocity: float, target: float, boun
 
 @given(positions, positions, limits, st.floats(0, 1))
 def test_limits_hold_from_rest(start: float, target: float, bounds: Limits, part: float) -> None:
-    """A motion from rest never exceeds the speed, and never leaves the stretch between start and target."""
+    """A motion from rest exceeds neither the speed nor the range from start to target."""
     profile = move_profile(0.0, start, 0.0, target, bounds)
     position, velocity = profile.at(part * profile.end_s)
     slack = 1e-6 * (1 + abs(start) + abs(target))
@@ -54,11 +54,11 @@ def test_a_long_move_cruises() -> None:
 
 
 def test_braking_takes_the_distance_that_physics_says() -> None:
-    """v squared over twice the deceleration, in v over the deceleration."""
+    """The distance is v^2 / 2a, in the time v / a."""
     profile = brake_profile(2.0, 5.0, -4.0, 8.0)
     assert (profile.end_s, profile.end_position) == pytest.approx((2.5, 4.0))
 
 
 def test_standing_still_is_a_profile() -> None:
-    """At rest is at rest, at any time."""
+    """A profile at rest stays at rest."""
     assert rest_profile(3.0, 7.0).at(3.0) == rest_profile(3.0, 7.0).at(1e9) == (7.0, 0.0)

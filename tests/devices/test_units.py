@@ -18,8 +18,8 @@ SCREW = AxisScale(2000, 4, 2.0)
 
 
 @given(scales, st.integers(-(2**31) + 1, 2**31 - 1))
-def test_every_counter_survives_the_way_out_and_back(scale: AxisScale, quadcounts: int) -> None:
-    """A quadcount told in mm or rad is the same quadcount when it is asked for again."""
+def test_every_counter_survives_the_round_trip(scale: AxisScale, quadcounts: int) -> None:
+    """A quadcount in mm or rad converts back to the same quadcount."""
     assert scale.to_counts(scale.to_position(quadcounts)) == quadcounts
 
 
@@ -31,8 +31,8 @@ def test_a_position_is_off_by_at_most_half_a_quadcount(scale: AxisScale, positio
 
 
 @given(scales, st.integers(1, 25_000))
-def test_every_motor_speed_survives_the_way_out_and_back(scale: AxisScale, rpm: int) -> None:
-    """An achieved speed, asked for again, is the same integer rpm."""
+def test_every_motor_speed_survives_the_round_trip(scale: AxisScale, rpm: int) -> None:
+    """An achieved speed converts back to the same integer rpm."""
     assert scale.to_speed_units(scale.to_speed(rpm)) == rpm
 
 
@@ -44,21 +44,21 @@ def test_a_reversed_axis_counts_the_other_way(scale: AxisScale, position: float)
 
 
 def test_known_screw() -> None:
-    """500 lines, 4:1 and a lead of 2 mm: 4000 quadcounts a mm, and 1 mm/s is 120 rpm."""
+    """500 lines, 4:1 and a lead of 2 mm: 4000 quadcounts per mm, and 1 mm/s is 120 rpm."""
     assert SCREW.to_counts(40.0) == 160_000
     assert (SCREW.to_speed_units(1.0), SCREW.to_speed(120)) == (120, 1.0)
     assert SCREW.to_acceleration_units(50.0) == 6000
 
 
 def test_known_shaft() -> None:
-    """A turn of a shaft is four times the encoder's lines times the gear."""
+    """A turn of the shaft is four times the encoder lines times the gear."""
     shaft = AxisScale(2000, 16, TURN_RAD)
     assert shaft.to_counts(math.pi) == 16_000
     assert shaft.to_speed_units(TURN_RAD) == 960
 
 
 def test_a_speed_below_one_rpm_is_one_rpm() -> None:
-    """The drive takes no profile velocity of 0."""
+    """The drive does not accept a profile velocity of 0."""
     assert SCREW.to_speed_units(1e-6) == 1
     assert SCREW.to_distance_counts(1e-9) == 1
 

@@ -1,4 +1,4 @@
-"""The time of a picture of a USB camera: the kernel's where it can be trusted, else that of the call with its bound."""
+"""The time of a picture of a USB camera: the kernel's if it can be trusted, else that of the call, with a bound."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def _open(**kinds: object) -> tuple[Camera, FakeCapture, UvcSource]:
 
 
 def test_a_picture_has_the_time_of_its_buffer() -> None:
-    """The kernel's stamp, in rig time, is the time of the picture; it is known to a period."""
+    """The kernel's time stamp, in rig time, known to a period."""
     camera, capture, _ = _open()
     capture.computer.now_s += 3.01
     frame = camera.capture()
@@ -30,8 +30,8 @@ def test_a_picture_has_the_time_of_its_buffer() -> None:
     assert frame.t_bound_s == pytest.approx(PERIOD_S)
 
 
-def test_pictures_that_were_queued_are_thrown_away() -> None:
-    """After a pause four old pictures wait; the one that is given was exposed after the call."""
+def test_queued_pictures_are_dropped() -> None:
+    """After a pause four old pictures wait; the returned one was exposed after the call."""
     camera, capture, source = _open()
     camera.capture()
     capture.computer.now_s += 10.0
@@ -44,7 +44,7 @@ def test_pictures_that_were_queued_are_thrown_away() -> None:
 
 
 def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None:
-    """Nothing waits in the queue then; five pictures were thrown away for one when every call did so."""
+    """Nothing waits in its queue then, so no call drops five pictures for one."""
     camera, capture, _ = _open()
     camera.capture()
     before_s = capture.computer.now_s
@@ -54,8 +54,8 @@ def test_a_camera_that_is_read_all_the_time_gives_every_second_picture() -> None
 
 
 @pytest.mark.parametrize("kind", [{"stamp_offset_s": 1.7e9}, {"stamp_offset_s": -900.0}, {"stamps": False}])
-def test_stamps_of_another_clock_are_not_believed(kind: dict[str, object]) -> None:
-    """Calendar time, another origin or none: the picture is of the middle of the call, and bound by its half."""
+def test_stamps_of_another_clock_are_not_used(kind: dict[str, object]) -> None:
+    """Without a usable stamp the time is the middle of the call, bounded by half its duration."""
     camera, capture, _ = _open(**kind)
     capture.computer.now_s += 3.0
     asked_s = capture.computer.now_s
@@ -66,7 +66,7 @@ def test_stamps_of_another_clock_are_not_believed(kind: dict[str, object]) -> No
 
 
 def test_a_picture_older_than_its_command_is_refused() -> None:
-    """A queue longer than any driver's gives pictures from before the call: both times are named."""
+    """If the queue is longer than any driver's, the error names both times."""
     camera, capture, _ = _open(queue_length=100)
     camera.capture()
     capture.computer.now_s += 3.0
@@ -76,8 +76,8 @@ def test_a_picture_older_than_its_command_is_refused() -> None:
         camera.capture()
 
 
-def test_a_camera_without_pictures_is_told() -> None:
-    """Nothing comes, and nothing is waited for again."""
+def test_a_camera_without_pictures_is_an_error() -> None:
+    """No picture arrives, and there is no second wait."""
     camera, _, _ = _open(dead=True)
     with pytest.raises(CameraError, match="no picture"):
         camera.capture()
@@ -85,14 +85,14 @@ def test_a_camera_without_pictures_is_told() -> None:
 
 @pytest.mark.parametrize(("stamps", "words"), [(True, "42 ms, 0.04 mm"), (False, "104 ms, 0.10 mm")])
 def test_a_check_says_how_well_the_time_is_known(stamps: bool, words: str) -> None:
-    """By the kernel's stamp to a period; without one to half of the five that a call takes."""
+    """To a period by the kernel's stamp; without it, to half of the five periods of a call."""
     camera, _, _ = _open(stamps=stamps)
     results = {result.check: result.value for result in UVC.check(SECTION, camera)}
     assert results["camera time"] == f"known within {words} at 1 mm/s"
 
 
-def test_the_rate_counts_what_was_thrown_away() -> None:
-    """24 Hz are measured, whether or not each call throws pictures away."""
+def test_the_rate_counts_dropped_pictures() -> None:
+    """24 Hz is measured whether or not calls drop pictures."""
     for kind in ({}, {"stamps": False}):
         camera, _, _ = _open(**kind)
         assert camera.measure_rate_hz(10) == pytest.approx(24.0, rel=1e-6)
@@ -103,20 +103,20 @@ def test_the_rate_counts_what_was_thrown_away() -> None:
     [(1.25, 0.25, 0.04), (0.9, 0.0, 0.14), (2.1, 1.0, 0.14)],
 )
 def test_a_frame_lies_between_two_readings(t_s: float, fraction: float, bound_s: float) -> None:
-    """Where its own time says; what it lies outside of them widens its bound."""
+    """It is placed by its own time; a time outside the readings widens its bound."""
     frame = Frame(FakeCapture(Computer()).retrieve()[1], t_s, 0, t_bound_s=0.04).between(1.0, 2.0)
     assert (frame.fraction, frame.t_bound_s) == (pytest.approx(fraction), pytest.approx(bound_s))
     assert set(frame.time_fields()) == {"t_bound_s", "fraction"}
 
 
-def test_a_frame_of_exact_time_says_nothing_more() -> None:
-    """A simulated picture is of the very time of the call, and its line in the record is as it was."""
+def test_a_frame_of_exact_time_has_no_bound_in_the_record() -> None:
+    """A simulated picture has the time of the call, and its line in the record is unchanged."""
     frame = Frame(FakeCapture(Computer()).retrieve()[1], 1.25, 0).between(1.0, 2.0)
     assert frame.time_fields() == {}
 
 
 def test_closing_twice_closes_once() -> None:
-    """The device is let go of once."""
+    """The device is released once."""
     _, capture, source = _open()
     source.close()
     source.close()

@@ -132,7 +132,7 @@ def test_refuses_sixteen_bits(grey, tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif"])
 def test_refuses_a_picture_of_too_many_pixels_undecoded(suffix, grey, tmp_path):
     """A small file can state a huge size; the header is read before memory is taken."""
-    path = saved(tmp_path / f"bomb{suffix}", grey)
+    path = save(tmp_path / f"bomb{suffix}", grey)
     data = bytearray(path.read_bytes())
     if suffix == ".png":
         data[16:24] = struct.pack(">II", 30_000, 30_000)

@@ -1,4 +1,4 @@
-"""The driver of any CiA 402 drive against a simulated one, over the bus."""
+"""The CiA 402 driver against a simulated drive, over the bus."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -71,13 +71,13 @@ def _hear_and_lose(on_a_bus: ProfileDriveOnABus) -> None:
         (0x0001, DriveState.UNKNOWN),
     ],
 )
-def test_states_are_told_by_the_bits_of_the_standard(statusword: int, state: DriveState) -> None:
-    """Voltage and the manufacturer's bits say nothing of the state."""
+def test_states_follow_the_bits_of_the_standard(statusword: int, state: DriveState) -> None:
+    """Voltage and manufacturer bits do not matter for the state."""
     assert decode_standard_state(statusword) is state
 
 
-def test_what_keeps_the_axis_safe_is_written_and_read_back(bare: ProfileDriveOnABus) -> None:
-    """Heartbeats, option codes, following error and decelerations; a drive that ignores the silence is made not to."""
+def test_safety_settings_are_written_and_read_back(bare: ProfileDriveOnABus) -> None:
+    """Heartbeats, option codes, following error, decelerations; a drive set to ignore silence is changed."""
     objects = bare.node.objects
     objects.values |= {od.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, od.FAULT_REACTION: 0}
     bare.driver.identify()
@@ -93,7 +93,7 @@ def test_what_keeps_the_axis_safe_is_written_and_read_back(bare: ProfileDriveOnA
 
 @pytest.mark.parametrize(("option", "faulted"), [(1, True), (3, False)])
 def test_a_silent_computer_stops_the_axis(option: int, faulted: bool, tmp_path: Path) -> None:
-    """By a fault or by a quick stop, as the section has it; either way an emergency says why."""
+    """By a fault or a quick stop, as the section says, with an emergency."""
     with drive_on_a_bus(section_of(tmp_path, abort_connection_option=option)) as one:
         one.get_ready()
         one.driver.start_move(50.0, 1.0)
@@ -106,8 +106,8 @@ def test_a_silent_computer_stops_the_axis(option: int, faulted: bool, tmp_path: 
             one.driver.check()
 
 
-def test_a_reset_that_takes_the_communication_brings_the_dead_man_back(ready: ProfileDriveOnABus) -> None:
-    """An EPOS4 wants its communication reset first, which clears both heartbeats."""
+def test_a_reset_of_the_communication_restores_heartbeats(ready: ProfileDriveOnABus) -> None:
+    """An EPOS4 needs a communication reset first, which clears both heartbeats."""
     _hear_and_lose(ready)
     assert ready.driver.faults()[0].code == 0x8130
     ready.driver.reset_fault()
@@ -118,8 +118,8 @@ def test_a_reset_that_takes_the_communication_brings_the_dead_man_back(ready: Pr
     assert ready.driver.faults()
 
 
-def test_a_quick_stop_that_ends_without_power_is_one_too(tmp_path: Path) -> None:
-    """0x605A = 2 leaves the drive switched off; it is enabled again as from any other state."""
+def test_a_quick_stop_may_end_without_power(tmp_path: Path) -> None:
+    """With 0x605A = 2 the drive switches off; it can be enabled again."""
     with drive_on_a_bus(section_of(tmp_path, quick_stop_option=2)) as one:
         one.get_ready()
         one.driver.start_move(50.0, 5.0)
@@ -131,8 +131,8 @@ def test_a_quick_stop_that_ends_without_power_is_one_too(tmp_path: Path) -> None
         one.driver.start_move(0.0, 5.0)
 
 
-def test_a_drive_with_nothing_but_what_is_needed_moves(tmp_path: Path) -> None:
-    """No option codes, limits, reports, mode display, error code or units: it homes, moves and stops all the same."""
+def test_a_drive_with_only_the_required_objects_moves(tmp_path: Path) -> None:
+    """Without any optional object it homes, moves and stops."""
     section = section_of(tmp_path, eds_text(without=(*GUARDS, *OPTIONAL)), objects={})
     with drive_on_a_bus(section) as one:
         one.get_ready()
@@ -158,7 +158,7 @@ def test_a_drive_with_nothing_but_what_is_needed_moves(tmp_path: Path) -> None:
 
 
 def test_widths_are_those_of_the_eds_file(tmp_path: Path) -> None:
-    """A drive with a 16-bit deceleration takes it in two bytes; more than it holds is refused before it is sent."""
+    """A 16-bit deceleration is written in two bytes; a larger value is refused before it is sent."""
     narrow = Entry(0x6085, 0, "quick stop deceleration", "H", default=100, lowest=1)
     entries = [entry for entry in EVERY if entry != narrow]
     section = section_of(tmp_path, eds_text((*entries, narrow)))
@@ -194,7 +194,7 @@ ANOTHER: dict[str, tuple[Entry, int, str]] = {
 
 @pytest.mark.parametrize(("entry", "value", "words"), ANOTHER.values(), ids=ANOTHER)
 def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value: int, words: str) -> None:
-    """Each by index, with what it says, what was expected, and what to do; nothing is written."""
+    """The error has index, value, expected value and remedy; nothing is written."""
     bare.node.objects.set_fixed(entry, value)
     with pytest.raises(DriveError, match=words) as refusal:
         bare.driver.identify()
@@ -203,13 +203,13 @@ def test_another_drive_is_refused(bare: ProfileDriveOnABus, entry: Entry, value:
     assert all(data[0] == 0x40 for data in sent)
 
 
-def test_a_unit_that_is_not_known_is_not_compared(bare: ProfileDriveOnABus) -> None:
-    """The rig file states it; a code that labrig does not know says nothing."""
+def test_an_unknown_unit_is_not_compared(bare: ProfileDriveOnABus) -> None:
+    """A unit code that labrig does not know is ignored; the rig file counts."""
     bare.node.objects.set_fixed(od.VELOCITY_UNIT, 0x00010100)
     bare.driver.identify()
 
 
-def test_two_nodes_with_one_id_are_told(bare: ProfileDriveOnABus) -> None:
+def test_two_nodes_with_one_id_are_refused(bare: ProfileDriveOnABus) -> None:
     """Both answer."""
     bare.node.add_twin()
     with pytest.raises(DriveError, match="two nodes answer as node 1"):
@@ -227,7 +227,7 @@ UNITS = [
 def test_stated_units_make_the_same_motion(
     velocity: str, factor: float, acceleration: str, its_factor: float, tmp_path: Path
 ) -> None:
-    """2 mm at 0.5 mm/s take as long, and speed up as fast, in whatever the drive takes them in."""
+    """2 mm at 0.5 mm/s take the same time in any units of the drive."""
     units = {"velocity_unit": velocity, "velocity_factor": factor}
     units |= {"acceleration_unit": acceleration, "acceleration_factor": its_factor}
     with drive_on_a_bus(section_of(tmp_path, eds_text(without=[0x60AA]), acceleration=0.5, **units)) as one:
@@ -244,7 +244,7 @@ def test_stated_units_make_the_same_motion(
 
 
 def test_homing_at_a_switch_ends_with_the_counter_at_home(ready: ProfileDriveOnABus) -> None:
-    """Method 17 searches backwards to the negative switch; what the section's object keeps is the position there."""
+    """Method 17 goes back to the negative switch; the section's object holds the home position."""
     homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
     ready.driver.start_homing(homing)
     while not ready.driver.has_homed():
@@ -256,7 +256,7 @@ def test_homing_at_a_switch_ends_with_the_counter_at_home(ready: ProfileDriveOnA
 
 
 def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus) -> None:
-    """A drive that sets its counter to the negative of what was written is refused, not believed."""
+    """A drive that sets its counter to the negated value is refused."""
     home = Entry(0x30B0, 0, "home position", "i")
     homing = Homing(17, position=-3.0, speed=5.0, timeout_s=20.0)
     ready.driver.start_homing(homing)
@@ -268,8 +268,8 @@ def test_a_home_position_of_the_other_sign_is_noticed(ready: ProfileDriveOnABus)
     assert ready.driver.decode(ready.driver.statusword()) is DriveState.OPERATION_ENABLED
 
 
-def test_a_home_position_that_nothing_keeps_is_refused(tmp_path: Path) -> None:
-    """Before anything is written; so is a way off the switch, which the profile has not."""
+def test_a_home_position_without_an_object_is_refused(tmp_path: Path) -> None:
+    """Before anything is written; so is a distance off the switch."""
     with drive_on_a_bus(section_of(tmp_path, objects={})) as one:
         one.get_ready()
         for homing in (Homing(HOMING_HERE, position=1.0), Homing(17, offset=1.0)):
@@ -277,8 +277,8 @@ def test_a_home_position_that_nothing_keeps_is_refused(tmp_path: Path) -> None:
                 one.driver.start_homing(homing)
 
 
-def test_a_homing_method_that_the_drive_lacks_is_told(tmp_path: Path) -> None:
-    """Its refusal names 0x6098."""
+def test_a_homing_method_that_the_drive_lacks_is_refused(tmp_path: Path) -> None:
+    """The error names 0x6098."""
     with drive_on_a_bus(section_of(tmp_path)) as one:
         one.get_ready()
         one.node.abort_next(0x06090030, co.HOMING_METHOD.index)
@@ -286,8 +286,8 @@ def test_a_homing_method_that_the_drive_lacks_is_told(tmp_path: Path) -> None:
             one.driver.start_homing(Homing(17))
 
 
-def test_a_drive_that_does_not_tell_its_reference_has_it_until_it_is_closed(tmp_path: Path) -> None:
-    """Whoever opens it anew is told that it has none."""
+def test_an_unreported_reference_ends_with_closing(tmp_path: Path) -> None:
+    """After reopening, the drive counts as not referenced."""
     with drive_on_a_bus(other_make(tmp_path)) as one:
         one.get_ready()
         homing = Homing(HOMING_HERE)
@@ -299,8 +299,8 @@ def test_a_drive_that_does_not_tell_its_reference_has_it_until_it_is_closed(tmp_
         assert not one.driver.is_referenced()
 
 
-def test_currents_of_another_make_are_thousandths_of_the_rated_one(tmp_path: Path) -> None:
-    """0x6078 and 0x6073 with 0x6075; the drive's own limit is back when it is closed."""
+def test_standard_currents_are_thousandths_of_the_rated_one(tmp_path: Path) -> None:
+    """0x6078 and 0x6073 with 0x6075; closing restores the drive's own limit."""
     with drive_on_a_bus(other_make(tmp_path)) as one:
         assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (-1000.0, 10_000)
         one.driver.configure(HEARTBEAT, 1234)
@@ -309,8 +309,8 @@ def test_currents_of_another_make_are_thousandths_of_the_rated_one(tmp_path: Pat
         assert one.driver.current_limit_ma() == 10_000
 
 
-def test_inputs_are_named_as_the_profile_has_them(ready: ProfileDriveOnABus) -> None:
-    """0x60FD: limit switches and home in the first bits; a pressed limit switch is a fault of the drive."""
+def test_inputs_have_the_names_of_the_profile(ready: ProfileDriveOnABus) -> None:
+    """0x60FD: limit switches and home are the first bits; a pressed limit switch is a fault."""
     assert not any(ready.driver.inputs().values())
     ready.node.press(0x0002)
     assert [name for name, active in ready.driver.inputs().items() if active] == ["positive-limit"]
@@ -322,8 +322,8 @@ def test_inputs_are_named_as_the_profile_has_them(ready: ProfileDriveOnABus) -> 
     ("code", "words"),
     [(0x8611, "following error"), (0x5441, r"manufacturer \(hardware"), (0xFF01, "manufacturer")],
 )
-def test_an_error_is_told_by_its_code_or_its_class(ready: ProfileDriveOnABus, code: int, words: str) -> None:
-    """0x603F tells which it is; each has a remedy."""
+def test_an_error_is_described_by_its_code_or_class(ready: ProfileDriveOnABus, code: int, words: str) -> None:
+    """The code comes from 0x603F; each has a remedy."""
     ready.node.fail(code)
     ready.wait(0.5)
     (fault,) = ready.driver.faults()
@@ -343,13 +343,13 @@ FAULTS: dict[str, tuple[Callable[[SimulatedProfileDrive], object], type[DriveErr
 
 
 @pytest.mark.parametrize(("strike", "error", "words"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_on_the_way_is_noticed(
+def test_a_fault_during_a_move_is_noticed(
     ready: ProfileDriveOnABus,
     strike: Callable[[SimulatedProfileDrive], object],
     error: type[DriveError],
     words: str,
 ) -> None:
-    """By what the drive reports, or by its silence; the driver asks nothing for it."""
+    """By what the drive sends, or by its silence, without a request."""
     ready.driver.start_move(3.0, 1.0)
     ready.wait(0.5)
     strike(ready.node)
@@ -360,8 +360,8 @@ def test_a_fault_on_the_way_is_noticed(
     assert not [way for _, _, _, way in ready.link.network.take_frames() if way == "T"]
 
 
-def test_a_fault_whose_cause_stays_is_not_reset(ready: ProfileDriveOnABus) -> None:
-    """The supply of the power stage has to be back first."""
+def test_a_fault_whose_cause_persists_is_not_reset(ready: ProfileDriveOnABus) -> None:
+    """The supply of the power stage must be back first."""
     ready.node.cut_power_stage()
     with pytest.raises(DriveFaultError, match="its cause is still there"):
         ready.driver.reset_fault()
@@ -370,22 +370,22 @@ def test_a_fault_whose_cause_stays_is_not_reset(ready: ProfileDriveOnABus) -> No
     ready.driver.enable()
 
 
-def test_an_encoder_that_was_changed_is_told_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
-    """As the drive counts now, and as the rig file has it."""
+def test_a_changed_encoder_is_reported_when_the_drive_is_opened(bare: ProfileDriveOnABus) -> None:
+    """The error has the counts of the drive and of the rig file."""
     bare.node.set_encoder(1000)
     with pytest.raises(DriveError, match="counts 4000 a turn"):
         bare.driver.identify()
 
 
-def test_a_mode_that_the_drive_does_not_take_is_waited_for(ready: ProfileDriveOnABus) -> None:
-    """0x6061 says in which mode it is; commands of another mode are not sent before."""
+def test_a_mode_is_waited_for(ready: ProfileDriveOnABus) -> None:
+    """0x6061 reports the mode; no command is sent before the drive is in it."""
     ready.node.objects._live = {**ready.node.objects._live, co.MODE_DISPLAY: lambda: 1}
     with pytest.raises(DriveError, match=r"stayed in mode of operation 1 \(0x6061\) when 6"):
         ready.driver.start_homing(Homing(HOMING_HERE))
 
 
 def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
-    """`labrig devices stop` needs no file; whoever wants to move the axis is told which is missing."""
+    """`labrig devices stop` needs no file; moving the axis names the missing one."""
     section = DRIVE.example_section(1).model_copy(update={"eds": "none.eds"}).placed_in(tmp_path)
     with drive_on_a_bus(section, DRIVE.example_section(1)) as one:
         other = type(one.driver)(one.link, DRIVE.example_section(1), "rotation", one.clock)
@@ -399,8 +399,8 @@ def test_a_drive_without_its_eds_file_can_be_stopped(tmp_path: Path) -> None:
             one.driver.identify()
 
 
-def test_the_scale_says_what_one_turn_a_second_is() -> None:
-    """Counts, rpm and thousandths of it, by what the section states."""
+def test_the_scale_follows_the_stated_units() -> None:
+    """One turn per second in counts, rpm and thousandths of rpm."""
     section = DRIVE.example_section(1)
     assert section.scale() == AxisScale(2000.0, 1.0, 1.0, speed_units=60.0, acceleration_units=60.0)
     fine = section.model_copy(update={"velocity_unit": "counts/s", "acceleration_factor": 0.5})

@@ -1,4 +1,4 @@
-"""What is read from an EDS file, and which files are refused."""
+"""Reading EDS files, and the files that are refused."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def _facts(entry: Entry) -> tuple[object, ...]:
 
 
 def test_a_file_written_from_the_table_reads_back_as_the_table() -> None:
-    """Places, widths, access, defaults without the node id, and ranges; a DOMAIN without data type is no matter."""
+    """Index, width, access, default without node id, and range; a DOMAIN without data type is skipped."""
     eds = parse_eds(eds_text(), "drive.eds")
     assert (eds.vendor, eds.product, eds.revision) == (EPOS4.vendor, EPOS4.product, EPOS4.revision)
     assert sorted(map(_facts, eds.entries.values())) == sorted(map(_facts, EPOS4.entries.values()))
@@ -26,7 +26,7 @@ def test_a_file_written_from_the_table_reads_back_as_the_table() -> None:
 
 
 def test_numbers_are_read_as_manufacturers_write_them() -> None:
-    """Hexadecimal bits of a negative limit, leading zeros, blanks, comments, other cases, a compact array."""
+    """Two's complement limits, leading zeros, blanks, comments, upper and lower case, compact arrays."""
     text = (
         "; a comment\n[DEVICEINFO]\nvendornumber = 0x2F ; Nanotec\nProductNumber=010\n"
         "[607d]\nObjectType=8\n[607DSub1]\nDataType=0x0004\nAccessType=RW\nLowLimit=0x80000000\nHighLimit=-1\n"
@@ -58,8 +58,8 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "words"), REFUSED.values(), ids=REFUSED)
-def test_what_is_no_eds_is_refused(text: str, words: str) -> None:
-    """Each says why, and which file to take."""
+def test_a_file_that_is_not_an_eds_is_refused(text: str, words: str) -> None:
+    """Each error has a reason and the file to use."""
     with pytest.raises(InputError) as refusal:
         parse_eds(text, "drive.eds")
     assert words in refusal.value.message
@@ -71,8 +71,8 @@ def test_what_is_no_eds_is_refused(text: str, words: str) -> None:
     ("line", "words"),
     [("DataType=six", "has DataType six"), ("DataType=6", "has AccessType none"), ("", "has DataType none")],
 )
-def test_an_object_that_makes_no_sense_is_named_when_it_is_asked_for(line: str, words: str) -> None:
-    """One that labrig does not use is no reason to refuse the file."""
+def test_a_malformed_object_is_named_when_it_is_used(line: str, words: str) -> None:
+    """A malformed object that labrig does not use is no reason to refuse the file."""
     eds = parse_eds(eds_text(without=[0x6040]) + f"\n[6040]\n{line}\n", "drive.eds")
     assert eds.find(Entry(0x6041, 0, "", "H")) is not None
     with pytest.raises(InputError, match=f"drive.eds: object 0x6040:00 {words}"):
@@ -80,7 +80,7 @@ def test_an_object_that_makes_no_sense_is_named_when_it_is_asked_for(line: str, 
 
 
 def test_a_file_is_read_from_the_folder_of_the_rig_file(tmp_path: Path) -> None:
-    """A link that leaves it, one that is too large, and one that is missing are refused."""
+    """A link that leaves it, a file that is too large and a missing one are refused."""
     folder = tmp_path / "rig"
     folder.mkdir()
     outside = tmp_path / "outside.eds"
@@ -101,7 +101,7 @@ def test_a_file_is_read_from_the_folder_of_the_rig_file(tmp_path: Path) -> None:
 
 @given(st.text(max_size=400) | st.binary(max_size=400).map(lambda data: data.decode("latin-1")))
 def test_no_file_ends_in_a_traceback(text: str) -> None:
-    """Whatever stands in it, it is read or refused."""
+    """Any content is read or refused."""
     for whole in (text, eds_text(()) + text):
         try:
             parse_eds(whole, "any.eds")

@@ -1,4 +1,4 @@
-"""Bad pictures through every command that reads one: a clear refusal alone, and in a batch that goes on."""
+"""Bad pictures in every command that reads one: refused alone, and skipped in a batch."""
 
 import json
 from pathlib import Path
@@ -66,7 +66,7 @@ def commands(picture: Path, sweep: Sweep, out: Path) -> dict[str, tuple[object, 
 def test_a_picture_that_cannot_be_read_is_refused_by_every_command(
     what: str, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
 ) -> None:
-    """Alone it is wrong input: exit code 2, its name, what is wrong, and what to do."""
+    """Exit code 2, with the name of the picture, the reason and a remedy."""
     for name, command in commands(bad[what], sweep, tmp_path / "tip.png").items():
         done = labrig(*command, "--json")
         error = done.json()["error"]
@@ -81,7 +81,7 @@ def test_a_picture_that_cannot_be_read_is_refused_by_every_command(
 def test_a_picture_that_shows_something_else_is_refused_by_every_command(
     what: str, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
 ) -> None:
-    """Alone it is an answer of no, or wrong input where it is of another size; nothing is written."""
+    """The answer is no, or wrong input for another size; nothing is written."""
     size = what == "wrong size"
     for name, command in commands(bad[what], sweep, tmp_path / "tip.png").items():
         done = labrig(*command)
@@ -97,7 +97,7 @@ def test_a_picture_that_shows_something_else_is_refused_by_every_command(
 def test_a_batch_of_measurements_goes_on(
     command: str, column: int, good: Path, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
 ) -> None:
-    """Each bad picture is refused in its row with its reason, the good ones around them are measured."""
+    """Each bad picture is refused in its row with a reason, and the good ones are measured."""
     line = commands(good, sweep, tmp_path)[command]
     done = labrig(*line, *bad.values(), good, "--json")
     rows = done.json()
@@ -113,7 +113,7 @@ def test_a_batch_of_measurements_goes_on(
 def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
     good: Path, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
 ) -> None:
-    """Import names what cannot be read and goes on; reanalyze refuses the rest with reasons and measures the good."""
+    """Import names unreadable ones; reanalyze refuses bad ones with reasons and measures the good."""
     folder = tmp_path / "pictures"
     folder.mkdir()
     for path in (good, *bad.values()):
@@ -147,7 +147,7 @@ def board(path: Path, shift: int, size: tuple[int, int] = (640, 480)) -> Path:
 def test_a_calibration_lists_each_picture_that_it_could_not_use(
     bad: dict[str, Path], labrig: Labrig, tmp_path: Path
 ) -> None:
-    """Beside the views used stand those without the board, of another size and unreadable, each with its reason."""
+    """Pictures without the board, of another size, and unreadable ones each have a reason."""
     views = [board(tmp_path / f"{shift}.png", shift) for shift in (0, 40, 80)]
     other = board(tmp_path / "other.png", 0, (800, 480))
     empty = tmp_path / "empty.png"
@@ -165,7 +165,7 @@ def test_a_calibration_lists_each_picture_that_it_could_not_use(
 
 
 def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, tmp_path: Path) -> None:
-    """A single photograph gives numbers that are not accepted, and sentences that say what is missing."""
+    """A single photograph gives numbers that are not accepted, and says what is missing."""
     view = board(tmp_path / "only.png", 40)
     out = tmp_path / "lens.json"
     done = labrig(
@@ -180,7 +180,7 @@ def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, 
 
 
 def test_colour_is_measured_like_grey(good: Path, labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """A picture in colour is no bad picture: three channels of the same light give the same numbers."""
+    """Three equal channels give the same numbers as a grey picture."""
     colour = tmp_path / "colour.png"
     cv2.imwrite(str(colour), cv2.cvtColor(cv2.imread(str(good), 0), cv2.COLOR_GRAY2BGR))
     line = commands(good, sweep, tmp_path)["curvature"]

@@ -150,10 +150,10 @@ def _damage(whole: Path, tmp_path: Path, spoil: Callable[[Path], None]) -> Path:
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("spoil", NO_RUNS.values(), ids=NO_RUNS.keys())
-def test_what_is_no_run_is_refused_by_name(
+def test_a_folder_that_is_not_a_run_is_refused_by_name(
     command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """Exit code 4 and the path; a link is not followed, a newer schema is left alone, nothing is written."""
+    """Exit code 4 and the path; links and newer schemas are not read, nothing is written."""
     run = _damage(whole, tmp_path, spoil)
     exit_code, message = _call(labrig, command, run, whole)
     assert exit_code == 4
@@ -162,10 +162,10 @@ def test_what_is_no_run_is_refused_by_name(
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("spoil", DAMAGED.values(), ids=DAMAGED.keys())
-def test_what_is_damaged_is_told_by_every_command(
+def test_damage_is_reported_by_every_command(
     command: str, spoil: Callable[[Path], None], whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """Exit code 4 and the place, whatever could be done all the same; only remarks are taken without a word."""
+    """Exit code 4 and the place, whatever else succeeds; only tags and notes ignore it."""
     exit_code, message = _call(labrig, command, _damage(whole, tmp_path, spoil), whole)
     if command in _SAY_ONLY:
         assert exit_code == 0
@@ -217,7 +217,7 @@ def test_a_copy_that_the_disk_changes_is_not_kept(tmp_path: Path) -> None:
 def test_results_behind_a_link_are_not_read(
     command: str, whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """A folder of results that leads elsewhere is refused with exit code 4; nothing is written there."""
+    """A results folder that is a link is refused with exit code 4; nothing is written there."""
     results = tmp_path / "results"
     results.mkdir()
 
@@ -231,10 +231,10 @@ def test_results_behind_a_link_are_not_read(
 
 
 @pytest.mark.parametrize(("command", "name"), [("report", "report.html"), ("view", "view.rrd")])
-def test_what_is_made_replaces_a_link_and_not_what_it_points_to(
+def test_output_replaces_a_link_and_not_its_target(
     command: str, name: str, whole: Path, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """Page and view are written in the place of a link; the file behind it stays as it was."""
+    """Page and view are written in place of a link; the file behind it is unchanged."""
     run = _damage(whole, tmp_path, _link(name))
     assert _call(labrig, command, run, whole)[0] == 0
     assert not (run / name).is_symlink()

@@ -1,4 +1,4 @@
-"""Journeys at a bench: real commands, drives on a bus of another thread, and a person who types at a terminal."""
+"""Work at a bench: real commands, drives on a bus of another thread, and a person who types at a terminal."""
 
 import json
 import os
@@ -84,7 +84,7 @@ def at_bench(tmp_path: Path) -> Iterator[BenchAt]:
 
 
 def test_an_axis_is_homed_and_its_lead_found_wrong(labrig: Labrig, at_bench: BenchAt) -> None:
-    """Needle out, zero here; then 2 mm asked, 1 mm read: the lead is named, and nothing is written."""
+    """Of 2 mm only 1 mm is read: the right lead is named, and the rig file is not written."""
     at_bench.types("yes", "yes")
     done = labrig("devices", "home", "--axis", "linear", "--rig", at_bench.rig)
     assert (done.exit_code, done.out) == (0, "PASS  linear reference: method 35, stands at 0 mm\n")
@@ -112,7 +112,7 @@ def test_an_axis_is_homed_and_its_lead_found_wrong(labrig: Labrig, at_bench: Ben
 
 
 def test_no_at_the_prompt_moves_nothing(labrig: Labrig, at_bench: BenchAt) -> None:
-    """Said before the motion begins; exit 3."""
+    """The answer comes before the motion starts; exit 3."""
     at_bench.remember()
     at_bench.types("no")
     done = labrig("devices", "jog", "--axis", "insertion", "--rig", at_bench.rig, "--json")
@@ -135,7 +135,7 @@ def _leave_in_tissue(folder: Path) -> Path:
 
 
 def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench: BenchAt) -> None:
-    """The drives have lost their positions and one is in fault: reset, positions and way confirmed, out it comes."""
+    """The fault is reset and the positions are confirmed before the needle comes out."""
     run = _leave_in_tissue(at_bench.rig.parent)
     at_bench.remember(
         needle_in_tissue=True, since_run="killed", referenced=["insertion", "rotation", "linear"]
@@ -173,7 +173,7 @@ def test_a_needle_is_taken_out_after_an_emergency_stop(labrig: Labrig, at_bench:
 
 
 def test_a_needle_is_taken_out_after_labrig_was_killed(labrig: Labrig, at_bench: BenchAt) -> None:
-    """The drives stopped by themselves and know where they stand: only their faults and the way out are confirmed."""
+    """The drives kept their positions: only the fault and the withdrawal are confirmed."""
     folder = at_bench.rig.parent
     killed = subprocess.run(
         [sys.executable, "-m", "tests.cli.crashing_labrig", at_bench.rig, folder], cwd=ROOT, check=False
@@ -199,8 +199,8 @@ def _in_fault(drive: SimulatedDrive) -> bool:
     return any(event.kind == "emergency" for event in drive.journal) and not drive.is_moving
 
 
-def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_bench: BenchAt) -> None:
-    """The needle is not said to be out; the next withdrawal starts where the first one ended, by its own record."""
+def test_an_interrupted_withdrawal_is_continued(labrig: Labrig, at_bench: BenchAt) -> None:
+    """The needle is not reported out; the next withdrawal starts at the end of the first."""
     run = _leave_in_tissue(at_bench.rig.parent)
     at_bench.remember(needle_in_tissue=True, since_run="killed")
     at_bench.types("yes", "yes", "no")
@@ -219,7 +219,7 @@ def test_a_withdrawal_that_was_broken_off_goes_on_from_there(labrig: Labrig, at_
 
 
 def test_stop_says_that_it_went_over_the_bus(labrig: Labrig, at_bench: BenchAt) -> None:
-    """No labrig has the rig: the bus is opened, every drive is seen to stand still, NMT stop goes to all."""
+    """No labrig uses the rig: every drive stands still, and NMT stop goes to all."""
     document = labrig("devices", "stop", "--rig", at_bench.rig, "--json").json()
     assert (document["by"], document["done"][0]) == ("bus", "no labrig has the rig")
     assert sum("stands still" in line for line in document["done"]) == 3
@@ -244,16 +244,14 @@ def test_stop_says_that_it_went_over_the_bus(labrig: Labrig, at_bench: BenchAt) 
 def test_every_refusal_says_what_to_type(
     labrig: Labrig, arguments: tuple[object, ...], exit_code: int, words: str
 ) -> None:
-    """A wrong name, a wrong order, no reference, nothing in tissue: one error and its hint."""
+    """A wrong name, a wrong order, no reference, nothing in tissue: an error and its hint."""
     done = labrig("devices", *arguments, "--rig", ROOT / "calibration" / "rig-simulated.yaml")
     assert done.exit_code == exit_code
     assert words in done.err.split("hint: ")[1]
 
 
-def test_a_bus_that_is_not_there_is_told_with_the_command_that_brings_it_up(
-    labrig: Labrig, tmp_path: Path
-) -> None:
-    """First error at a new bench: no interface can0."""
+def test_a_missing_bus_is_named_with_the_command_for_it(labrig: Labrig, tmp_path: Path) -> None:
+    """The first error at a new bench is the missing can0."""
     text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
     for old, new in tuple(_KNOWN.items())[:4]:
         text = text.replace(old, new)
@@ -263,8 +261,8 @@ def test_a_bus_that_is_not_there_is_told_with_the_command_that_brings_it_up(
     assert "ip link set can0 up type can bitrate 1000000" in done.err
 
 
-def test_nobody_at_the_terminal_is_nobody_who_confirms(labrig: Labrig, at_bench: BenchAt) -> None:
-    """A pipe answers no prompt, and --yes does not either at a bench."""
+def test_only_a_person_can_confirm(labrig: Labrig, at_bench: BenchAt) -> None:
+    """A pipe answers no prompt, and neither does --yes at a bench."""
     stdin, sys.stdin = sys.stdin, open(os.devnull, encoding="utf-8")  # noqa: SIM115, PTH123 - closed below
     try:
         done = labrig("devices", "home", "--yes", "--rig", at_bench.rig)
@@ -276,7 +274,7 @@ def test_nobody_at_the_terminal_is_nobody_who_confirms(labrig: Labrig, at_bench:
 
 
 def test_a_run_of_another_process_is_stopped_through_its_socket(labrig: Labrig, tmp_path: Path) -> None:
-    """It stops its axes, says so, ends as aborted with exit 3, and remembers where its needle is."""
+    """It stops its axes, reports it, exits with 3 as aborted, and remembers its needle."""
     for name in ("rig-simulated.yaml", "simulated-intrinsics.json", "simulated-plane.json"):
         shutil.copy(ROOT / "calibration" / name, tmp_path)
     rig = tmp_path / "rig-simulated.yaml"
@@ -304,7 +302,7 @@ def _in_tissue(state_file: Path) -> bool:
 
 
 def test_a_simulated_rig_has_no_needle_to_take_out(labrig: Labrig, tmp_path: Path) -> None:
-    """Its gel is new at every opening: the refusal says so, and how to practise with served drives."""
+    """Its gel is new; the refusal says so, and how to practise with served drives."""
     text = (ROOT / "calibration" / "rig-simulated.yaml").read_text(encoding="utf-8")
     rig = tmp_path / "rig.yaml"
     rig.write_text(text.replace("state_file: null ", "state_file: state.json "), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`labrig design`: from a radius to what to cut."""
+"""`labrig design`: from a radius to a cut."""
 
 import contextlib
 import csv
@@ -55,7 +55,7 @@ def designed(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Designed
 
 
 def test_the_papers_needle_is_the_default(designed: Designed) -> None:
-    """Without options the needle of table I is designed: 4.12 degrees by equation (3), beside the printed 4.13."""
+    """Without options, equation (3) gives 4.12 degrees, next to table I's 4.13."""
     document = designed.document
     assert Tube(**document["tube"]) == TABLE_1.tube
     assert (document["radius_mm"], document["clearance_mm"]) == (pytest.approx(30.0), 0.025)
@@ -64,8 +64,8 @@ def test_the_papers_needle_is_the_default(designed: Designed) -> None:
     assert document["table_1"] == {"beta_cut_deg": 4.13, "beta_rot_deg": 11.46}
 
 
-def test_the_search_stands_beside_the_equations(designed: Designed) -> None:
-    """Our contour needs a smaller inclination for the same rotation, and its plane is printed with its RMSE."""
+def test_the_search_is_printed_next_to_the_equations(designed: Designed) -> None:
+    """Our contour needs less inclination for the same rotation; its plane has an RMSE."""
     search = designed.document["search"]
     assert search["beta_rot_deg"] == pytest.approx(designed.document["beta_rot_deg"], abs=0.005)
     assert search["beta_cut_deg"] == pytest.approx(3.33, abs=0.02)
@@ -75,8 +75,8 @@ def test_the_search_stands_beside_the_equations(designed: Designed) -> None:
     assert search["inside_grid"] is True
 
 
-def test_a_sweep_tells_the_effective_clearance(designed: Designed, sweep: Sweep) -> None:
-    """The run's mean radius becomes a rotation and a clearance, by equation (3) and by our contour."""
+def test_a_sweep_gives_the_effective_clearance(designed: Designed, sweep: Sweep) -> None:
+    """Its mean radius gives a rotation and a clearance, by equation (3) and our contour."""
     measured = designed.document["measured"]
     assert measured["radius_mm"] == sweep.document["result"]["mean_radius_mm"]
     assert measured["beta_cut_deg"] == 4.13
@@ -86,15 +86,15 @@ def test_a_sweep_tells_the_effective_clearance(designed: Designed, sweep: Sweep)
     assert measured["search_clearance_mm"] > 0
 
 
-def test_tolerances_and_links_are_told(designed: Designed) -> None:
-    """The radius has an interval for the laser's tolerance, and the tip a number of links."""
+def test_tolerances_and_links_are_reported(designed: Designed) -> None:
+    """The laser's tolerance gives an interval of the radius, and the tip a number of links."""
     low, high = designed.document["tolerance"]["radius_mm"]
     assert low < 28 < 32 < high
     assert designed.document["links"] == 13
 
 
 def test_the_table_holds_every_cell(designed: Designed) -> None:
-    """The CSV has one line a cell, with both hinges' rotations adding up."""
+    """The CSV has a line per cell, and the rotations of both hinges add up."""
     rows = list(csv.DictReader(designed.table.read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 9
     for row in rows:
@@ -103,12 +103,12 @@ def test_the_table_holds_every_cell(designed: Designed) -> None:
 
 
 def test_the_figure_is_a_picture(designed: Designed) -> None:
-    """The figure is written in the format that its name says."""
+    """Its format is that of the file name."""
     assert designed.figure.read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_design_file_says_how_it_was_made(designed: Designed) -> None:
-    """Tube, cut, radius and its worst cases, with the code and the command that computed them."""
+    """It has tube, cut, radius, worst cases, code version and command."""
     design = load_design(designed.design)
     assert Tube(**design.tube.model_dump()) == TABLE_1.tube
     assert (design.radius_mm, design.clearance_mm) == (30.0, 0.025)
@@ -116,8 +116,8 @@ def test_the_design_file_says_how_it_was_made(designed: Designed) -> None:
     assert {"labrig", "command_line", "packages"} <= set(design.provenance)
 
 
-def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixture[str]) -> None:
-    """The text names both inclinations, table I, the measured needle and what our contour is not."""
+def test_the_text_has_both_answers(designed: Designed, capsys: pytest.CaptureFixture[str]) -> None:
+    """It has both inclinations, table I, the measured needle and the limits of our contour."""
     print_summary(summarise(designed.document))
     text = capsys.readouterr().out
     for part in ("4.12", "3.33", "Table I prints 4.13", "13 links", "Measured", "not for cutting"):
@@ -150,7 +150,7 @@ def test_people_get_both_answers(designed: Designed, capsys: pytest.CaptureFixtu
 def test_bad_input_is_refused_before_the_search(
     arguments: list[str], exit_code: int, words: str, labrig: Labrig
 ) -> None:
-    """What cannot be designed is refused at once, with the limit and what to do."""
+    """An impossible design is refused with the limit and a remedy."""
     done = labrig("design", *arguments)
     assert done.exit_code == exit_code
     assert words in done.err

@@ -47,7 +47,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
 
 
 def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
-    """4.12 degrees by equation (3) beside table I's 4.13, the search's own, and the measured needle's clearance."""
+    """4.12 degrees by equation (3), table I's 4.13, the search, and the measured clearance."""
     assert ran.document["exit_status"] == "success"
     assert ran.result["beta_cut_deg"] == pytest.approx(4.12, abs=0.005)
     assert ran.result["table_1"]["beta_cut_deg"] == 4.13
@@ -56,7 +56,7 @@ def test_the_run_answers_as_labrig_design_does(ran: Ran) -> None:
 
 
 def test_the_record_is_whole_and_has_no_rig(ran: Ran) -> None:
-    """A closed run without rig.yaml, pictures or moves, whose protocol says what was asked."""
+    """A closed run without rig.yaml, pictures or moves, with its protocol."""
     run = open_run(ran.run)
     assert run.problems == ()
     assert not (ran.run / "rig.yaml").exists()
@@ -74,7 +74,7 @@ def test_the_grid_stands_beside_the_result(ran: Ran) -> None:
 
 
 def test_the_design_file_holds_the_answer(ran: Ran) -> None:
-    """Radius, its worst cases and the inclination of equation (3) can be read by other rooms."""
+    """Radius, worst cases and the inclination of equation (3) can be read."""
     design = load_design(ran.analysis / "design.json")
     assert (design.radius_mm, design.diameter_mm, design.basis) == (30.0, 1.2, "equation (3)")
     assert design.beta_cut_deg == ran.result["beta_cut_deg"]
@@ -82,7 +82,7 @@ def test_the_design_file_holds_the_answer(ran: Ran) -> None:
 
 
 def test_the_page_says_what_is_claimed(ran: Ran) -> None:
-    """The figure, both answers, table I's other digit, and what the contour cannot reproduce."""
+    """It has the figure, both answers, table I's value, and the limits of our contour."""
     page = Path(ran.document["report"]).read_text(encoding="utf-8")
     for part in ("data:image/svg+xml", "4.12", "4.13", "3.33", "27.60 to 32.86", "grid.csv", "design.json",
                  "does not reproduce the slope with the clearance", "no cutting file"):  # fmt: skip
@@ -90,16 +90,13 @@ def test_the_page_says_what_is_claimed(ran: Ran) -> None:
     assert "simulated rig" not in page
 
 
-def test_nothing_that_was_asked_of_a_design_can_be_changed_afterwards(ran: Ran, labrig: Labrig) -> None:
+def test_a_design_cannot_be_changed_by_reanalyze(ran: Ran, labrig: Labrig) -> None:
     """`reanalyze --set` is refused; another radius is another run."""
     assert labrig("reanalyze", ran.run, "--set", "radius_mm=40").exit_code == 2
 
 
 def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer(labrig: Labrig, tmp_path: Path) -> None:
-    """Equation (3) can give 45 mm at 0.025 mm and our contour cannot: answer and page stand, with the reason.
-
-    `reanalyze` searches again, into a new result with the same numbers.
-    """
+    """For 45 mm at 0.025 mm the page has that answer and the reason."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--json", *COARSE, "--set", "radius_mm=45")
     document = done.json()
     assert (done.exit_code, document["exit_status"]) == (0, "success")
@@ -121,7 +118,7 @@ def test_a_radius_that_our_contour_cannot_give_has_equation_3s_answer(labrig: La
 
 
 def test_a_tube_that_nothing_can_be_cut_from_is_a_no(labrig: Labrig, tmp_path: Path) -> None:
-    """Of a tube that equation (3) does not speak of our contour decides: exit code 1, the page, and no design file."""
+    """If only our contour applies and has no answer: exit code 1, a page, and no design file."""
     tube = "tube={outer_diameter_mm: 1.1, inner_diameter_mm: 0.6, link_length_mm: 3}"
     done = labrig(
         "run", DESIGN, "--runs-dir", tmp_path, "--json", *COARSE,
@@ -134,7 +131,7 @@ def test_a_tube_that_nothing_can_be_cut_from_is_a_no(labrig: Labrig, tmp_path: P
 
 
 def test_report_and_runs_know_a_design(ran: Ran, labrig: Labrig) -> None:
-    """The page can be written again, and the list names the experiment."""
+    """The page can be written again, and the list has the experiment's name."""
     assert labrig("report", ran.run).exit_code == 0
     assert labrig("runs", "--runs-dir", ran.run.parent, "--json").json()[0]["protocol"] == "design"
 
@@ -167,10 +164,8 @@ def test_check_needs_no_rig(labrig: Labrig, monkeypatch: pytest.MonkeyPatch) -> 
         ("grid_points=2", "grid_points is 2"),
     ],
 )
-def test_what_cannot_be_designed_leaves_no_run(
-    setting: str, words: str, labrig: Labrig, tmp_path: Path
-) -> None:
-    """Lengths and angles beyond a limit, and mistaken units, are refused with the limit and a hint, at their key."""
+def test_an_impossible_design_leaves_no_run(setting: str, words: str, labrig: Labrig, tmp_path: Path) -> None:
+    """Values beyond a limit and mistaken units are refused at their key, with a hint."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, "--set", setting)
     assert done.exit_code == 2
     assert words in done.err
@@ -182,14 +177,14 @@ def test_what_cannot_be_designed_leaves_no_run(
 def test_a_rig_for_a_design_is_a_mistake(
     arguments: tuple[object, ...], labrig: Labrig, tmp_path: Path
 ) -> None:
-    """A rig that was named would not be used, and that is words."""
+    """A named rig would not be used, and the error says so."""
     done = labrig("run", DESIGN, "--runs-dir", tmp_path, *arguments)
     assert done.exit_code == 2
     assert "moves no rig" in done.err
 
 
 def test_a_sweep_takes_the_design_of_a_run(ran: Ran, labrig: Labrig, tmp_path: Path) -> None:
-    """The needle's numbers come from design.json, and the world draws its radius within the tolerance."""
+    """Its needle comes from design.json, and the world draws a radius within the tolerance."""
     top = ran.run.parent.parent
     sweep = sweep_with(top / "protocols", "  design_file: ../runs/design/analysis/001/design.json\n")
     shortened = (

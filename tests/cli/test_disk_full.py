@@ -1,4 +1,4 @@
-"""A disk that fills up in the middle of `labrig run`."""
+"""A disk that fills up during `labrig run`."""
 
 import json
 import re
@@ -51,7 +51,7 @@ def _run_on_small_disk(tmp_path: Path, size: str, *settings: str) -> tuple[dict[
 def test_the_axes_stop_and_the_record_says_why(
     tmp_path: Path, size: str, settings: tuple[str, ...], reason: str
 ) -> None:
-    """Full, or nearly full: exit code 3, the run closed as failed with the reason, and all of it readable."""
+    """On a full disk: exit code 3, and a readable run closed as failed with the reason."""
     # Pictures so noisy take more than the estimate that is made beforehand, so that the run begins.
     document, run = _run_on_small_disk(
         tmp_path, size, *settings, "rig.world.noise_sd=25", "insertions_per_specimen=1"
@@ -66,8 +66,8 @@ def test_the_axes_stop_and_the_record_says_why(
     assert halted, "every axis was told to stop"
 
 
-def test_raw_frames_that_may_not_grow_end_the_run_whole(tmp_path: Path) -> None:
-    """A quota on the file of raw frames: stopped, failed with the reason, every acknowledged picture readable."""
+def test_a_quota_on_raw_frames_ends_the_run_intact(tmp_path: Path) -> None:
+    """It fails with the reason, and every acknowledged picture is readable."""
     command: list[object] = [
         sys.executable,
         "-m",
@@ -93,7 +93,7 @@ def test_raw_frames_that_may_not_grow_end_the_run_whole(tmp_path: Path) -> None:
 
 
 def test_commands_on_a_full_disk_say_so_and_change_nothing(tmp_path: Path) -> None:
-    """List, repair, remark, analysis, page and tables: exit code 3 with the file, or an answer; no run is touched."""
+    """Each gives exit code 3 with the file, or an answer; no run is touched."""
     shutil.copytree(ROOT / "data" / "first-record", tmp_path / "runs" / "closed")
     killed_run(tmp_path / "runs", "open")
     disk = tmp_path / "disk"

@@ -1,4 +1,4 @@
-"""Every example protocol, and imported pictures, through every command that takes a run; what is sound is called so."""
+"""Every example protocol, and imported pictures, through every command that takes a run."""
 
 import re
 import shutil
@@ -111,25 +111,25 @@ def is_sound(labrig: Labrig) -> Sound:
 
 
 def test_every_example_protocol_is_run_here() -> None:
-    """A protocol file that is added has to go through every command too."""
+    """A new protocol file must pass every command too."""
     assert sorted(SHORTENED) == sorted(path.stem for path in PROTOCOLS.glob("*.yaml"))
 
 
 @pytest.mark.parametrize("name", SHORTENED)
-def test_check_has_nothing_against_it(name: str, labrig: Labrig) -> None:
-    """The dry run of each example is without problems."""
+def test_check_finds_no_problem(name: str, labrig: Labrig) -> None:
+    """The dry run of each example has no problems."""
     done = labrig("check", *of_protocol(name), "--json")
     assert (done.exit_code, done.json()["ok"], done.json()["problems"]) == (0, True, [])
 
 
 def test_a_run_is_sound(made: Made, is_sound: Sound) -> None:
-    """What has just come to its end as a success is called so, and not damaged."""
+    """A successful run is reported sound."""
     assert made.document.get("exit_status", "success") == "success"
     is_sound(made.run, "success")
 
 
 def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
-    """To the last bit; of imported pictures it is said that no procedure made them."""
+    """To the last bit; imported pictures were made by no procedure, and the command says so."""
     done = labrig("replay", made.run, "--json")
     if made.name == "import":
         assert (done.exit_code, done.json()["error"]["hint"]) == (2, "there is nothing to replay")
@@ -139,7 +139,7 @@ def test_a_run_replays_identically(made: Made, labrig: Labrig) -> None:
 
 
 def test_a_run_is_measured_again_with_the_same_numbers(made: Made, run: Path, labrig: Labrig) -> None:
-    """The new result parts nowhere from the run's own, and the record stays sound."""
+    """The new result equals the first one, and the record stays sound."""
     for parent in range(2) if made.name == "import" else (1,):
         done = labrig("reanalyze", run, "--json")
         (row,) = done.json()
@@ -160,7 +160,7 @@ def test_a_run_is_shown(run: Path, labrig: Labrig) -> None:
 
 @pytest.mark.parametrize("form", FORMATS)
 def test_a_run_is_exported(form: str, made: Made, tmp_path: Path, labrig: Labrig, is_sound: Sound) -> None:
-    """Each form is written whole; a copy of the record is sound and differs in nothing."""
+    """Each format is complete; a copy of the record is sound and identical."""
     out = tmp_path / "out"
     done = labrig("export", made.run, form, "--out", out, "--json")
     assert (done.exit_code, done.json()["ok"]) == (0, True)
@@ -190,8 +190,8 @@ def test_changed_pictures_are_named_and_not_used(
         assert (done.exit_code, named, "differs" in done.out) == (4, True, False), words
 
 
-def test_what_people_say_of_a_run_is_found_again(run: Path, labrig: Labrig, is_sound: Sound) -> None:
-    """Tag, note and verdict stand in the list of runs, and the record stays sound."""
+def test_annotations_appear_in_the_list(run: Path, labrig: Labrig, is_sound: Sound) -> None:
+    """Tag, note and verdict are in the list of runs, and the record stays sound."""
     for words in (("tag", run, "-t", "kept"), ("note", run, "look again"), ("verdict", run, "good")):
         assert labrig("runs", *words, "--by", "Ada").exit_code == 0
     (row,) = labrig("runs", "--runs-dir", run.parent, "--where", "tag=kept", "--json").json()
@@ -200,7 +200,7 @@ def test_what_people_say_of_a_run_is_found_again(run: Path, labrig: Labrig, is_s
 
 
 def test_a_killed_run_is_closed_and_sound(killed: Path, labrig: Labrig, is_sound: Sound) -> None:
-    """It is called interrupted and not damaged, --repair closes it, and from then on it is sound."""
+    """It is reported interrupted, not damaged; after --repair it is sound."""
     before = labrig("runs", "check", killed)
     assert (before.exit_code, "sound, interrupted; --repair closes it" in before.out) == (0, True)
     (row,) = labrig("runs", "check", killed, "--repair", "--json").json()
@@ -211,7 +211,7 @@ def test_a_killed_run_is_closed_and_sound(killed: Path, labrig: Labrig, is_sound
 def test_a_killed_run_is_read_by_every_command(
     made: Made, killed: Path, tmp_path: Path, labrig: Labrig
 ) -> None:
-    """Once closed it is replayed up to there, measured, shown, exported, annotated and compared like any other."""
+    """After --repair it can be replayed, measured, shown, exported, annotated and compared."""
     assert labrig("runs", "check", killed, "--repair").exit_code == 0
     assert labrig("replay", killed).exit_code == (2 if made.name == "import" else 0)
     measured = labrig("reanalyze", killed)
@@ -233,7 +233,7 @@ def test_a_killed_run_is_read_by_every_command(
 def test_a_killed_run_goes_on_or_says_why_not(
     made: Made, killed: Path, labrig: Labrig, is_sound: Sound
 ) -> None:
-    """A sweep comes to its end; of the others nothing can be kept, and they are as they were."""
+    """A sweep is completed; other runs cannot be continued and stay unchanged."""
     done = labrig("resume", killed, "--json")
     if made.name == "steerability":
         assert (done.exit_code, done.json()["exit_status"]) == (0, "success")

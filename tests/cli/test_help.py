@@ -1,4 +1,4 @@
-"""What `labrig --help` shows, and what it does not load."""
+"""What `labrig --help` prints, and what it does not import."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def _python(code: str, columns: int = 80) -> str:
 
 
 def test_help_names_every_command() -> None:
-    """`labrig --help` lists the commands that others rely on."""
+    """It lists the stable commands."""
     text = _python("from labrig.cli.main import run_command; run_command(['--help'])")
     assert [command for command in COMMANDS if f" {command} " not in text] == []
 
@@ -57,7 +57,7 @@ def test_help_fits_the_terminal(columns: int) -> None:
 
 @pytest.mark.parametrize("arguments", [["--help"], ["runs", "--runs-dir", "none"]])
 def test_help_and_list_load_no_heavy_package(arguments: list[str]) -> None:
-    """Help and the list of runs start without numpy, OpenCV, pandas and the rest, so that they answer at once."""
+    """Help and the list of runs import neither numpy nor OpenCV nor pandas."""
     code = (
         "import sys, io, contextlib, json\n"
         "from labrig.cli.main import run_command\n"

@@ -1,4 +1,4 @@
-"""What `labrig calibrate` makes of its options for boards and gels."""
+"""The options of `labrig calibrate` for boards and gels."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from labrig.vision.refraction import Gel
 
 
 def test_charuco_board_is_described_by_dictionary_and_marker() -> None:
-    """The marker's side becomes a share of the square's; a plain chessboard has neither."""
+    """The marker is stored as a fraction of the square; a chessboard has neither."""
     found = make_board_search("DICT_5X5_100", 12.0, 16.0, partial=False, window_px=None)
     assert found == BoardSearch(charuco=Charuco("DICT_5X5_100", 0.75))
     assert make_board_search(None, None, 16.0, partial=True, window_px=4) == BoardSearch(True, None, 4)
@@ -27,7 +27,7 @@ def test_dictionary_and_marker_belong_together(charuco: str | None, marker_mm: f
 
 
 def test_gel_takes_index_depth_and_a_calibrated_camera() -> None:
-    """All three make a gel; none of them none; a part of them is wrong input that says what is missing."""
+    """All three make a gel; a part of them is wrong input that names the rest."""
     lens = Path("intrinsics.json")
     assert make_gel(1.35, 10.0, "surface", lens) == Gel(1.35, 10.0, "surface")
     assert make_gel(None, None, "needle", None) is None
@@ -38,7 +38,7 @@ def test_gel_takes_index_depth_and_a_calibrated_camera() -> None:
 
 
 def test_picture_that_cannot_be_written_is_a_fault_of_the_machine(tmp_path: Path) -> None:
-    """The picture stands beside the file under the same name; where that is a folder, it is named."""
+    """If the path of the picture is a folder, the error names it."""
     lens = Intrinsics((640, 480), 600.0, 600.0, 320.0, 240.0, (0.0,) * 5, {}, 0.1, None, (), False, ())
     assert name_figure(tmp_path / "lens.json") == tmp_path / "lens.png"
     assert name_figure(None) is None

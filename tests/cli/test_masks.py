@@ -1,4 +1,4 @@
-"""Masks through the commands: what takes one, and how the record keeps it."""
+"""Masks on the command line: which commands accept them, and how the record keeps them."""
 
 import json
 import shutil
@@ -69,8 +69,8 @@ def test_imported_pictures_keep_their_mask(
         assert (analysis / "mask.json").read_bytes() == used.read_bytes()
 
 
-def test_a_tip_under_a_mask_is_not_taken(labrig: Labrig, sweep: Sweep, good: Path, tmp_path: Path) -> None:
-    """`measure tip` leaves masked pixels out."""
+def test_a_masked_tip_is_not_found(labrig: Labrig, sweep: Sweep, good: Path, tmp_path: Path) -> None:
+    """`measure tip` ignores masked pixels."""
     asked = ("measure", "tip", good, "--template", TEMPLATE, *mapping(sweep), "--json")
     u, v = labrig(*asked).json()[0]["tip_px"]
     square = [[u - 9, v - 9], [u + 9, v - 9], [u + 9, v + 9], [u - 9, v + 9]]
@@ -80,7 +80,7 @@ def test_a_tip_under_a_mask_is_not_taken(labrig: Labrig, sweep: Sweep, good: Pat
 
 
 def test_a_rig_has_a_mask_that_every_run_keeps_and_uses(labrig: Labrig, tmp_path: Path) -> None:
-    """A mask named in the rig file is checked, recorded, and taken for every picture of the run."""
+    """A mask of the rig file is checked, recorded, and applied to every picture."""
     folder = tmp_path / "calibration"
     shutil.copytree(RIG.parent, folder)
     rig = folder / RIG.name

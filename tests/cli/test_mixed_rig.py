@@ -1,4 +1,4 @@
-"""A rig with drives of two kinds on one bus: EPOS2 for insertion and linear, any CiA 402 drive for the rotation."""
+"""A rig with two kinds of drives on a bus: EPOS2 for insertion and linear, CiA 402 for the rotation."""
 
 import json
 import re
@@ -61,10 +61,8 @@ def _mixed(tmp_path: Path) -> MixedRig:
     return MixedRig(folder / "rig.yaml", folder / "drives" / "epos4.eds")
 
 
-def test_a_sweep_runs_on_two_kinds_of_drives_and_comes_again(
-    labrig: Labrig, mixed: MixedRig, tmp_path: Path
-) -> None:
-    """From the protocol to the report; the run keeps the EDS file, so that it is replayed without the rig's folder."""
+def test_a_sweep_on_two_kinds_of_drives_replays(labrig: Labrig, mixed: MixedRig, tmp_path: Path) -> None:
+    """The run keeps the EDS file, so the replay does not need the rig's folder."""
     done = labrig(
         "run", SWEEP, *SHORT_SWEEP, "--rig", mixed.path, "--runs-dir", tmp_path / "runs", "--yes", "--json"
     )
@@ -92,7 +90,7 @@ def test_a_sweep_runs_on_two_kinds_of_drives_and_comes_again(
 
 
 def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> None:
-    """`devices check` says what each drive is, and warns of what nobody guards."""
+    """`devices check` identifies each drive, and warns of missing guards."""
     done = labrig("devices", "check", "--rig", mixed.path, "--json")
     checks = {check["check"]: check for check in done.json()}
     assert checks["drive insertion"]["status"] == checks["drive rotation"]["status"] == "PASS"
@@ -112,15 +110,15 @@ def test_the_rig_is_checked_with_both_kinds(labrig: Labrig, mixed: MixedRig) -> 
 
 
 def test_an_axis_of_each_kind_is_jogged(labrig: Labrig, mixed: MixedRig) -> None:
-    """With the gentle current limit, which both drives hold."""
+    """Both drives apply the low current limit."""
     for axis, distance in (("rotation", 0.5), ("linear", 2)):
         done = labrig("devices", "jog", "--axis", axis, "--distance", distance, "--rig", mixed.path, "--yes")
         assert done.exit_code == 0, done.err
         assert "jog" in done.out
 
 
-def test_a_drive_without_a_current_limit_is_jogged_once_that_is_said(labrig: Labrig, mixed: MixedRig) -> None:
-    """By --current-ma 0; a limit that would move nothing is refused."""
+def test_a_drive_without_a_current_limit_needs_current_0(labrig: Labrig, mixed: MixedRig) -> None:
+    """It jogs with --current-ma 0; a limit too low to move is refused."""
     mixed.change(', current_limit_ma: "0x3001:02"', "")
     jog = ("devices", "jog", "--axis", "rotation", "--distance", "0.5", "--rig", mixed.path, "--yes")
     refused = labrig(*jog)
@@ -149,10 +147,10 @@ BAD_EDS = {
 
 
 @pytest.mark.parametrize(("text", "words"), BAD_EDS.values(), ids=BAD_EDS)
-def test_an_eds_file_that_will_not_do_is_told_before_anything_moves(
+def test_an_unusable_eds_file_is_refused_before_anything_moves(
     labrig: Labrig, mixed: MixedRig, text: str | None, words: str, tmp_path: Path
 ) -> None:
-    """`labrig check`, `run` and `devices check` name the key, the object and what to do."""
+    """`check`, `run` and `devices check` name the key, the object and a remedy."""
     mixed.eds.unlink()
     if text is not None:
         mixed.eds.write_text(text, encoding="ascii")
@@ -192,10 +190,10 @@ BAD_SECTION = [
 
 
 @pytest.mark.parametrize(("old", "new", "words"), BAD_SECTION)
-def test_a_section_that_cannot_be_is_refused_with_its_line(
+def test_an_invalid_section_is_refused_with_its_line(
     labrig: Labrig, mixed: MixedRig, old: str, new: str, words: str
 ) -> None:
-    """Keys that the driver does not have, and values that it cannot take."""
+    """Keys that the driver lacks, and values out of range."""
     mixed.change(old, new)
     if words == "homing.position":
         mixed.change("    referenced_bit: 15\n", "    referenced_bit: 15\n    homing: {position: 0.5}\n")
@@ -205,8 +203,8 @@ def test_a_section_that_cannot_be_is_refused_with_its_line(
     assert re.search(r"rig\.yaml:\d+:\d+", done.err)
 
 
-def test_a_setting_that_the_drive_cannot_hold_is_told(labrig: Labrig, mixed: MixedRig) -> None:
-    """An EPOS4 has no following error timeout but 0: `labrig check` says so by the index."""
+def test_a_setting_out_of_range_of_the_drive_is_refused(labrig: Labrig, mixed: MixedRig) -> None:
+    """An EPOS4 accepts only following error timeout 0: `labrig check` names the object."""
     mixed.change("    referenced_bit: 15\n", "    referenced_bit: 15\n    following_error_timeout_ms: 5\n")
     done = labrig("check", SWEEP, "--rig", mixed.path)
     assert done.exit_code == 1

@@ -58,7 +58,7 @@ def test_a_plan_is_drawn(labrig: Labrig, tmp_path: Path, name: str, magic: bytes
 
 
 def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:
-    """A target that cannot be reached exits with 1 and the reason; what stands there is drawn all the same."""
+    """An unreachable target exits with 1 and the reason; the scenario is drawn all the same."""
     scenario = _file(tmp_path, target={"position_mm": [0, 0, -20]})
     done = labrig("plan", scenario, "--json", "--figure", tmp_path / "no.svg")
     assert done.exit_code == 1
@@ -69,7 +69,7 @@ def test_no_plan_is_an_answer(labrig: Labrig, tmp_path: Path) -> None:
 
 
 def test_a_needle_takes_radius_and_tolerance_from_a_design(labrig: Labrig, tmp_path: Path) -> None:
-    """A design file gives diameter and radius; its tolerance is planned with, and what it may cost is told."""
+    """The path allows for the tolerance, and its worst error is printed."""
     write_design(tmp_path / "needle.json", radius_mm=30.0, radius_low_mm=28.0, radius_high_mm=32.5)
     scenario = _file(tmp_path, needle={"design_file": "needle.json"})
     plan = labrig("plan", scenario, "--json").json()
@@ -103,7 +103,7 @@ BAD = {
 
 @pytest.mark.parametrize("change", BAD.values(), ids=BAD.keys())
 def test_a_bad_scenario_is_refused(labrig: Labrig, tmp_path: Path, change: dict[str, object]) -> None:
-    """What makes no scenario exits with 2 and a message, never with a plan."""
+    """An invalid scenario exits with 2 and a message, without a plan."""
     done = labrig("plan", _file(tmp_path, **change), "--json")
     assert done.exit_code == 2
     assert done.json()["error"]["message"]

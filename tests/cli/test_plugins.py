@@ -1,4 +1,4 @@
-"""What packages add, as the command line has it: one that fails is named and in nobody's way."""
+"""Packages with plugins on the command line: a broken one is named and stops nothing else."""
 
 import importlib
 import json
@@ -56,7 +56,7 @@ def _protocol(folder: Path, experiment: str) -> Path:
 
 
 def test_an_installation_without_labrigs_own_says_what_to_run(site: Path, labrig: Labrig) -> None:
-    """Where the code is newer than its installation, nothing can be run; it ends with 3 and the command that helps."""
+    """If the code is newer than its installation: exit code 3 and the command to run."""
     install_package(site, "labrig", "")
     done = labrig("run", *ON_RIG)
     assert done.exit_code == 3
@@ -64,7 +64,7 @@ def test_an_installation_without_labrigs_own_says_what_to_run(site: Path, labrig
 
 
 def test_an_experiment_that_two_packages_claim_is_refused(site: Path, tmp_path: Path, labrig: Labrig) -> None:
-    """Both are named and neither is chosen; other experiments run."""
+    """Both are named and neither is used; other experiments run."""
     for package in ("lab-one", "lab-two"):
         _declare(site, "claimed", "", package)
     done = labrig("check", _protocol(tmp_path, "claimed"), "--rig", RIG)
@@ -92,7 +92,7 @@ def test_an_experiment_that_two_packages_claim_is_refused(site: Path, tmp_path: 
 def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
     site: Path, tmp_path: Path, labrig: Labrig, name: str, code: str, words: str
 ) -> None:
-    """`check`, `devices check` and `schema` name it; runs of other experiments, `runs` and schemas know no harm."""
+    """`check`, `devices check` and `schema` name it; other runs and schemas are unaffected."""
     _declare(site, name, code)
     checked = labrig("check", *ON_RIG, "--json")
     assert checked.exit_code == 0
@@ -120,7 +120,7 @@ def test_an_experiment_that_fails_is_named_and_fatal_to_nothing(
 def test_a_driver_that_fails_is_named_and_fatal_to_nothing(
     site: Path, labrig: Labrig, group: str, name: str, kind: str
 ) -> None:
-    """`check`, `devices check` and `schema rig` name it; a rig without it is as before."""
+    """`check`, `devices check` and `schema rig` name it; a rig without it is unaffected."""
     module = f"lab_{kind}_that_fails"
     install_package(site, "lab-drivers", f"[labrig.{group}]\n{name} = {module}:KIND\n", module, "1 / 0\n")
     words = f"{kind} {name} of package lab-drivers 1.5 cannot be imported: ZeroDivisionError"
@@ -141,7 +141,7 @@ def test_a_driver_that_fails_is_named_and_fatal_to_nothing(
 def test_an_experiment_that_lacks_a_function_is_refused_before_anything_moves(
     site: Path, tmp_path: Path, labrig: Labrig, name: str, part: str
 ) -> None:
-    """`check` and `run` name the part and the package; no record is begun."""
+    """`check` and `run` name the part and the package; no record is made."""
     _declare(site, name, DECLARATION.format(name=name, part=part))
     protocol = _protocol(tmp_path, name)
     key, _, where = part.partition("=")
@@ -152,10 +152,8 @@ def test_an_experiment_that_lacks_a_function_is_refused_before_anything_moves(
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_function_that_is_handed_on_from_another_module_is_found(
-    site: Path, tmp_path: Path, labrig: Labrig
-) -> None:
-    """A part may be imported where the declaration says, defined under a condition, or made as the module is loaded."""
+def test_a_reexported_function_is_found(site: Path, tmp_path: Path, labrig: Labrig) -> None:
+    """A part may be imported, defined under a condition, or made at import."""
     (site / "lab_parts.py").write_text(
         "from labrig.experiments.roll_zero.analysis import analyze\n"
         "from labrig.experiments.roll_zero.page import *\n"
@@ -167,8 +165,8 @@ def test_a_function_that_is_handed_on_from_another_module_is_found(
     assert labrig("check", _protocol(tmp_path, "handed-on"), "--rig", RIG).exit_code == 0
 
 
-def test_an_unknown_key_of_a_driver_is_told_with_line_and_column(tmp_path: Path, labrig: Labrig) -> None:
-    """And the key that was probably meant."""
+def test_an_unknown_key_of_a_driver_has_line_and_column(tmp_path: Path, labrig: Labrig) -> None:
+    """The error suggests the key that was probably meant."""
     text = RIG.read_text(encoding="utf-8")
     line = text[: text.index("encoder_pulses_per_turn")].count("\n") + 1
     path = tmp_path / "rig.yaml"
@@ -198,7 +196,7 @@ def outside_run(site: Path, tmp_path: Path, labrig: Labrig, monkeypatch: pytest.
 def test_a_record_is_read_without_the_packages_that_made_it(
     site: Path, tmp_path: Path, outside_run: Path, labrig: Labrig
 ) -> None:
-    """`runs`, `runs check`, `view`, `export` and tags do without; what computes or drives ends with 2 and names it."""
+    """`runs`, `runs check`, `view`, `export` and tags work; other commands exit with 2 and name the package."""
     recorded = json.loads((outside_run / "manifest.json").read_text(encoding="utf-8"))["plugins"]
     assert recorded.keys() == {
         "experiment repeatability", "drive epos2", "drive example-stepper", "camera example-marker",
@@ -227,7 +225,7 @@ def test_a_record_is_read_without_the_packages_that_made_it(
 def test_a_record_whose_device_alone_is_missing_is_read_but_not_computed(
     site: Path, tmp_path: Path, outside_run: Path, labrig: Labrig, device: str
 ) -> None:
-    """The experiment is installed and a drive or the camera is not: what computes or replays ends with 2."""
+    """Without its drive or camera, commands that compute or replay exit with 2."""
     entry_points = next(site.glob("labrig_example-*")) / "entry_points.txt"
     text = entry_points.read_text(encoding="utf-8")
     entry_points.write_text(text.replace(device.split()[1], "another"), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Faults that a rig file scripts: read, refused where they make no sense, and carried out when they are due."""
+"""Faults that a rig file scripts: read, refused if invalid, and carried out when due."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def _move(hardware: SimulatedHardware) -> None:
 
 
 def test_a_rig_file_scripts_faults(tmp_path: Path) -> None:
-    """A section faults is read with its defaults."""
+    """The section `faults` is read with its defaults."""
     path = tmp_path / "rig.yaml"
     script = "faults:\n  - {fault: boot-up, axis: linear, at_s: 2, once: moving}\n\ncan:"
     path.write_text(rig_text({"\ncan:": "\n" + script}), encoding="utf-8")
@@ -47,8 +47,8 @@ def test_a_rig_file_scripts_faults(tmp_path: Path) -> None:
         ("{fault: gremlins}", "faults"),
     ],
 )
-def test_a_script_that_makes_no_sense_is_refused(tmp_path: Path, script: str, words: str) -> None:
-    """Each fault says what it needs, with its place in the file."""
+def test_an_invalid_fault_is_refused(tmp_path: Path, script: str, words: str) -> None:
+    """The error says what the fault needs, with its place in the file."""
     path = tmp_path / "rig.yaml"
     path.write_text(rig_text({"\ncan:": f"\nfaults:\n  - {script}\n\ncan:"}), encoding="utf-8")
     with pytest.raises(FileFormatError, match=words):
@@ -56,7 +56,7 @@ def test_a_script_that_makes_no_sense_is_refused(tmp_path: Path, script: str, wo
 
 
 def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
-    """Not before `at_s`, and then not before the axis moves; the drive's own journal has the instant."""
+    """It occurs after `at_s` and only while the axis moves; the drive's journal has the instant."""
     hardware = _hardware(FaultDescription(fault="boot-up", axis="insertion", at_s=1.0, once="moving"))
     hardware.clock.sleep(2.0)
     assert hardware.faults.happened == []
@@ -81,8 +81,8 @@ def test_a_fault_waits_for_its_time_and_for_the_axis() -> None:
         (FaultDescription(fault="negative-limit-switch", axis="insertion"), 0xFF06),
     ],
 )
-def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
-    """The axis stands still within half a second of the fault, and the error history names it."""
+def test_a_fault_that_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> None:
+    """The axis stands still within half a second, and the error history names the fault."""
     hardware = _hardware()
     drive = epos2_drives(hardware)["insertion"]
     drive.objects.put(od.LIMIT_EXECUTION_MASK, 3)
@@ -112,8 +112,8 @@ def test_what_a_drive_notices_stops_it(fault: FaultDescription, code: int) -> No
         (FaultDescription(fault="encoder-resolution", axis="insertion"), [0x4B]),
     ],
 )
-def test_what_a_client_hears_after_a_fault(fault: FaultDescription, answers: list[int]) -> None:
-    """The command bytes of the answers to one SDO request: none, one, two, or an abort."""
+def test_a_fault_changes_the_answers_of_a_drive(fault: FaultDescription, answers: list[int]) -> None:
+    """An SDO request gets no answer, one, two, or an abort."""
     hardware = _hardware()
     link = hardware.open_link()
     heard: list[int] = []

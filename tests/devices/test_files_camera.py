@@ -1,4 +1,4 @@
-"""Recorded pictures in place of a camera: their order, their times, and what is refused."""
+"""Recorded pictures in place of a camera: order, times, and refusals."""
 
 import os
 from pathlib import Path
@@ -32,8 +32,8 @@ def _camera(folder: Path, clock: SimulatedClock | None = None, **keys: object) -
     return Camera(FILES.open(section, CameraContext(clock, folder)), section, clock)
 
 
-def test_a_folder_gives_a_picture_for_each_look(tmp_path: Path) -> None:
-    """In the order of their numbers, 2 before 10, however much time passes; the time is that of the look."""
+def test_a_folder_gives_a_picture_for_each_read(tmp_path: Path) -> None:
+    """In the order of the numbers, 2 before 10, at any rate; the time is that of the read."""
     write_pictures(tmp_path / "p", 12)
     clock = SimulatedClock()
     camera = _camera(tmp_path, clock)
@@ -47,7 +47,7 @@ def test_a_folder_gives_a_picture_for_each_look(tmp_path: Path) -> None:
 
 
 def test_the_end_of_the_pictures_is_an_error_with_their_count(tmp_path: Path) -> None:
-    """How many there were, where, and what to do."""
+    """The error has their number, their folder and a remedy."""
     write_pictures(tmp_path / "p", 2)
     camera = _camera(tmp_path)
     camera.capture()
@@ -61,7 +61,7 @@ def test_the_end_of_the_pictures_is_an_error_with_their_count(tmp_path: Path) ->
 
 @pytest.mark.parametrize("source", ["p", "film.avi"])
 def test_pictures_with_times_are_played_in_the_rigs_time(tmp_path: Path, source: str) -> None:
-    """From the first look on, each gives the first picture that is not older, and waits for it."""
+    """From the first read on, each read waits for the first picture that is not older."""
     write_pictures(tmp_path / "p", 40)
     write_film(tmp_path / "film.avi", 40)
     clock = SimulatedClock()
@@ -76,14 +76,14 @@ def test_pictures_with_times_are_played_in_the_rigs_time(tmp_path: Path, source:
     assert frame.time_fields() == {"t_bound_s": 0.0}
 
 
-def test_a_film_may_begin_later(tmp_path: Path) -> None:
-    """The first look takes the picture of the time that the rig file states."""
+def test_a_video_may_begin_later(tmp_path: Path) -> None:
+    """The first read takes the picture of the time in the rig file."""
     write_film(tmp_path / "film.avi", 40)
     assert number_in(_camera(tmp_path, source="film.avi", start_s=1.0).capture().image) == 20
 
 
-def test_a_film_of_another_rate_is_played_by_that_rate(tmp_path: Path) -> None:
-    """With times: rate the pictures of a video follow one another at rate_hz."""
+def test_a_video_can_be_played_at_another_rate(tmp_path: Path) -> None:
+    """With times: rate, its pictures follow at rate_hz."""
     write_film(tmp_path / "film.avi", 40)
     clock = SimulatedClock()
     camera = _camera(tmp_path, clock, source="film.avi", times="rate", rate_hz=10.0)
@@ -92,8 +92,8 @@ def test_a_film_of_another_rate_is_played_by_that_rate(tmp_path: Path) -> None:
     assert number_in(camera.capture().image) == 10
 
 
-def test_a_sidecar_says_when_each_picture_was_taken(tmp_path: Path) -> None:
-    """Times since the first picture count."""
+def test_a_sidecar_gives_the_times(tmp_path: Path) -> None:
+    """They are counted from the first picture."""
     write_sidecar(write_pictures(tmp_path / "p", 4), [100.0, 100.5, 101.5, 103.0])
     clock = SimulatedClock()
     camera = _camera(tmp_path, clock, times="sidecar")
@@ -103,8 +103,8 @@ def test_a_sidecar_says_when_each_picture_was_taken(tmp_path: Path) -> None:
     assert (number_in(frame.image), frame.t_s) == (2, 1.5)
 
 
-def test_file_times_are_times(tmp_path: Path) -> None:
-    """With times: modified each picture is of when its file was."""
+def test_modification_times_are_times(tmp_path: Path) -> None:
+    """With times: modified, each picture has the modification time of its file."""
     folder = write_pictures(tmp_path / "p", 3)
     for number in range(3):
         os.utime(folder / f"{number + 1}.png", (1e9 + number, 1e9 + number))
@@ -115,8 +115,8 @@ def test_file_times_are_times(tmp_path: Path) -> None:
     assert number_in(camera.capture().image) == 2
 
 
-def test_a_gap_is_not_waited_for(tmp_path: Path) -> None:
-    """A picture of half a minute later is no answer; both times are named."""
+def test_a_long_gap_is_not_waited_for(tmp_path: Path) -> None:
+    """A picture half a minute later is an error that names both times."""
     write_sidecar(write_pictures(tmp_path / "p", 2), [0.0, 30.0])
     clock = SimulatedClock()
     camera = _camera(tmp_path, clock, times="sidecar")
@@ -140,7 +140,7 @@ def test_a_gap_is_not_waited_for(tmp_path: Path) -> None:
     ],
 )
 def test_a_sidecar_that_cannot_be_used_is_refused(tmp_path: Path, lines: list[str], words: str) -> None:
-    """File, line, and what is wrong."""
+    """The error has file, line and reason."""
     folder = write_pictures(tmp_path / "p", 2)
     (folder / "times.csv").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(CameraError, match=words):
@@ -148,14 +148,14 @@ def test_a_sidecar_that_cannot_be_used_is_refused(tmp_path: Path, lines: list[st
 
 
 def test_a_folder_without_a_sidecar_is_refused(tmp_path: Path) -> None:
-    """The file that is missing is named."""
+    """The error names the missing file."""
     write_pictures(tmp_path / "p", 2)
     with pytest.raises(CameraError, match=r"times\.csv cannot be read"):
         _camera(tmp_path, times="sidecar")
 
 
 def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
-    """Only pictures that lie in the folder are read."""
+    """Only pictures inside the folder are read."""
     cv2.imwrite(str(tmp_path / "outside.png"), draw_numbered_picture(0))
     folder = write_pictures(tmp_path / "p", 1)
     (folder / "2.png").symlink_to(tmp_path / "outside.png")
@@ -167,7 +167,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     ("source", "words"), [("empty", "holds no picture"), ("none", "none cannot be read")]
 )
 def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words: str) -> None:
-    """An empty folder, and one that is not there."""
+    """An empty folder and a missing one are named."""
     (tmp_path / "empty").mkdir()
     with pytest.raises(CameraError, match=words):
         _camera(tmp_path, source=source)
@@ -176,15 +176,15 @@ def test_a_source_without_pictures_is_refused(tmp_path: Path, source: str, words
 @pytest.mark.parametrize(
     "content", [b"", b"#EXTM3U\nfile:///etc/passwd\n", b"ffconcat version 1.0\nfile a.avi\n"]
 )
-def test_a_list_of_files_is_no_video(tmp_path: Path, content: bytes) -> None:
-    """Text that names other files is not handed to the video library."""
+def test_a_list_of_files_is_not_opened(tmp_path: Path, content: bytes) -> None:
+    """Text that names other files never reaches the video library."""
     (tmp_path / "film.avi").write_bytes(content)
     with pytest.raises(CameraError, match=r"film\.avi is text or empty, expected a video"):
         _camera(tmp_path, source="film.avi")
 
 
 def test_pictures_of_another_size_are_refused(tmp_path: Path) -> None:
-    """The size is compared when the source is opened, and again for each picture."""
+    """The size is compared when the source is opened, and for each picture."""
     folder = write_pictures(tmp_path / "p", 1)
     cv2.imwrite(str(folder / "2.png"), np.zeros((10, 10), np.uint8))
     with pytest.raises(CameraError, match="ignored width_px: 80 was asked for, it uses 64"):
@@ -208,8 +208,8 @@ def _load(folder: Path, *overrides: str) -> RigDescription:
     return load_rig(path, overrides)
 
 
-def test_recorded_pictures_go_with_simulated_drives_and_with_real_ones(tmp_path: Path) -> None:
-    """A section without exposure, gain and focus: recorded pictures have none."""
+def test_recorded_pictures_work_on_both_kinds_of_rig(tmp_path: Path) -> None:
+    """Their section has no exposure, gain or focus."""
     camera = _load(tmp_path).camera
     assert isinstance(camera, FilesCameraDescription)
     assert camera.settings() == {"width_px": 1280, "height_px": 720}
@@ -232,8 +232,8 @@ def test_recorded_pictures_go_with_simulated_drives_and_with_real_ones(tmp_path:
         ("start_s=-1", "start_s is -1"),
     ],
 )
-def test_a_section_that_cannot_be_is_refused(tmp_path: Path, override: str, words: str) -> None:
-    """Keys that recorded pictures have not, sources that nobody means, and pictures that are too large."""
+def test_an_invalid_section_is_refused(tmp_path: Path, override: str, words: str) -> None:
+    """Unknown keys, sources of another kind, and pictures that are too large."""
     overrides = [f"camera.{override}"]
     if words == "times":
         overrides += ["camera.height_px=9000", "world.lens.width_px=9000", "world.lens.height_px=9000"]
@@ -244,7 +244,7 @@ def test_a_section_that_cannot_be_is_refused(tmp_path: Path, override: str, word
 
 
 def test_a_stream_has_no_times_of_its_own(tmp_path: Path) -> None:
-    """Its pictures are timed by their arrival."""
+    """Its pictures have the times of arrival."""
     with pytest.raises(FileFormatError, match="times is rate, a stream has the times of arrival"):
         _load(tmp_path, "camera.source='rtsp://h/x'", "camera.times=rate")
 
@@ -253,7 +253,7 @@ SECRET = "rtsp://lab:p@ss/w:rd@10.0.0.7:554/live"
 
 
 def test_a_password_is_kept_out_of_records_and_messages(tmp_path: Path) -> None:
-    """Whatever it holds: neither the rig file of a record, nor a message, nor what is printed of a section has it."""
+    """Rig file of the record, messages and printed section never contain it."""
     rig = _load(tmp_path, f"camera.source='{SECRET}'")
     with pytest.raises(FileFormatError) as refusal:
         _load(tmp_path, f"camera.source=['{SECRET}']")
@@ -271,7 +271,7 @@ def test_a_password_is_kept_out_of_records_and_messages(tmp_path: Path) -> None:
 
 
 def test_a_record_does_not_know_the_password_of_its_stream() -> None:
-    """A rig file out of a record opens no stream that needs one, and says why."""
+    """A rig file from a record cannot open such a stream, and the error says why."""
     address = mask_passwords(SECRET)
     with pytest.raises(CameraError, match=r"password of rtsp://lab:\*\*\*@10\.0\.0\.7:554/live is not known"):
         open_stream(address, address)
@@ -281,7 +281,7 @@ def test_a_record_does_not_know_the_password_of_its_stream() -> None:
 
 
 def test_a_stream_that_cannot_be_opened_is_named_without_its_password() -> None:
-    """Nobody listens at that port."""
+    """Nobody listens at its port."""
     url = "http://lab:secret@127.0.0.1:9/live"
     with pytest.raises(CameraError, match=r"stream http://lab:\*\*\*@127\.0\.0\.1:9/live cannot be opened"):
         open_stream(url, mask_passwords(url))
@@ -305,7 +305,7 @@ class _Arrivals(Computer):
 
 
 def test_a_picture_of_a_stream_is_newer_than_its_command_by_the_latency() -> None:
-    """What arrives sooner after the call than a picture is on its way is passed over: it may be older."""
+    """Pictures that arrive within the latency after the call are skipped: they may be older."""
     computer = _Arrivals()
     source = StreamSource(
         EndlessStream(), "rtsp://h/x", ComputerClock(computer), latency_s=0.5, monotonic_s=computer
@@ -318,8 +318,8 @@ def test_a_picture_of_a_stream_is_newer_than_its_command_by_the_latency() -> Non
     assert exposure.t_bound_s == 0.5
 
 
-def test_the_end_of_a_stream_is_told() -> None:
-    """With the number of pictures that it gave; the thread has let go of it."""
+def test_the_end_of_a_stream_is_an_error() -> None:
+    """It has the number of pictures; the thread has released the stream."""
     source, fed = _stream(Computer())
     fed.arriving.put(draw_numbered_picture(0))
     fed.arriving.put(None)
@@ -329,8 +329,8 @@ def test_the_end_of_a_stream_is_told() -> None:
     assert fed.released == 1
 
 
-def test_a_stream_that_gives_nothing_is_not_waited_for_longer_than_its_time() -> None:
-    """The time is named."""
+def test_a_silent_stream_is_an_error_after_the_timeout() -> None:
+    """The error names the timeout."""
     source, fed = _stream(Computer(), timeout_s=0.05)
     with pytest.raises(CameraError, match=r"gave no picture within 0\.05 s"):
         source.read()

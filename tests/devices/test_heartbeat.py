@@ -1,4 +1,4 @@
-"""The computer's heartbeat, the drives' heartbeats, and what each side does when the other falls silent."""
+"""The heartbeats of computer and drives, and what each side does when the other falls silent."""
 
 import pytest
 
@@ -28,8 +28,8 @@ def _read(opened: OpenedRig) -> AxisReadback:
     return opened.rig.read_states()["insertion"]
 
 
-def test_a_computer_that_hangs_does_not_beat_and_the_drives_stop() -> None:
-    """Time passes without labrig: within the heartbeat time and its deceleration the axis stands still."""
+def test_drives_stop_when_the_computer_hangs() -> None:
+    """The axis stands still within the heartbeat timeout and its deceleration."""
     with opened_rig() as opened:
         _moving(opened)
         drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock
@@ -44,8 +44,8 @@ def test_a_computer_that_hangs_does_not_beat_and_the_drives_stop() -> None:
         assert fault.value.remedy
 
 
-def test_a_drive_that_stops_beating_is_silent() -> None:
-    """It still answers, but its heartbeat has stopped: the rig stops within its timeout and names the drive."""
+def test_a_drive_without_heartbeat_stops_the_rig() -> None:
+    """It still answers, but the rig stops within its timeout and names the drive."""
     with opened_rig() as opened:
         _moving(opened)
         opened.hardware.drives["linear"].stop_heartbeat()
@@ -56,7 +56,7 @@ def test_a_drive_that_stops_beating_is_silent() -> None:
 
 
 def test_a_power_cycle_in_the_middle_of_a_move_is_named() -> None:
-    """The boot-up is heard: the axis has lost its reference, and the others are stopped."""
+    """The boot-up is noticed: the axis has lost its reference, and the others are stopped."""
     with opened_rig() as opened:
         _moving(opened)
         opened.hardware.drives["insertion"].restart()
@@ -65,7 +65,7 @@ def test_a_power_cycle_in_the_middle_of_a_move_is_named() -> None:
 
 
 def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
-    """Nothing can be sent; the error says so, and the drives stop for want of beats."""
+    """Nothing can be sent, so the drives miss the heartbeat."""
     with opened_rig() as opened:
         _moving(opened)
         opened.hardware.wire.bus_off()
@@ -79,7 +79,7 @@ def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
 
 
 def test_an_unplugged_adapter_is_a_bus_error() -> None:
-    """The next frame finds it out."""
+    """The next frame raises it."""
     with opened_rig() as opened:
         _moving(opened)
         opened.hardware.wire.unplug()
@@ -88,8 +88,8 @@ def test_an_unplugged_adapter_is_a_bus_error() -> None:
 
 
 @pytest.mark.parametrize("fault", ["lose", "duplicate"])
-def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
-    """The question is asked again, or the second answer is dropped; the move goes on."""
+def test_one_lost_or_repeated_frame_is_tolerated_and_counted(fault: str) -> None:
+    """The request is repeated, or the second answer dropped; the move goes on."""
     with opened_rig() as opened:
         _moving(opened)
         getattr(opened.hardware.wire, fault)(2)
@@ -100,7 +100,7 @@ def test_one_lost_or_doubled_frame_is_survived_and_counted(fault: str) -> None:
 
 
 def test_two_drives_that_share_a_cob_id_are_refused() -> None:
-    """Both would obey one frame; connecting names both axes."""
+    """Both would obey one frame; the error names both axes."""
     with opened_rig() as opened:
         first = co.RECEIVE_PDO_COB_IDS[0]
         rotation, insertion = opened.rig.rotation.drive, opened.rig.insertion.drive
@@ -112,7 +112,7 @@ def test_two_drives_that_share_a_cob_id_are_refused() -> None:
 
 
 def test_the_speed_is_that_between_two_positions() -> None:
-    """5 mm/s reads as 5 mm/s, not as the drive's own quantised rpm."""
+    """5 mm/s reads as 5 mm/s, not as the drive's rounded rpm."""
     with opened_rig() as opened:
         _moving(opened)
         _read(opened)
@@ -120,8 +120,8 @@ def test_the_speed_is_that_between_two_positions() -> None:
         assert _read(opened).speed == pytest.approx(5.0, abs=0.01)
 
 
-def test_a_move_downwards_ends_from_below_where_there_is_backlash() -> None:
-    """It goes beyond its target by the backlash and comes back, so that the play is always on one side."""
+def test_backlash_is_always_taken_up_from_below() -> None:
+    """A downward move passes its target by the backlash and comes back."""
     with opened_rig(simulated_rig("axes.insertion.backlash=0.5")) as opened:
         opened.rig.connect()
         opened.rig.reference_axes()

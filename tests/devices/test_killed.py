@@ -90,7 +90,7 @@ def _wait_for(served: Served, kind: str) -> DriveEvent:
 def test_a_drive_stops_by_itself_when_labrig_is_gone(
     interface: str, number: signal.Signals, tmp_path: Path
 ) -> None:
-    """Its heartbeat time after the last beat it brakes, and it stands still as soon as its deceleration allows."""
+    """It brakes a heartbeat timeout after the last heartbeat, and then stands still."""
     with served_drives(interface) as served:
         beats = Beats(served)
         with _mover(served, tmp_path) as mover:

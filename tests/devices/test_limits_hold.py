@@ -1,4 +1,4 @@
-"""Whatever is asked of the rig, no drive is ever beyond the limits of its axis: its shaft and journal say so."""
+"""No command takes a drive beyond the limits of its axis, as its shaft and journal show."""
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -35,7 +35,7 @@ def _beyond(opened: OpenedRig) -> list[str]:
 def test_no_moves_at_all_take_an_axis_beyond_its_limits(
     moves: list[tuple[str, float, float, float]],
 ) -> None:
-    """Refused or made, on top of one another, with play to take up and a reversed axis: none ends in a fault."""
+    """Refused, made or replaced, with backlash and reversed axes: no move ends in a fault."""
     with opened_rig(RIG) as opened:
         opened.rig.connect()
         opened.rig.reference_axes()

@@ -1,4 +1,4 @@
-"""What the rig remembers across runs, and what it does when it cannot."""
+"""What the rig remembers across runs, and what it does if it cannot."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from labrig.errors import DiskError
 
 
 def test_a_state_survives_the_process(tmp_path: Path) -> None:
-    """What one store writes, another reads."""
+    """Another store reads what a store has written."""
     path = tmp_path / "state.json"
     NeedleState(path).update(needle_in_tissue=True, since_run="run-1", referenced=("insertion",), note="")
     state = NeedleState(path).state
@@ -19,14 +19,14 @@ def test_a_state_survives_the_process(tmp_path: Path) -> None:
 
 
 def test_without_a_path_nothing_is_remembered() -> None:
-    """A simulated rig is new in every run: no needle in tissue."""
+    """A simulated rig is new in every run, with no needle in tissue."""
     store = NeedleState(None)
     store.update(needle_in_tissue=True, since_run="run-1")
     assert NeedleState(None).state.needle_in_tissue is False
 
 
 def test_no_file_is_a_doubt(tmp_path: Path) -> None:
-    """Nobody knows whether a needle is in tissue at a rig that has never been used."""
+    """At a rig that has never been used, a needle may be in tissue."""
     state = NeedleState(tmp_path / "state.json").state
     assert state.needle_in_tissue is None
     assert "no state file yet" in state.doubt
@@ -65,8 +65,8 @@ def test_no_file_is_a_doubt(tmp_path: Path) -> None:
         ).encode(),
     ],
 )
-def test_a_damaged_file_is_a_doubt_that_is_told(tmp_path: Path, content: bytes) -> None:
-    """In doubt a needle is in tissue: a file that cannot be read is never taken to say that none is."""
+def test_a_damaged_file_is_a_doubt_with_a_reason(tmp_path: Path, content: bytes) -> None:
+    """An unreadable file never counts as no needle in tissue."""
     path = tmp_path / "state.json"
     path.write_bytes(content)
     state = NeedleState(path).state
@@ -76,13 +76,13 @@ def test_a_damaged_file_is_a_doubt_that_is_told(tmp_path: Path, content: bytes) 
 
 
 def test_a_state_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
-    """A needle does not go into tissue on a rig that could not remember it."""
+    """Without it no needle goes into tissue."""
     with pytest.raises(DiskError):
         NeedleState(tmp_path / "missing" / "state.json").update(needle_in_tissue=True)
 
 
 def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None:
-    """It is on disk with the needle that it is of, and comes back as it was."""
+    """It is on disk with its needle, and reads back unchanged."""
     store = NeedleState(tmp_path / "rig.state.json")
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
     store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
@@ -93,7 +93,7 @@ def test_a_certified_roll_zero_is_remembered_across_runs(tmp_path: Path) -> None
 def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
     tmp_path: Path, left: tuple[str, ...]
 ) -> None:
-    """Power loss and a new zero of the axes take the reference; what was told from it means nothing any more."""
+    """Power loss and a new zero of the axes end the reference, and with it the roll zero."""
     store = NeedleState(tmp_path / "rig.state.json")
     zero = RollZero("N1", -0.31, 0.01, "20261121-roll-zero")
     store.update(needle_in_tissue=False, referenced=("insertion", "rotation", "linear"), roll_zero=zero)
@@ -104,7 +104,7 @@ def test_a_roll_zero_goes_with_the_reference_of_the_rotation_axis(
 
 @pytest.mark.parametrize("value", ['"none"', '{"needle_id": "N1"}', '{"needle_id": "N1", "zero_rad": "x"}'])
 def test_a_damaged_roll_zero_makes_the_whole_state_doubtful(tmp_path: Path, value: str) -> None:
-    """What cannot be read is not believed: a needle may be in tissue then."""
+    """A needle may be in tissue then."""
     path = tmp_path / "rig.state.json"
     NeedleState(path).update(needle_in_tissue=False, referenced=("rotation",))
     path.write_text(path.read_text().replace('"roll_zero": null', f'"roll_zero": {value}'))

@@ -1,4 +1,4 @@
-"""A camera of another package: named by the rig file, with keys of its own; and what is told where there is none."""
+"""A camera of another package: chosen by the rig file, with its own keys, and errors if it is missing."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -90,8 +90,8 @@ def _rig_file(folder: Path) -> Path:
     return path
 
 
-def test_it_is_chosen_by_its_name_and_opened_with_keys_of_its_own(site: Path, tmp_path: Path) -> None:
-    """No file of labrig knows it."""
+def test_it_is_chosen_by_name_and_has_its_own_keys(site: Path, tmp_path: Path) -> None:
+    """No file of labrig names it."""
     _install(site, "lab_grey", "lab_grey_camera_1", MODULE)
     section = load_rig(_rig_file(tmp_path)).camera
     exposure = find_camera_kind(section.driver).open(section, CameraContext(SimulatedClock())).read()
@@ -100,8 +100,8 @@ def test_it_is_chosen_by_its_name_and_opened_with_keys_of_its_own(site: Path, tm
     assert "lab-grey" in _drivers()
 
 
-def test_an_unknown_key_of_it_is_told_with_its_line(site: Path, tmp_path: Path) -> None:
-    """And the key that was probably meant."""
+def test_an_unknown_key_of_it_has_line_and_suggestion(site: Path, tmp_path: Path) -> None:
+    """The error suggests the key that was probably meant."""
     _install(site, "lab_grey", "lab_grey_camera_2", MODULE)
     path = _rig_file(tmp_path)
     path.write_text(path.read_text(encoding="utf-8").replace("grey_level", "gray_level"), encoding="utf-8")
@@ -110,8 +110,8 @@ def test_an_unknown_key_of_it_is_told_with_its_line(site: Path, tmp_path: Path) 
     assert refusal.value.hint == "did you mean grey_level?"
 
 
-def test_a_driver_that_is_not_installed_is_told_with_those_that_are(tmp_path: Path) -> None:
-    """File, line and column of the name."""
+def test_an_unknown_driver_lists_those_installed(tmp_path: Path) -> None:
+    """The error has file, line and column of the name."""
     with pytest.raises(
         FileFormatError, match=r"rig.yaml:\d+:11 camera.driver: driver is .lab-grey.*files"
     ) as refusal:
@@ -141,10 +141,10 @@ def test_a_name_that_two_packages_claim_is_refused(site: Path, tmp_path: Path) -
         ("lab_grey_camera_7", "class CAMERA:\n    interface = 1\n", "has no model of its settings"),
     ],
 )
-def test_a_package_that_fails_is_named_and_in_nobodys_way(
+def test_a_package_that_fails_affects_only_its_camera(
     site: Path, tmp_path: Path, module: str, code: str, words: str
 ) -> None:
-    """Who asks for its camera is told why there is none; other rig files load, and the schema leaves it out."""
+    """Other rig files load, and the schema omits it."""
     _install(site, "lab_grey", module, code)
     with pytest.raises(FileFormatError, match=f"camera lab-grey of package lab.grey 2.1 {words}"):
         load_rig(_rig_file(tmp_path))

@@ -22,7 +22,7 @@ def _pull(served: Served) -> None:
 
 
 def test_a_pulled_adapter_is_a_bus_error_and_the_drive_stops_by_itself(tmp_path: Path) -> None:
-    """labrig names the bus; the drive misses its beats, brakes and stands still, all in the drive's own time."""
+    """labrig names the bus; the drive misses the heartbeat and brakes, in its own time."""
     with served_drives("slcan") as served:
         description = bench_description(
             served.reached_by, *PATIENT, f"axes.insertion.quick_stop_deceleration={QUICK_STOP_MM_S2}"

@@ -1,4 +1,4 @@
-"""The bus of a record: what counts as the same."""
+"""The bus of a record: which commands count as the same."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -68,8 +68,8 @@ class Bus:
         return self.link.receive(self.answers, self.clock.now_s() + 0.2)
 
 
-def test_the_recorded_conversation_gives_the_recorded_answers_and_times() -> None:
-    """Each answer comes when it came, what a drive sent by itself arrives in between, and time never goes back."""
+def test_recorded_commands_get_recorded_answers_and_times() -> None:
+    """Frames that a drive sent by itself arrive in between; time never goes back."""
     bus = Bus()
     assert (bus.ask(READ_STATUS), bus.clock.now_s()) == (STATUS, 0.101)
     bus.clock.sleep(0.099)
@@ -81,8 +81,8 @@ def test_the_recorded_conversation_gives_the_recorded_answers_and_times() -> Non
     assert bus.comparison.counts == {"commands": 1}
 
 
-def test_reads_may_be_more_or_fewer_and_beats_do_not_count() -> None:
-    """A poll more gets the last answer again, a poll less is passed over; the computer's beats are no commands."""
+def test_the_number_of_reads_and_heartbeats_does_not_matter() -> None:
+    """An extra read gets the last answer again, a missing one is skipped."""
     bus = Bus()
     assert bus.ask(READ_STATUS) == STATUS
     assert bus.ask(READ_STATUS) == STATUS
@@ -93,7 +93,7 @@ def test_reads_may_be_more_or_fewer_and_beats_do_not_count() -> None:
 
 
 def test_drives_report_at_each_sync_however_often_it_is_sent() -> None:
-    """A SYNC that the record has brings the recorded report, one more brings it again; it is no command."""
+    """A recorded SYNC brings its report, an extra one the same again; SYNC is not a command."""
     bus = Bus()
     bus.link.send(0x080, b"")
     bus.link.send(0x080, b"")
@@ -101,8 +101,8 @@ def test_drives_report_at_each_sync_however_often_it_is_sent() -> None:
     assert bus.comparison.counts == {}
 
 
-def test_another_command_differs_in_words_of_the_axis() -> None:
-    """The recorded and the present target are told in quadcounts and mm; from then on nothing is answered."""
+def test_another_command_is_a_difference() -> None:
+    """Both targets are given in quadcounts and mm; nothing is answered after that."""
     bus = Bus()
     with pytest.raises(ReplayDiffersError, match="the record has insertion: target position"):
         bus.ask(OTHER_TARGET)
@@ -114,32 +114,32 @@ def test_another_command_differs_in_words_of_the_axis() -> None:
         bus.ask(READ_STATUS)
 
 
-def test_a_command_that_the_record_has_and_the_replay_not_is_left_over() -> None:
-    """What was not sent again is told."""
+def test_a_missing_command_is_a_difference() -> None:
+    """A recorded command that the replay did not send is named."""
     bus = Bus()
     bus.ask(READ_STATUS)
     assert bus.bus.left() == "insertion: target position (0x607A:00) = 320000 quadcounts, 80.0000 mm"
 
 
 @pytest.mark.parametrize(("to_the_end", "error"), [(True, ReplayDiffersError), (False, RecordEndsError)])
-def test_going_on_behind_the_end_differs_unless_the_record_was_cut(
+def test_a_command_after_the_end_differs_unless_the_run_was_interrupted(
     to_the_end: bool, error: type[Exception]
 ) -> None:
-    """A run that came to its end sent no more; of one that was interrupted nobody knows."""
+    """A finished run sent no more; that of an interrupted one is unknown."""
     bus = Bus(to_the_end=to_the_end)
     bus.ask(TARGET)
     with pytest.raises(error):
         bus.ask(TARGET)
 
 
-def test_a_read_that_the_record_never_had_differs() -> None:
-    """There is no answer that could be given."""
+def test_an_unrecorded_read_is_a_difference() -> None:
+    """The record has no answer to it."""
     with pytest.raises(ReplayDiffersError, match="position"):
         Bus().ask(bytes.fromhex("4062600000000000"))
 
 
-def test_an_answer_that_never_came_does_not_come() -> None:
-    """A question that the record has no answer to runs into its time-out, as it did then."""
+def test_an_unanswered_request_stays_unanswered() -> None:
+    """It runs into its timeout, as in the record."""
     bus = Bus()
     bus.ask(TARGET)
     assert bus.link.receive(bus.answers, bus.clock.now_s() + 0.1) is None

@@ -1,4 +1,4 @@
-"""States by SYNC and report: few frames, one instant, and questions where a report fails."""
+"""States by SYNC and report: few frames, a single instant, and SDO if a report fails."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def _frames(opened: OpenedRig) -> list[int]:
 
 
 def test_the_states_of_three_axes_take_four_frames() -> None:
-    """A SYNC, and a report of each drive; position and state are those that the drive itself has."""
+    """A SYNC and a report per drive; position and state are those of the drive."""
     with opened_rig() as opened:
         _moving(opened)
         states = opened.rig.read_states()
@@ -32,8 +32,8 @@ def test_the_states_of_three_axes_take_four_frames() -> None:
         assert states["insertion"].statusword == drive._statusword()
 
 
-def test_a_report_that_does_not_come_is_asked_for_and_counted() -> None:
-    """The move goes on; the questions show in the record's traffic and in the counts."""
+def test_a_missing_report_is_requested_and_counted() -> None:
+    """The move goes on; the requests are in the recorded traffic and in the counts."""
     with opened_rig() as opened:
         _moving(opened)
         opened.drives["rotation"].mute(1)
@@ -43,8 +43,8 @@ def test_a_report_that_does_not_come_is_asked_for_and_counted() -> None:
         assert 0x602 in _frames(opened)
 
 
-def test_a_report_that_comes_late_is_not_taken_for_the_next() -> None:
-    """It is dropped and counted as a stray; the state that is told is the present one."""
+def test_a_late_report_is_dropped() -> None:
+    """It counts as a stray, and the reported state is the present one."""
     with opened_rig() as opened:
         _moving(opened)
         opened.hardware.wire.delay(4, 0.3)
@@ -54,8 +54,8 @@ def test_a_report_that_comes_late_is_not_taken_for_the_next() -> None:
         assert read == pytest.approx(opened.drives["insertion"].shaft_counts / 4000, abs=1 / 4000)
 
 
-def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
-    """Its map is left as it is, and its report stays off."""
+def test_a_drive_with_another_mapping_is_read_by_sdo() -> None:
+    """Its mapping is not changed, and its report stays off."""
     with opened_rig() as opened:
         objects = opened.drives["linear"].objects
         objects.put(co.TPDO_MAPS[2][0], 1)
@@ -68,8 +68,8 @@ def test_a_drive_that_maps_something_else_is_read_by_questions() -> None:
         assert objects.value(co.TPDO_MAPS[2][0]) == 1
 
 
-def test_a_drive_that_refuses_to_report_is_read_by_questions() -> None:
-    """The refusal keeps nobody from going on."""
+def test_a_drive_that_refuses_to_report_is_read_by_sdo() -> None:
+    """The refusal is no error."""
     with one_drive() as bench:
         bench.driver.hold_off()
         bench.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)

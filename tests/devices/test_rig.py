@@ -1,4 +1,4 @@
-"""The opened rig: what holds across axes, camera, operator and state."""
+"""The open rig: axes, camera, operator and state together."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def _still(opened: OpenedRig) -> bool:
 
 
 def test_moves_arrive_in_millimetres_and_radians() -> None:
-    """Each axis reads the position that it was sent to, and the world stands there too."""
+    """Each axis reads its target, and the world is there too."""
     with opened_rig() as opened:
         _ready(opened)
         _go(opened, "linear", 15.0, 5.0)
@@ -52,8 +52,8 @@ def test_moves_arrive_in_millimetres_and_radians() -> None:
         assert all(state.state is DriveState.OPERATION_ENABLED for state in states.values())
 
 
-def test_a_setpoint_tells_what_was_asked_sent_and_achieved() -> None:
-    """Position and speed are rounded on the wire, and the rounded ones are told."""
+def test_a_setpoint_has_requested_and_sent_values() -> None:
+    """Position and speed are rounded on the wire; the rounded values are reported too."""
     with opened_rig(simulated_rig("axes.rotation.speed_tolerance_fraction=0.05")) as opened:
         setpoint = _ready(opened).rig.rotation.start_move(1.0, 1.0)
         assert (setpoint.asked_position, setpoint.sent) == (1.0, {"sent_quadcounts": 5093, "sent_rpm": 153})
@@ -73,7 +73,7 @@ def test_a_setpoint_tells_what_was_asked_sent_and_achieved() -> None:
     ],
 )
 def test_a_move_beyond_a_limit_sends_nothing(position: float, speed: float, words: str) -> None:
-    """Position, speed and rounding are checked before the first frame; the message names axis, value and limit."""
+    """Position, speed and rounding are checked first; the error names axis, value and limit."""
     with opened_rig() as opened:
         _ready(opened)
         with pytest.raises(LimitError, match=words):
@@ -82,7 +82,7 @@ def test_a_move_beyond_a_limit_sends_nothing(position: float, speed: float, word
 
 
 def test_the_whole_range_can_be_driven() -> None:
-    """The limits themselves are inside: the drive's own limits do not trip on rounding."""
+    """The limits are inside the range: rounding does not trip those of the drive."""
     with opened_rig() as opened:
         _ready(opened)
         for position in (120.0, -2.0):
@@ -91,7 +91,7 @@ def test_the_whole_range_can_be_driven() -> None:
 
 
 def test_an_axis_without_reference_does_not_move() -> None:
-    """Until zero has been set, a position means nothing."""
+    """Before zero is set, a position means nothing."""
     with opened_rig() as opened:
         opened.rig.connect()
         with pytest.raises(SafetyStopError, match="not referenced"):
@@ -99,7 +99,7 @@ def test_an_axis_without_reference_does_not_move() -> None:
 
 
 def test_a_reversed_axis_turns_its_motor_the_other_way() -> None:
-    """The rig file's `reversed` changes the counter's sign, and limits stay in the axis' own direction."""
+    """`reversed` changes the sign of the counter; limits stay in the direction of the axis."""
     with opened_rig(simulated_rig("axes.insertion.reversed=true")) as opened:
         _ready(opened)
         _go(opened, "insertion", 10.0, 5.0)
@@ -108,8 +108,8 @@ def test_a_reversed_axis_turns_its_motor_the_other_way() -> None:
         assert opened.rig.read_states()["insertion"].position == 120.0
 
 
-def test_a_move_that_takes_far_too_long_is_told() -> None:
-    """A drive that never reports its target reached does not keep the rig waiting for ever."""
+def test_a_move_that_takes_far_too_long_is_an_error() -> None:
+    """The rig does not wait forever for target reached."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(1.0, 1.0)
@@ -125,7 +125,7 @@ def test_a_move_that_takes_far_too_long_is_told() -> None:
 
 
 def test_a_signal_stops_every_axis() -> None:
-    """Within one wait, all axes decelerate and stand still, and the signal is named."""
+    """Within a wait, all axes decelerate and stand still; the error names the signal."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(40.0, 1.0)
@@ -139,7 +139,7 @@ def test_a_signal_stops_every_axis() -> None:
 
 
 def test_a_fault_of_one_axis_stops_the_others() -> None:
-    """An EMCY is noticed while waiting; the error names drive and cause, and nothing moves on."""
+    """An EMCY is noticed while waiting; the error names drive and cause."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(40.0, 1.0)
@@ -154,7 +154,7 @@ def test_a_fault_of_one_axis_stops_the_others() -> None:
 
 
 def test_a_silent_axis_does_not_keep_the_others_from_stopping() -> None:
-    """Reading fails for the axis that has gone; the other two are stopped, and both facts are told."""
+    """The other two are stopped, and the error reports both facts."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(40.0, 1.0)
@@ -169,7 +169,7 @@ def test_a_silent_axis_does_not_keep_the_others_from_stopping() -> None:
 
 
 def test_stop_quick_stops_an_axis_that_goes_on() -> None:
-    """When an axis has been set moving again behind the halt, the quick stop catches it."""
+    """An axis that starts again after the halt is quick-stopped."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(100.0, 1.0)
@@ -182,8 +182,8 @@ def test_stop_quick_stops_an_axis_that_goes_on() -> None:
         assert decode_state(statusword) is DriveState.QUICK_STOP_ACTIVE
 
 
-def test_three_axes_are_watched_at_the_same_time() -> None:
-    """Stopping takes the deceleration and the time in which a creep would show, once and not once an axis."""
+def test_three_axes_are_stopped_in_parallel() -> None:
+    """It takes the deceleration and the standstill time once, not once per axis."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.insertion.start_move(100.0, 1.0)
@@ -194,7 +194,7 @@ def test_three_axes_are_watched_at_the_same_time() -> None:
 
 
 def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
-    """However the block is left, the axes stand still, the power stages are off, and the error is the one raised."""
+    """The axes stand still, power is off, and the error is the one raised."""
     opened = []
 
     def fail_while_moving() -> None:
@@ -216,7 +216,7 @@ def test_an_error_in_the_block_stops_and_releases_the_rig() -> None:
 
 
 def test_closing_switches_the_power_off() -> None:
-    """A closed rig is nobody's to watch: its drives are without power."""
+    """Nobody monitors the drives of a closed rig."""
     with opened_rig() as opened:
         _ready(opened)
         opened.rig.close()
@@ -228,8 +228,8 @@ def test_closing_switches_the_power_off() -> None:
 # Opening
 
 
-def test_every_drive_that_fails_is_told_at_once() -> None:
-    """Connecting tries all three, and the error names each that is missing."""
+def test_all_failing_drives_are_reported_together() -> None:
+    """Connecting tries all three."""
     with opened_rig() as opened:
         opened.hardware.drives["insertion"].unplug()
         opened.hardware.drives["linear"].unplug()
@@ -238,7 +238,7 @@ def test_every_drive_that_fails_is_told_at_once() -> None:
 
 
 def test_a_bench_with_unknown_entries_does_not_open() -> None:
-    """Each unknown is named, with the command that says where to find it, before anything is opened."""
+    """Each unknown entry is named, with the command that says where to find it."""
     with (
         pytest.raises(
             InputError, match=r"axes.insertion.encoder_pulses_per_turn.*axes.linear.lead_mm"
@@ -250,7 +250,7 @@ def test_a_bench_with_unknown_entries_does_not_open() -> None:
 
 
 def test_the_record_gets_every_device_in_json() -> None:
-    """What is described survives JSON, and holds drives with the settings they have been given, camera and bus."""
+    """The description has drives with their settings, camera and bus."""
     with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
         described = json.loads(json.dumps(rig.describe()))
     assert described["axes"]["linear"]["drive"]["model"] == "EPOS2 24/5"
@@ -268,8 +268,8 @@ def _with_state(tmp_path: Path) -> RigDescription:
     return simulated_rig("state_file=state.json").placed_in(tmp_path)
 
 
-def test_nothing_is_referenced_while_nobody_knows_of_a_needle(tmp_path: Path) -> None:
-    """A rig without a state file may have a needle in tissue; once it is confirmed to be out, zero can be set."""
+def test_nothing_is_referenced_while_a_needle_may_be_in_tissue(tmp_path: Path) -> None:
+    """Without a state file, zero needs a confirmation that the needle is out."""
     with opened_rig(_with_state(tmp_path)) as opened:
         opened.rig.connect()
         with pytest.raises(SafetyStopError, match="no state file yet"):
@@ -278,8 +278,8 @@ def test_nothing_is_referenced_while_nobody_knows_of_a_needle(tmp_path: Path) ->
         opened.rig.reference_axes()
 
 
-def test_a_needle_left_in_tissue_is_honoured_by_the_next_run(tmp_path: Path) -> None:
-    """A run that died with the needle in tissue is named by the next one, which references nothing."""
+def test_the_next_run_respects_a_needle_left_in_tissue(tmp_path: Path) -> None:
+    """It names the run that left the needle, and references nothing."""
     description = _with_state(tmp_path)
     with opened_rig(description) as opened:
         opened.rig.needle.mark_in_tissue("run-7")
@@ -290,8 +290,8 @@ def test_a_needle_left_in_tissue_is_honoured_by_the_next_run(tmp_path: Path) -> 
             opened.rig.reference_axes()
 
 
-def test_a_reference_that_the_drive_has_lost_is_not_believed(tmp_path: Path) -> None:
-    """The state file says referenced, the new drives do not: the axes have to be referenced again."""
+def test_a_reference_that_the_drive_lacks_does_not_count(tmp_path: Path) -> None:
+    """The state file says referenced, the new drives do not: reference again."""
     description = _with_state(tmp_path)
     with opened_rig(description) as opened:
         opened.rig.needle.mark_out()
@@ -307,7 +307,7 @@ def test_a_reference_that_the_drive_has_lost_is_not_believed(tmp_path: Path) -> 
 
 
 def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
-    """Needle, specimen and hole are set by what is asked; the truth knows them; no person is asked."""
+    """Its requests set needle, specimen and hole; no person is asked."""
     with opened_rig() as opened:
         _ready(opened)
         assert not opened.rig.needs_person
@@ -321,8 +321,8 @@ def test_the_operator_of_a_simulated_rig_moves_the_world() -> None:
         assert opened.person.asked == []
 
 
-def test_pictures_show_the_needle_where_the_axes_have_put_it() -> None:
-    """A picture after the insertion differs from the one before by more than the sheath's tip."""
+def test_pictures_show_the_inserted_needle() -> None:
+    """After an insertion more has changed than the tip of the sheath."""
     with opened_rig() as opened:
         _ready(opened)
         for request in (MountNeedle("N7"), PlaceSpecimen("A", 10.0), ShiftToHole("A", 0, 0.0)):
@@ -337,7 +337,7 @@ def test_pictures_show_the_needle_where_the_axes_have_put_it() -> None:
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
-    """States, times and pictures of two rigs of one seed are identical."""
+    """Two rigs with one seed give identical states, times and pictures."""
 
     def run() -> tuple[list[tuple[float, object]], bytes]:
         with open_rig(simulated_rig(), seed=3, person=Person(), interrupted=Signal()) as rig:

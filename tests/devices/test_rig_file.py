@@ -1,4 +1,4 @@
-"""Rig files: what they hold, and what is refused with its line."""
+"""Rig files: their content, and refusals with a line."""
 
 from pathlib import Path
 
@@ -22,13 +22,13 @@ from tests.devices.rigs import BENCH, CALIBRATION, SIMULATED, rig_text, simulate
 
 
 def test_the_committed_schema_is_current() -> None:
-    """calibration/rig.schema.json is what the models give; write it anew when this fails."""
+    """calibration/rig.schema.json is that of the models; labrig schema rig prints it."""
     assert (CALIBRATION / "rig.schema.json").read_text(encoding="utf-8") == schema_text(rig_schema())
 
 
 @pytest.mark.parametrize("path", [SIMULATED, BENCH])
 def test_committed_rig_files_name_their_schema_in_the_first_line(path: Path) -> None:
-    """Editors then complete and check them."""
+    """Editors complete and check them by it."""
     first = path.read_text(encoding="utf-8").splitlines()[0]
     assert first == "# yaml-language-server: $schema=rig.schema.json"
 
@@ -42,7 +42,7 @@ def test_the_simulated_rig_makes_the_papers_speeds_exactly() -> None:
 
 
 def test_a_rig_file_survives_being_written_into_a_record() -> None:
-    """What the record keeps reads back as the same rig, and holds no path of the machine."""
+    """The recorded file reads back as the same rig, without paths of the computer."""
     rig = load_rig(SIMULATED)
     text = dump_yaml(rig)
     assert validate_tree(read_tree(text, "rig.yaml"), RigDescription).placed_in(SIMULATED.parent) == rig
@@ -50,14 +50,14 @@ def test_a_rig_file_survives_being_written_into_a_record() -> None:
 
 
 def test_an_axis_without_a_driver_has_an_epos2() -> None:
-    """Rig files from before there was a choice load unchanged; one that says so is the same."""
+    """Rig files without the key `driver` load as before."""
     named = [f"axes.{axis}.driver=epos2" for axis in ("insertion", "rotation", "linear")]
     assert load_rig(SIMULATED, named) == load_rig(SIMULATED)
     assert [axis.driver for _, axis in load_rig(BENCH).axes.items()] == ["epos2"] * 3
 
 
 def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path) -> None:
-    """At its line, with the one that was probably meant."""
+    """The error has its line and the nearest name."""
     path = tmp_path / "rig.yaml"
     path.write_text(rig_text({"  rotation:\n": "  rotation:\n    driver: epos3\n"}), encoding="utf-8")
     with pytest.raises(FileFormatError) as refusal:
@@ -71,14 +71,14 @@ def test_an_unknown_driver_is_named_with_those_that_are_installed(tmp_path: Path
 
 
 def test_overrides_come_before_validation() -> None:
-    """`--set` can repair and can break a rig file."""
+    """`--set` can correct an invalid file and invalidate a correct one."""
     assert load_rig(SIMULATED, ["axes.insertion.max_speed=3"]).axes.insertion.max_speed == 3.0
     with pytest.raises(FileFormatError):
         load_rig(SIMULATED, ["axes.insertion.node_id=128"])
 
 
 def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
-    """Encoder, gear and lead of the travelling axes; a turning axis has no lead."""
+    """Encoder, gear and lead of linear axes; a rotating axis has no lead."""
     unknown = unknown_entries(load_rig(BENCH))
     assert len(unknown) == 8
     assert "axes.rotation.lead_mm" not in unknown
@@ -104,8 +104,8 @@ def test_the_bench_says_what_is_unknown_and_where_to_find_it() -> None:
         ("max_speed: 20", "max_sped: 20", "did you mean max_speed"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
-    """Impossible gears, shared nodes, inverted limits, wrong bit rates: before any frame is sent."""
+def test_invalid_values_are_refused_with_their_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+    """Gears, shared nodes, inverted limits and bit rates, before any frame is sent."""
     path = tmp_path / "rig.yaml"
     path.write_text(rig_text({old: new}), encoding="utf-8")
     with pytest.raises(FileFormatError) as refusal:
@@ -116,7 +116,7 @@ def test_what_cannot_be_is_refused_with_its_line(tmp_path: Path, old: str, new: 
 
 
 def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
-    """A rig that is not yet calibrated names files that its record cannot hold."""
+    """A rig without a calibration names files that its record cannot contain."""
     rig = simulated_rig().placed_in(tmp_path)
     assert rig.calibration_paths() == {
         "intrinsics.json": tmp_path / "simulated-intrinsics.json",
@@ -129,7 +129,7 @@ def test_calibration_files_are_those_that_exist(tmp_path: Path) -> None:
 
 
 def test_moves_can_be_checked_without_a_rig() -> None:
-    """`labrig check` refuses what the opened rig would, and checks limits while the lead is unknown."""
+    """`labrig check` refuses what the open rig would, and checks limits without a lead."""
     check_axis_move(simulated_rig(), "insertion", 40.0, 1.0)
     with pytest.raises(LimitError, match="axis linear"):
         check_axis_move(simulated_rig(), "linear", 151.0, 1.0)
@@ -139,7 +139,7 @@ def test_moves_can_be_checked_without_a_rig() -> None:
 
 
 def test_a_speed_between_two_rpm_is_refused_with_both() -> None:
-    """The hint names the speeds that the drive has."""
+    """The hint has the two possible speeds."""
     with pytest.raises(LimitError) as refusal:
         check_axis_move(simulated_rig(), "insertion", 1.0, 1.5 / 120)
     assert "0.008333 or 0.01667 mm/s" in refusal.value.hint
@@ -165,7 +165,7 @@ def _designed_needle(diameter_mm: float = 1.4) -> Needle:
 
 
 def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
-    """Diameter, links and the tolerance of the radius come from the design; the rig's files stay where they are."""
+    """Diameter, links and radius tolerance come from the design; its files stay in place."""
     plain = simulated_rig()
     rig = plain.with_needle(_designed_needle())
     assert rig.world is not None
@@ -175,8 +175,8 @@ def test_the_simulated_world_has_the_designed_needle_in_it() -> None:
     assert rig.calibration_paths() == plain.calibration_paths()
 
 
-def test_a_world_stays_as_it_is_without_a_design_and_where_the_rig_file_says_otherwise() -> None:
-    """A needle of numbers alone changes nothing, nor does a design where the rig file has its own, nor on a bench."""
+def test_a_world_changes_only_for_a_design() -> None:
+    """Not for a needle of numbers, not if the rig file has its own design, not on a bench."""
     plain = simulated_rig()
     needle = _designed_needle()
     assert plain.with_needle(needle.model_copy(update={"design": None})) is plain
@@ -186,7 +186,7 @@ def test_a_world_stays_as_it_is_without_a_design_and_where_the_rig_file_says_oth
     assert bench.with_needle(needle) is bench
 
 
-def test_a_needle_that_the_simulated_sheath_does_not_take_is_refused() -> None:
-    """A design wider than the world's sheath names both diameters."""
+def test_a_needle_wider_than_the_simulated_sheath_is_refused() -> None:
+    """The error has both diameters."""
     with pytest.raises(FileFormatError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
         simulated_rig().with_needle(_designed_needle(2.2))

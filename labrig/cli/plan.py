@@ -5,9 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
+from labrig.cli.calibration_files import require_writable
 from labrig.cli.output import AsJson, plural, print_json, print_line, print_table
 from labrig.devices.clocks import SystemClock
-from labrig.errors import InputError, OutputExistsError
+from labrig.errors import InputError
 from labrig.text import number
 
 
@@ -49,8 +50,7 @@ def _check_figure(figure: Path, force: bool) -> None:
     """Refuse a figure that cannot be written, before anything is planned."""
     if figure.suffix.lower() not in {".svg", ".png"}:
         raise InputError(f"{figure.name} is neither .svg nor .png", "name the figure plan.svg, for example")
-    if figure.exists() and not force:
-        raise OutputExistsError(f"{figure} exists", "name another file, or replace it with --force")
+    require_writable(figure, force, "name another file, or replace it with --force")
 
 
 def _print(document: dict[str, Any]) -> None:

@@ -209,9 +209,11 @@ def _upload(folder: Path, url: str) -> None:
 
 
 def _move_files(folder: Path, target: Path) -> None:
-    """Rename each file into place; a link there is replaced, not followed."""
+    """Rename each file into place; a link there, to a file or a folder, is replaced, not followed."""
     for path in sorted(folder.rglob("*")):
         place = target / path.relative_to(folder)
+        if path.is_dir() and place.is_symlink():
+            place.unlink()
         if path.is_file():
             place.parent.mkdir(parents=True, exist_ok=True)
             path.replace(place)

@@ -62,7 +62,10 @@ def make_heading(
     can_resume : bool
         Whether an interrupted run can be continued.
     """
-    problems = tuple((problem.where, problem.message, problem.hint) for problem in run.problems)
+    problems = tuple(
+        (problem.where, problem.message.replace(str(run.path), run.shown_path), problem.hint)
+        for problem in run.problems
+    )
     known = {f"{where}: {message}" for where, message, _ in problems}
     measured = () if result is None else result.content.damage
     status = str(run.manifest.get("exit_status", "incomplete"))
@@ -121,7 +124,8 @@ def _describe_ending(run: Run, status: str) -> tuple[str, ...]:
     if status == "success":
         return ()
     # Reasons for programs are words with underscores.
-    reason = str(run.manifest.get("reason") or "no reason was recorded").rstrip(".").replace("_", " ")
+    recorded = str(run.manifest.get("reason") or "no reason was recorded")
+    reason = recorded.replace(str(run.path), run.shown_path).rstrip(".").replace("_", " ")
     planned, done = run.manifest.get("trials_planned"), _count_ended_trials(run)
     made = (
         f" {done} of {count_of(planned, 'planned insertion')} ended."

@@ -157,6 +157,23 @@ def test_nothing_there_is_replaced_unasked(tmp_path: Path, store: fsspec.Abstrac
     assert (store.cat("/lab/runs/one/a.csv"), store.cat("/lab/runs/one/b.csv")) == (b"2", b"1")
 
 
+def test_a_link_in_the_place_of_an_export_is_not_followed(tmp_path: Path) -> None:
+    """A link to a folder or file within an existing export is replaced, and nothing is written where it leads."""
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    out.mkdir()
+    elsewhere.mkdir()
+    (elsewhere / "a.csv").write_text("mine")
+    (out / "frames").symlink_to(elsewhere)
+    (out / "a.csv").symlink_to(elsewhere / "a.csv")
+    with output_folder(str(out), force=True) as folder:
+        (folder / "frames").mkdir()
+        (folder / "frames" / "1.png").write_text("1")
+        (folder / "a.csv").write_text("2")
+    assert {path.name: path.read_text() for path in elsewhere.iterdir()} == {"a.csv": "mine"}
+    assert (out / "frames" / "1.png").read_text() == "1"
+    assert (out / "a.csv").read_text() == "2"
+
+
 def test_an_export_that_fails_leaves_nothing(tmp_path: Path, store: fsspec.AbstractFileSystem) -> None:
     """Files are put in their place when all of them are whole."""
     for out in (STORE, str(tmp_path / "out")):

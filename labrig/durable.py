@@ -72,6 +72,11 @@ def temporary_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def find_temporaries(folder: Path) -> list[Path]:
+    """Return the temporary files that killed writers left in a folder."""
+    return sorted(path for path in folder.glob(".*.tmp") if path.is_file() and not path.is_symlink())
+
+
 def sync_file(path: Path) -> None:
     """Make a file's content durable. Raises `OSError`."""
     # Windows flushes only files that are open for writing.

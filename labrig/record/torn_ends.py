@@ -4,19 +4,19 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from labrig.durable import disk_errors, open_descriptor, write_and_rename
+from labrig.durable import disk_errors, find_temporaries, open_descriptor, write_and_rename
 from labrig.input_file import open_file
 from labrig.posix import sync_directory
 from labrig.record.can_log import read_can_log
 from labrig.record.check import LINE_FILES, list_leftover_pictures
 from labrig.record.json_lines import read_lines, scan_lines
-from labrig.record.layout import CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
+from labrig.record.layout import CALIBRATION, CAN_LOG, FRAME_LINES, FRAMES, RAW_PICTURES, TORN, inside
 from labrig.record.pictures import measure_listed_pictures, measure_raw_pictures
 from labrig.record.results import make_numbered_folder
 
 
 def set_aside(run: Path) -> tuple[str, ...]:
-    """Move torn ends and unlisted pictures of an undamaged run into torn/NNN and return the files there.
+    """Move torn ends, unlisted pictures and temporary files of an undamaged run into torn/NNN and return those files.
 
     A last line that lacks only its newline gets it. Everything else stays byte for byte as it is.
 
@@ -27,18 +27,25 @@ def set_aside(run: Path) -> tuple[str, ...]:
     """
     _finish_last_lines(run)
     ends = list(_torn_ends(run))
-    pictures = list_leftover_pictures(run, len(read_lines(run / FRAME_LINES)))
-    if not ends and not pictures:
+    leftovers = [
+        *list_leftover_pictures(run, len(read_lines(run / FRAME_LINES))),
+        *(
+            path.relative_to(run).as_posix()
+            for folder in (run, run / CALIBRATION)
+            for path in find_temporaries(folder)
+        ),
+    ]
+    if not ends and not leftovers:
         return ()
     folder = make_numbered_folder(inside(run, TORN))
     for name, keep_bytes in ends:
         _move_end(inside(run, name), keep_bytes, folder / f"{name}.end")
-    for name in pictures:
+    for name in leftovers:
         with disk_errors(folder):
             inside(run, name).rename(folder / Path(name).name)
     with disk_errors(folder):
-        sync_directory(run / FRAMES)
-        sync_directory(folder)
+        for changed in (run, run / CALIBRATION, run / FRAMES, folder):
+            sync_directory(changed)
     return tuple(sorted(path.relative_to(run).as_posix() for path in folder.iterdir()))
 
 

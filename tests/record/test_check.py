@@ -170,6 +170,18 @@ def test_repair_closes_a_killed_run_and_keeps_every_byte(tmp_path: Path) -> None
     assert not repair_run(run, ENDED)
 
 
+def test_repair_sets_half_written_files_aside(tmp_path: Path) -> None:
+    """The temporary files of a writer that was killed are kept in torn/, out of the way of the record."""
+    run = killed_run(tmp_path)
+    names = {".manifest.json.0123456789abcdef.tmp", ".plane.json.0123456789abcdef.tmp"}
+    (run / ".manifest.json.0123456789abcdef.tmp").write_bytes(b"half")
+    (run / "calibration/.plane.json.0123456789abcdef.tmp").write_bytes(b"half")
+    assert repair_run(run, ENDED)
+    assert names <= {path.name for path in (run / "torn/001").iterdir()}
+    assert not [path for path in run.rglob(".*.tmp") if path.parent.name != "001"]
+    assert (check_run(run).damage, check_run(run).torn) == ((), ())
+
+
 def test_a_run_killed_while_it_was_being_closed_keeps_its_ending(tmp_path: Path) -> None:
     """If the last event states how the run ended, repair keeps that status."""
     recorder = begin(tmp_path / "writing")

@@ -7,11 +7,13 @@ does nothing if that does no harm.
 """
 
 import ctypes
+import hashlib
 import os
 import select
 import signal
 import socket
 import stat
+import struct
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -49,6 +51,9 @@ _CHUNK_BYTES = 65536
 _LONGEST_LINE = 65536
 _MOST_READS = 16
 """Limits for a line: a sender of single bytes, or of an endless line, delays nobody."""
+
+_CREDENTIALS = struct.Struct("3i")
+"""Process, account and group of a peer, as SO_PEERCRED gives them."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +251,57 @@ def lock_at_once(descriptor: int) -> None:
         os.lseek(descriptor, 0, os.SEEK_SET)
     else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@dataclass(frozen=True)
+class NameClaim:
+    """A name that this process has to itself on this computer, whatever the account; the kernel frees it in the end."""
+
+    end: socket.socket | None
+
+    def release(self) -> None:
+        """Give the name back."""
+        if self.end is not None:
+            self.end.close()
+
+
+def claim_name(name: str) -> NameClaim | None:
+    """Claim a name among all accounts of this computer; None if another process has it.
+
+    Outside Linux nothing is claimed: there are no sockets without a place in the file system.
+    """
+    if not sys.platform.startswith("linux"):
+        return NameClaim(None)
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        end.bind(_abstract_address(name))
+        end.listen()
+    except OSError:
+        end.close()
+        return None
+    return NameClaim(end)
+
+
+def find_claimant(name: str) -> str:
+    """Return which process of which account has a name; empty if none has it."""
+    if not sys.platform.startswith("linux"):
+        return ""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as caller:
+        caller.settimeout(0.0)
+        try:
+            caller.connect(_abstract_address(name))
+        except BlockingIOError:
+            return "another process"
+        except OSError:
+            return ""
+        credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    process, account, _ = _CREDENTIALS.unpack(credentials)
+    return f"process {process} of account {account}"
+
+
+def _abstract_address(name: str) -> bytes:
+    """Return the address of a socket without a place in the file system, which is at most 107 bytes long."""
+    return b"\0" + hashlib.sha256(name.encode()).hexdigest().encode()
 
 
 def sync_directory(path: Path) -> None:

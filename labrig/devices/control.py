@@ -1,7 +1,8 @@
 """Exclusive use of a rig by one labrig at a time, and requests of another one to stop it.
 
-The labrig that opens a rig holds a lock beside the rig's state file, and one for each node of its bus in a folder of
-this user, so that two rig files with the same drives exclude each other too. It listens on a Unix socket beside the
+The labrig that opens a rig holds a lock beside the rig's state file, one for its CAN bus in a folder of this user, and
+the name of the bus among all users of the computer: two labrigs that beat on one bus defeat the dead-man, whatever rig
+file, drives or account each of them has. It listens on a Unix socket beside the
 state file and polls it between two bus transactions, without a thread, so that a labrig that hangs does not answer.
 A simulated rig without a state file is new in every run; there is nothing to share.
 """
@@ -20,10 +21,23 @@ from labrig.devices.needle_state import require_own_state
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import LockedError
 from labrig.input_file import parse_json
-from labrig.posix import LineSocket, connect, identify_user, listen, make_private_folder
+from labrig.posix import (
+    LineSocket,
+    NameClaim,
+    claim_name,
+    connect,
+    find_claimant,
+    identify_user,
+    listen,
+    make_private_folder,
+)
 from labrig.record.lock import FileLock, read_lock_owner
 
 _SOCKET, _STOP = ".socket", "stop"
+_CLAIM = "labrig-can-"
+_NAMED_BY_CHANNEL = frozenset({"socketcan", "slcan"})
+"""Interfaces of which each channel is one bus, whatever their options."""
+
 _MOST_SILENT = 8
 """Most callers that have connected but sent nothing; beyond that the oldest are dropped."""
 
@@ -117,6 +131,7 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None
     with ExitStack() as stack:
         for path in lock_paths(rig):
             stack.enter_context(_hold_lock(rig, path, doing))
+        stack.callback(_claim_bus(rig).release)
         if rig.state_path is None:
             yield None
             return
@@ -126,20 +141,45 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None
 
 
 def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
-    """Return the lock of the rig's state and those of the nodes on its bus; none for a rig new in every run."""
+    """Return the lock of the rig's state and that of its bus; none for a rig new in every run."""
     own = () if rig.state_path is None else (_beside(rig.state_path, ".lock"),)
+    bus = _name_bus(rig)
+    return (*own, _find_lock_folder() / f"{bus}.lock") if bus else own
+
+
+def _name_bus(rig: RigDescription) -> str:
+    """Return the name of the CAN bus on this computer; empty for one inside the process.
+
+    Links to a serial port are followed; options name another bus only where the channel alone does not.
+    """
     if rig.can.interface == ONLY_SIMULATED:
-        return own
-    settings = (rig.can.interface, rig.can.channel, *map(str, sorted(rig.can.options.items())))
-    bus = "-".join("".join(filter(str.isalnum, word)) for word in settings if word)
-    nodes = (node_id for _, axis in rig.axes.items() for node_id in axis.nodes)
-    return (*own, *(_find_lock_folder() / f"{bus}-node-{node_id}.lock" for node_id in nodes))
+        return ""
+    options = () if rig.can.interface in _NAMED_BY_CHANNEL else sorted(rig.can.options.items())
+    channel = os.path.realpath(rig.can.channel) if rig.can.channel.startswith("/") else rig.can.channel
+    words = ("".join(filter(str.isalnum, word)) for word in (rig.can.interface, channel, *map(str, options)))
+    return "-".join(filter(None, words))
+
+
+def _claim_bus(rig: RigDescription) -> NameClaim:
+    """Claim the bus of a rig among all users of this computer. Raises `LockedError`."""
+    name = _name_bus(rig)
+    claim = claim_name(_CLAIM + name) if name else NameClaim(None)
+    if claim is None:
+        where = f"{rig.can.interface} {rig.can.channel}".strip()
+        raise LockedError(
+            f"the CAN bus {where} of rig {rig.name} is in use by another labrig ({find_claimant(_CLAIM + name)})",
+            "wait until it has ended: two programs that command drives on one bus defeat their dead-man",
+        )
+    return claim
 
 
 def find_owner(rig: RigDescription) -> str:
-    """Return who uses a rig or one of its drives now; empty if nobody does."""
+    """Return who uses a rig or its bus now; empty if nobody does."""
     owners = (read_lock_owner(path) for path in lock_paths(rig))
-    return next((str(owner) for owner in owners if owner is not None), "")
+    found = next((str(owner) for owner in owners if owner is not None), "")
+    name = _name_bus(rig)
+    claimant = find_claimant(_CLAIM + name) if name and not found else ""
+    return found or (f"another labrig on its bus ({claimant})" if claimant else "")
 
 
 @contextmanager

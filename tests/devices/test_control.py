@@ -5,6 +5,7 @@ import socket
 import stat
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -61,13 +62,74 @@ def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
         pass
 
 
-def test_rig_files_with_the_same_nodes_exclude_each_other(tmp_path: Path) -> None:
-    """Locks cover the bus and its nodes as well as the state file; another channel is another bus."""
+def test_rig_files_with_the_same_bus_exclude_each_other(tmp_path: Path) -> None:
+    """Locks cover the bus as well as the state file, whatever the nodes; another channel is another bus."""
     first, second = load_rig(BENCH), load_rig(BENCH, ["state_file=other.json"])
+    others = [
+        f"axes.{name}.node_id={n}" for n, name in enumerate(("insertion", "rotation", "linear"), start=11)
+    ]
+    third = load_rig(BENCH, ["state_file=third.json", "can.options.receive_own_messages=false", *others])
     elsewhere = load_rig(BENCH, ["state_file=other.json", "can.channel=can1"])
-    assert len(set(lock_paths(first)) & set(lock_paths(second))) == 3
+    assert len(set(lock_paths(first)) & set(lock_paths(second)) & set(lock_paths(third))) == 1
     assert not set(lock_paths(first)) & set(lock_paths(elsewhere))
     assert lock_paths(simulated_rig()) == ()
+
+
+def test_a_link_to_a_serial_port_is_the_same_bus(tmp_path: Path) -> None:
+    """An adapter by its id and by its number is one bus."""
+    (tmp_path / "ttyACM0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    found = [
+        lock_paths(load_rig(BENCH, ["can.interface=slcan", f"can.channel={tmp_path / name}"]))[-1]
+        for name in ("ttyACM0", "by-id")
+    ]
+    assert found[0] == found[1]
+
+
+_HOLD_BUS = """
+import os, sys
+from pathlib import Path
+from labrig.devices.control import acquire_rig
+from labrig.devices.rig_file import load_rig
+rig = load_rig(Path(sys.argv[1]), ["state_file=other.json"]).placed_in(Path(sys.argv[2]))
+if os.getuid() == 0:
+    os.chown(sys.argv[2], 65534, 65534)
+    os.setuid(65534)
+with acquire_rig(rig, "labrig run other.yaml"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has names among all accounts")
+def test_two_accounts_do_not_share_a_bus(tmp_path: Path) -> None:
+    """A labrig of another account, with other locks, keeps the bus to itself until it has ended."""
+    rig = load_rig(BENCH).placed_in(tmp_path)
+    with (
+        tempfile.TemporaryDirectory() as theirs,
+        subprocess.Popen(
+            [sys.executable, "-c", _HOLD_BUS, str(BENCH), theirs],
+            env={**os.environ, "XDG_RUNTIME_DIR": theirs},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as other,
+    ):
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        assert f"process {other.pid}" in find_owner(rig)
+        with (
+            pytest.raises(
+                LockedError, match=rf"the CAN bus .* is in use by another labrig \(process {other.pid}"
+            ),
+            acquire_rig(rig, "labrig run mine.yaml"),
+        ):
+            pass
+        assert other.stdin is not None
+        other.stdin.close()
+        other.wait()
+    with acquire_rig(rig, "labrig run mine.yaml"):
+        assert find_owner(rig).startswith("labrig run mine.yaml")
 
 
 @pytest.mark.parametrize("depth", [1, 12])

@@ -19,11 +19,13 @@
     │   │   ├── BusError           bus-lost: no CAN interface, adapter unplugged
     │   │   │   ├── BusPassiveError   error-passive: the computer's CAN controller sees many errors
     │   │   │   └── BusOffError       bus-off: so many errors that it has left the bus
+    │   │   ├── SecondMasterError  second-master: another program commands the drives, or beats as labrig does
     │   │   └── DriveError         a drive that does not do what it should
     │   │       ├── DriveFaultError     emergency: it reports an error, with its code and register
     │   │       ├── DriveRefusedError   sdo-abort: it refused an object, with the abort code
     │   │       ├── DriveRestartedError    boot-up: it lost power or was reset, and with it its reference
-    │   │       └── DriveSilentError    no-answer or heartbeat-lost
+    │   │       ├── DriveSilentError    no-answer or heartbeat-lost
+    │   │       └── DriveStrayedError   strayed, position-jump, target-changed or not-operational
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
     │   ├── LockedError            a rig or a run that another labrig uses
@@ -190,6 +192,10 @@ _COMMUNICATION = 0x10
 
 HEARTBEAT_LOST = Fault("heartbeat-lost", 0x8130, _COMMUNICATION, "the drive's heartbeat has stopped")
 NO_ANSWER = Fault("no-answer", 0x05040000, _COMMUNICATION, "SDO protocol timed out")
+STRAYED = Fault("strayed", 0, 0, "the axis is not where it should be")
+POSITION_JUMPED = Fault("position-jump", 0, 0, "the position changed faster than the axis can move")
+TARGET_CHANGED = Fault("target-changed", 0, 0, "the drive has another target than the one sent")
+NOT_OPERATIONAL = Fault("not-operational", 0, 0, "the drive has left the NMT state operational")
 
 
 class WireError(MachineError):
@@ -252,6 +258,12 @@ class BusOffError(BusError):
     fault = Fault("bus-off", 0x81FD, _COMMUNICATION, "CAN controller off the bus")
 
 
+class SecondMasterError(WireError):
+    """Another program on the bus commands the drives, or sends heartbeats under labrig's own node id."""
+
+    fault = Fault("second-master", 0, 0, "another program commands the drives")
+
+
 class DriveError(WireError):
     """A drive does not do what it should."""
 
@@ -282,6 +294,12 @@ class DriveSilentError(DriveError):
     """A drive does not answer (`NO_ANSWER`), or its heartbeat has stopped (`HEARTBEAT_LOST`)."""
 
     fault = NO_ANSWER
+
+
+class DriveStrayedError(DriveError):
+    """An axis that is not where it should be, or whose drive was given another target or NMT state by somebody."""
+
+    fault = STRAYED
 
 
 class CameraError(MachineError):

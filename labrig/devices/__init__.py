@@ -21,8 +21,11 @@ What is decided here
 - After any failure every axis is stopped, and standstill is read back; a halt goes to all axes before any answer is
   awaited. A table in the tests has the outcome of each fault. A closed rig has its power stages off.
 - A motion outside a run is logged beside the state file before it begins (`motion_log`); runs have their record.
-- One labrig uses a rig at a time, by a lock on its state and one on each node; `labrig devices stop` reaches it
-  through a socket that it polls between two bus transactions.
+- Every position that is read is judged against the move that was started, and axes that nobody reads are read while
+  the rig waits or asks; targets are read back in turn. This stands above `Drive`, and so does the watch on the bus for
+  another master. Records of before say nothing of such guards, and replay without them.
+- One labrig uses a rig at a time, by a lock on its state and one on its bus, which holds among all accounts;
+  `labrig devices stop` reaches it through a socket that it polls between two bus transactions.
 - Each setting of the camera is read back, and one that was not accepted closes the rig. A kind of camera is a folder
   (`uvc/`, `files/`) behind `CameraKind`, which an entry point of the group `labrig.cameras` names.
 - A picture is never older than its command. If the camera gives the time of exposure, positions of the axes are

@@ -7,11 +7,15 @@ from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Drive, Homing
-from labrig.errors import DriveError, SafetyStopError
+from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
+from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, SafetyStopError
 
 _STOP_MARGIN_S = 0.5
 _MOVE_MARGIN_S = 2.0
 _MOVE_MARGIN_FRACTION = 0.2
+
+_SAME_TARGET = 1e-6
+"""Targets that differ by less are the same [mm or rad]."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,14 @@ class Setpoint:
         """Return it as in an event of the record."""
         asked = {"asked_position": self.asked_position, "asked_speed": self.asked_speed}
         return {**asked, **self.sent, "position": self.position, "speed": self.speed}
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where an axis is [mm or rad], read at or after `t_s`."""
+
+    t_s: float
+    position: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +79,13 @@ class Axis:
         Its drive.
     clock : Clock
         Rig time, which bounds moves.
+
+    Attributes
+    ----------
+    expected : Expected or None
+        What the axis has to do; None while nobody can tell, as in a homing.
+    sent_target : float or None
+        Target that was last sent [mm or rad]; None if it is not known.
     """
 
     def __init__(self, name: str, description: AxisDescription, drive: Drive, clock: Clock) -> None:
@@ -80,6 +99,8 @@ class Axis:
         self.description = description
         self.drive = drive
         self._clock = clock
+        self.expected: Expected | None = AtRest()
+        self.sent_target: float | None = None
         self._moves = False
         self._then: tuple[float, float] | None = None
         self._due_s: float | None = None
@@ -125,8 +146,9 @@ class Axis:
                 f"first: labrig devices home --axis {self.name} --rig FILE",
             )
         move = self.drive.round_move(position, speed)
-        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed)
-        self._go(position, speed, self._beyond(position))
+        here = self._place()
+        self._due_s = self._clock.now_s() + self._longest_s(move.position, move.speed, here.position)
+        self._go(here, position, speed, self._beyond(position))
         return Setpoint(position, speed, move.sent, move.position, move.speed)
 
     def start_jog(self, distance: float, speed: float) -> float:
@@ -152,13 +174,13 @@ class Axis:
             Before anything is sent.
         DriveError, BusError
         """
-        position = self.drive.position()
+        here = self._place()
         achieved = self.nearest_speed(min(speed, self.max_speed))
-        target = position + distance
+        target = here.position + distance
         if self.referenced:
             self.check_move(target, achieved)
-        self._due_s = self._clock.now_s() + self._longest_s(target, achieved)
-        self._go(target, achieved, None)
+        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, self.drive.position())
+        self._go(here, target, achieved, None)
         return achieved
 
     def _beyond(self, position: float) -> float | None:
@@ -168,15 +190,28 @@ class Axis:
             return None
         return max(position - self.description.backlash, self.limits[0])
 
-    def _go(self, target: float, speed: float, beyond: float | None) -> None:
+    def _place(self) -> _Place:
+        return _Place(self._clock.now_s(), self.drive.position())
+
+    def _go(self, here: _Place, target: float, speed: float, beyond: float | None) -> None:
         self._inside_since_s = None
         self._moves = True
         self._then = None if beyond is None else (target, speed)
-        self.drive.start_move(target if beyond is None else beyond, speed)
+        goal = target if beyond is None else beyond
+        self.drive.start_move(goal, speed)
+        move = self.drive.round_move(goal, speed)
+        self.sent_target = move.position
+        self.expected = expect_move(
+            self.description,
+            self.expected,
+            here.position,
+            (move.position, move.speed),
+            (here.t_s, self._clock.now_s()),
+        )
 
-    def _longest_s(self, target: float, speed: float) -> float:
+    def _longest_s(self, target: float, speed: float, here: float) -> float:
         """Return the longest time that a move may take: its own time, window time and a margin."""
-        distance = abs(target - self.drive.position()) + 2 * self.description.backlash
+        distance = abs(target - here) + 2 * self.description.backlash
         ramps_s = 4 * speed / self.description.acceleration
         window_s = self.description.position_window_time_ms / 1000
         return (distance / speed + ramps_s) * (1 + _MOVE_MARGIN_FRACTION) + window_s + _MOVE_MARGIN_S
@@ -197,10 +232,11 @@ class Axis:
         reached = self._has_arrived(arrived=read.target_reached)
         if reached and self._then is not None:
             target, speed = self._then
-            self._go(target, speed, None)
+            self._go(_Place(self._clock.now_s(), read.position), target, speed, None)
             reached = False
         if reached:
             self._due_s = None
+            self._expect_rest()
         elif self._due_s is not None and self._clock.now_s() > self._due_s:
             raise DriveError(
                 f"axis {self.name} stands at {read.position:.4g} {self.unit} "
@@ -208,6 +244,29 @@ class Axis:
                 "look for what blocks it; see position_window in the rig file",
             )
         return AxisReadback(read.position, self._speed(read.position), read.statusword, read.state, reached)
+
+    def require_target(self) -> None:
+        """Require that the drive has the target that was last sent; the first that is read after homing counts as sent.
+
+        Raises `DriveStrayedError`, `DriveError`, `BusError`.
+        """
+        found = self.drive.target()
+        if found is None:
+            return
+        if self.sent_target is None:
+            self.sent_target = found
+        if abs(found - self.sent_target) > _SAME_TARGET:
+            raise DriveStrayedError(
+                f"the drive of axis {self.name} has the target {found:.4f} {self.unit}, "
+                f"and {self.sent_target:.4f} {self.unit} was sent",
+                "find the other program on the bus that commands it, and end it",
+                fault=TARGET_CHANGED,
+            )
+
+    def _expect_rest(self) -> None:
+        """Expect an axis that has arrived to stay at its target."""
+        if isinstance(self.expected, InMotion):
+            self.expected = AtRest(self.expected.profile.end_position)
 
     def _has_arrived(self, *, arrived: bool) -> bool:
         """Tell whether every reading during the window time said so, with its position in the window."""
@@ -233,6 +292,7 @@ class Axis:
     def halt(self) -> None:
         """Start to decelerate, then hold. Raises `DriveError`, `BusError`."""
         self._due_s = self._then = None
+        self.expected = AtRest()
         self.drive.stop()
 
     def wait_until_still(self) -> Iterator[None]:
@@ -262,7 +322,7 @@ class Axis:
         Raises `DriveError`, `BusError`.
         """
         self.referenced = self.assumed = False
-        self._due_s = self._then = None
+        self._due_s = self._then = self.expected = self.sent_target = None
         self.drive.set_limits(None)
         self.drive.start_homing(homing)
 
@@ -273,7 +333,7 @@ class Axis:
         """
         self.drive.finish_homing(homing)
         self.referenced = True
-        self._moves = False
+        self._rest_anew()
         self.drive.set_limits(self.limits)
 
     def assume_position(self, position: float) -> None:
@@ -286,9 +346,14 @@ class Axis:
         """
         self.drive.set_limits(None)
         self.drive.assume_position(position)
-        self._moves = False
+        self._rest_anew()
         self._then = self._due_s = None
         self.assumed = True
+
+    def _rest_anew(self) -> None:
+        """Stand where the axis is, with a position and a target that count from another zero than before."""
+        self._moves = False
+        self.expected, self.sent_target = AtRest(), None
 
     def describe(self) -> dict[str, object]:
         """Return the conversion of the axis and its drive, for the record."""

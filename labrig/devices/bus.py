@@ -6,9 +6,10 @@ the failure by the silence of the drives.
 """
 
 import logging
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from threading import Lock
 from typing import Any
 
 import can
@@ -36,6 +37,9 @@ OPENING_FAILURES = (can.CanError, OSError, ValueError, ImportError, NameError, T
 _OPTIONS: dict[str, dict[str, Any]] = {"slcan": {"timeout": 0.05}}
 """Default options; without this one, python-can polls slcan a thousand times a second."""
 
+_ECHOING = frozenset({"udp_multicast"})
+"""Interfaces of python-can that deliver a frame to its sender too."""
+
 _CHECK_BUS = "check adapter, cable, termination, power and bit rate"
 
 # labrig raises what these libraries log; without a handler Python would also print it to stderr.
@@ -50,10 +54,14 @@ class BusNetwork(canopen.Network):
     ----------
     clock : Clock
         Gives the frames their time.
+    echoes : bool
+        Whether the interface delivers what is sent to the sender too; those copies are logged and go to nobody.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, *, echoes: bool = False) -> None:
         super().__init__()
+        self._echoes = Counter[tuple[int, bytes]]() if echoes else None
+        self._echoes_lock = Lock()
         self.NOTIFIER_CYCLE = _NOTIFIER_CYCLE_S
         self.trouble: BusError | None = None
         self._clock = clock
@@ -64,13 +72,28 @@ class BusNetwork(canopen.Network):
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send and log a frame."""
         self._frames.append((self._clock.now_s(), can_id, data, "T"))
+        if self._echoes is not None:
+            with self._echoes_lock:
+                self._echoes[can_id, data] += 1
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Log a frame and pass it to its subscribers."""
         self._frames.append((self._clock.now_s(), can_id, bytes(data), "R"))
+        if self._is_echo(can_id, bytes(data)):
+            return
         for callback in self.subscribers.get(can_id, ()):
             callback(can_id, data, timestamp)
+
+    def _is_echo(self, can_id: int, data: bytes) -> bool:
+        """Tell whether a frame is a copy of one that was sent from here, and take it off the list."""
+        if self._echoes is None:
+            return False
+        with self._echoes_lock:
+            left = self._echoes.pop((can_id, data), 0)
+            if left > 1:
+                self._echoes[can_id, data] = left - 1
+            return left > 0
 
     def check(self) -> None:
         """Do nothing: `trouble` has the reason why receiving ended."""
@@ -178,7 +201,8 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
     BusError
         When the interface is unknown, its driver is missing, or it cannot be reached.
     """
-    network = BusNetwork(clock)
+    echoes = description.interface in _ECHOING or bool(description.options.get("receive_own_messages"))
+    network = BusNetwork(clock, echoes=echoes)
     where = f"{description.interface} {description.channel}".strip()
     try:
         network.connect(

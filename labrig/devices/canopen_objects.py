@@ -86,8 +86,12 @@ VENDOR_ID = Entry(0x1018, 1, "vendor id", "I", "ro", 0xFB)
 PRODUCT_CODE = Entry(0x1018, 2, "product code", "I", "ro", 0x62200000)
 REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21100000)
 SERIAL_NUMBER = Entry(0x1018, 4, "serial number", "I", "ro")
+ABORT_CONNECTION = Entry(0x6007, 0, "abort connection option code", "h", default=1)
 CONTROLWORD = Entry(0x6040, 0, "controlword", "H")
 STATUSWORD = Entry(0x6041, 0, "statusword", "H", "ro")
+SHUTDOWN_OPTION = Entry(0x605B, 0, "shutdown option code", "h")
+DISABLE_OPTION = Entry(0x605C, 0, "disable operation option code", "h", default=1)
+FAULT_REACTION = Entry(0x605E, 0, "fault reaction option code", "h", default=2)
 MODE = Entry(0x6060, 0, "mode of operation", "b", default=1, lowest=-6, highest=7)
 MODE_DISPLAY = Entry(0x6061, 0, "mode of operation display", "b", "ro", 1)
 POSITION_DEMAND = Entry(0x6062, 0, "position demand", "i", "ro")
@@ -121,8 +125,7 @@ ERROR_HISTORY = (LAST_ERROR, *(Entry(0x1003, n, f"error history {n}", "I", "ro")
 PDO_INVALID = 0x80000000
 """The bit of a PDO's COB-ID that switches it off."""
 RECEIVE_PDO_COB_IDS = tuple(
-    Entry(0x1400 + n, 1, f"RxPDO {n + 1} COB-ID", "I", default=0x200 + 0x100 * n | (PDO_INVALID if n else 0))
-    for n in range(4)
+    Entry(0x1400 + n, 1, f"RxPDO {n + 1} COB-ID", "I", default=0x200 + 0x100 * n) for n in range(4)
 )
 RPDO_TYPES = tuple(
     Entry(0x1400 + n, 2, f"RxPDO {n + 1} transmission type", "B", default=255) for n in range(4)

@@ -6,6 +6,8 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.check_result import CheckResult, CheckStatus
 from labrig.devices.cia402_drive import Cia402Drive
+from labrig.devices.sdo_client import NO_OBJECT
+from labrig.errors import DriveRefusedError
 
 
 def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> CheckResult:
@@ -29,6 +31,28 @@ def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> C
         CheckStatus.WARN,
         f"{value}; the drive holds {found[0]} to {found[1]} {axis.count_unit}",
         f"reference the axis again: labrig devices home --axis {name} --rig FILE",
+    )
+
+
+def check_dead_man(name: str, drive: Cia402Drive[Any]) -> CheckResult:
+    """Read what the drive does when it has to stop by itself; a run sets it, where the drive has it."""
+    found: dict[str, int] = {}
+    missing, check = [], f"dead-man {name}"
+    for entry in drive.stop_options():
+        try:
+            found[entry.place] = drive.upload(entry)
+        except DriveRefusedError as error:
+            if error.code != NO_OBJECT:
+                raise
+            missing.append(f"{entry.name} ({entry.place})")
+    value = ", ".join(f"{place} = {option}" for place, option in found.items())
+    if not missing:
+        return CheckResult(check, CheckStatus.PASS, f"{value}; a run sets and reads back what it needs")
+    return CheckResult(
+        check,
+        CheckStatus.WARN,
+        f"not guarded, the drive does not have: {', '.join(missing)}",
+        "find out in its manual how it stops when the heartbeat of the computer ends",
     )
 
 

@@ -53,7 +53,7 @@ from labrig.devices.cia402_states import (
 from labrig.devices.drive import STILL_POLL_S, DriveReading, Homing, RoundedMove
 from labrig.devices.error_codes import Emergency, describe_abort
 from labrig.devices.homing import HOMING_HERE
-from labrig.devices.sdo_client import RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
+from labrig.devices.sdo_client import NO_OBJECT, RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
 from labrig.devices.units import AxisScale
 from labrig.errors import (
     HEARTBEAT_LOST,
@@ -81,9 +81,19 @@ _RESET_TIME_S = 0.05
 """Time that a drive gets to reset a fault."""
 
 _PROFILE_POSITION, _HOMING = 1, 6
-_NMT_START, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x80, 0x82
+_NMT_START, _NMT_STOP, _NMT_PRE_OPERATIONAL, _NMT_RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
+_NMT_STOPPED, _NMT_OPERATIONAL = 0x04, 0x05
+_NO_ACTION = 0
+"""Value of 0x6007 with which a drive moves on when the computer falls silent."""
 
-_PDO_UNUSED = 0x80000000
+STOP_OPTIONS = {
+    co.ABORT_CONNECTION: 1,  # a fault
+    co.SHUTDOWN_OPTION: 1,  # brake, then switch power off
+    co.DISABLE_OPTION: 1,  # brake, then switch power off
+    co.FAULT_REACTION: 2,  # brake with the quick stop deceleration
+}
+"""Option codes with which a drive brakes wherever the profile lets it choose."""
+
 _CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
 _EMERGENCY = struct.Struct("<HB")
 
@@ -159,12 +169,14 @@ class Cia402Drive(Generic[Section]):
         self._offset_counts = 0
         self._target: int | None = None
         self._settings: dict[Entry, int] = {}
+        self._dead_man: dict[str, int | None] = {}
         self._heartbeat: HeartbeatDescription | None = None
         self._own_limits: dict[Entry, int] = {}
         self._written: tuple[str, ...] = ()
         self.has_restarted = False
         self._emergency: tuple[int, int] | None = None
         self._heard_s = 0.0
+        self._nmt_state = _NMT_OPERATIONAL
         self._silence_s = math.inf
         self._attained_is_fresh = False
         self._was_enabled = False
@@ -176,6 +188,7 @@ class Cia402Drive(Generic[Section]):
         link.network.subscribe(self._report_id, lambda _id, data, _t: self._reports.put(bytes(data)))
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
+        link.network.subscribe(0x000, self._on_nmt)
 
     # Units
 
@@ -284,11 +297,18 @@ class Cia402Drive(Generic[Section]):
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys."""
-        return self._cob_ids(co.TRANSMIT_PDO_COB_IDS), self._cob_ids(co.RECEIVE_PDO_COB_IDS)
+        sent, obeyed = self.pdo_entries()
+        return self._cob_ids(sent), self._cob_ids(obeyed)
+
+    def pdo_entries(self) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
+        """Return the COB-ID objects of the PDOs that the drive sends, and of those that it obeys."""
+        every = (co.TRANSMIT_PDO_COB_IDS, co.RECEIVE_PDO_COB_IDS)
+        sent, obeyed = (tuple(entry for entry in entries if self.has(entry)) for entries in every)
+        return sent, obeyed
 
     def _cob_ids(self, entries: Iterable[Entry]) -> frozenset[int]:
-        values = (self.upload(entry) for entry in entries if self.has(entry))
-        return frozenset(value & 0x7FF for value in values if not value & _PDO_UNUSED)
+        values = (self.upload(entry) for entry in entries)
+        return frozenset(value & 0x7FF for value in values if not value & co.PDO_INVALID)
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Switch the drive off and write its settings; from here on its heartbeat is monitored."""
@@ -338,6 +358,7 @@ class Cia402Drive(Generic[Section]):
         return {
             "drive_settings": self.settings(),
             "settings_written": list(self._written),
+            "dead_man": dict(self._dead_man),
             **self.counts(),
         }
 
@@ -395,8 +416,57 @@ class Cia402Drive(Generic[Section]):
     # Heartbeats
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Make the drive stop by itself when the computer's heartbeat stops, and read that setting back."""
-        self.adjust({co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms})
+        """Make the drive stop by itself when the computer's heartbeat stops, obey nobody else, and read that back.
+
+        Raises
+        ------
+        DriveError
+            When it does not keep one of the settings, among them an option that means "no action".
+        """
+        self._dead_man = {}
+        settings = self._heartbeat_settings(heartbeat) | self.stop_options() | self._unused_pdos()
+        for entry, value in settings.items():
+            self._clock.sleep(0.0)  # lets a heartbeat that is due be sent
+            try:
+                self.adjust({entry: value})
+            except DriveRefusedError as error:
+                if error.code != NO_OBJECT:
+                    raise self._unsafe(entry, error) from error
+                self._dead_man[entry.place] = None
+            except DriveError as error:
+                raise self._unsafe(entry, error) from error
+            else:
+                self._dead_man[entry.place] = value
+
+    def stop_options(self) -> dict[Entry, int]:
+        """Return the option codes by which the drive stops, as a run sets them; none by default."""
+        return {}
+
+    def _heartbeat_settings(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
+        return {co.CONSUMER_HEARTBEAT: heartbeat.computer_node_id << 16 | heartbeat.timeout_ms}
+
+    def _unused_pdos(self) -> dict[Entry, int]:
+        """Return the COB-IDs that switch off every PDO but the report: labrig commands by SDO alone."""
+        report = co.TRANSMIT_PDO_COB_IDS[self.report_pdo]
+        sent, obeyed = self.pdo_entries()
+        unused = [
+            entry for entry in (*obeyed, *sent) if entry != report and self.own_entry(entry).access == "rw"
+        ]
+        values = {entry: self.upload(entry) for entry in unused}
+        return {entry: value | co.PDO_INVALID for entry, value in values.items()}
+
+    def _unsafe(self, entry: Entry, error: DriveError) -> DriveError:
+        """Return the error of a drive that does not take what makes it stop by itself."""
+        if entry == co.ABORT_CONNECTION and self.upload(entry) == _NO_ACTION:
+            return error.reword(
+                f"{self.name} takes no action when the computer falls silent ({entry.place} = {_NO_ACTION}): "
+                f"{error.message}",
+                f"set {entry.place} in {self.tool} and save it; nothing else stops this drive if labrig ends",
+            )
+        return error.reword(
+            f"{error.message}; its dead-man cannot be relied upon",
+            f"set {entry.place} in {self.tool} and save it",
+        )
 
     def watch(self, period_ms: int, silence_s: float) -> None:
         """Switch the drive's heartbeat on; it counts as silent after `silence_s` without one."""
@@ -532,6 +602,10 @@ class Cia402Drive(Generic[Section]):
         self._target = self._counter(position)
         self.start_profile(self._target, self.scale.to_speed_units(speed))
 
+    def target(self) -> float | None:
+        """Return the target position that the drive now has [mm or rad]."""
+        return self._position(self.upload(co.TARGET_POSITION))
+
     def read(self) -> DriveReading:
         """Read statusword and position. Raises `DriveError` if the drive cannot move."""
         statusword, counter = self.report()
@@ -575,8 +649,13 @@ class Cia402Drive(Generic[Section]):
             self.download(co.CONTROLWORD, ENABLE | HALT)
 
     def send_stop(self) -> None:
-        """Send Halt to a drive that was last known enabled, and wait for no answer. Raises `BusError`."""
+        """Send Halt to a drive that was last known enabled, and wait for no answer. Raises `BusError`.
+
+        A node that somebody has stopped takes no request until it is started again.
+        """
         if self._was_enabled:
+            if self._nmt_state == _NMT_STOPPED:
+                self.send_nmt(_NMT_START)
             data = self.own_entry(co.CONTROLWORD).pack(ENABLE | HALT)
             self.sdo.post(co.CONTROLWORD.index, co.CONTROLWORD.subindex, data)
 
@@ -809,13 +888,20 @@ class Cia402Drive(Generic[Section]):
         """Restore what the reset of the communication cleared: heartbeats and report, once configured."""
         if self._heartbeat is not None:
             self.watch(self._heartbeat.period_ms, self._heartbeat.timeout_ms / 1000)
-            self.verify_dead_man(self._heartbeat)
+            self.adjust(self._heartbeat_settings(self._heartbeat))
             self.let_report()
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self._heard_s = self._clock.now_s()
         if data[:1] == b"\0":
             self.has_restarted = True
+        elif data:
+            self._nmt_state = data[0] & 0x7F
+
+    def _on_nmt(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
+        """Note the NMT command of somebody else: labrig's own do not come back."""
+        if len(data) == 2 and data[1] in {0, self.node_id}:
+            self._nmt_state = _NMT_STOPPED if data[0] == _NMT_STOP else _NMT_OPERATIONAL
 
     def _on_emergency(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) >= _EMERGENCY.size:

@@ -192,6 +192,9 @@ class Drive(Protocol):
         It replaces a move in progress.
         """
 
+    def target(self) -> float | None:
+        """Return the target position that the drive now has, whoever wrote it [mm or rad]; None if it does not tell."""
+
     def expect_report(self) -> None:
         """Make the next `read` return what the drive reports at the coming SYNC, if it can."""
 

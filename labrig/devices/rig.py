@@ -9,8 +9,10 @@ from functools import partial
 from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.axis_description import AXES
 from labrig.devices.bus import CanLink
+from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera, Frame, PictureSource
 from labrig.devices.clocks import MAX_STEP_S
+from labrig.devices.commands import CommandFormatter
 from labrig.devices.control import StopRequests, acquire_rig
 from labrig.devices.drive import Homing, Identity, open_drive, raise_together, wait_for_all
 from labrig.devices.hardware import Hardware, make_hardware
@@ -20,10 +22,13 @@ from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
+from labrig.devices.position_supervision import PositionReading, SupervisionState, supervise_position
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.errors import (
+    POSITION_JUMPED,
     CameraError,
     DriveError,
+    DriveStrayedError,
     InputError,
     InterruptedRunError,
     LimitError,
@@ -36,6 +41,15 @@ Interrupted = Callable[[], str | None]
 
 _SYNC = 0x080
 _HOMING_LOOK_S = 0.005
+
+_LOOK_S = 0.15
+"""Time after the last reading at which a rig that waits or asks reads its axes again [s]."""
+
+_BEATS_LISTENED_FOR = 3
+"""Periods of the heartbeat for which the bus is listened to before a rig is opened; a drive allows no longer gap."""
+
+_TARGET_LOOK_S = 0.05
+"""Time between two readings of a target; the axes take turns [s]."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +78,31 @@ WHOLE = Opening()
 """The whole rig, as a run has it."""
 
 
+@dataclass(frozen=True)
+class Guards:
+    """What a rig guards against that records of before know nothing of: their replays do without.
+
+    Parameters
+    ----------
+    dead_man : bool
+        Whether what makes a drive stop by itself is verified at opening; this writes to the drives.
+    watch : bool
+        Whether positions, targets and the bus are watched; this asks the drives more often.
+    """
+
+    dead_man: bool = True
+    watch: bool = True
+
+    @property
+    def level(self) -> int:
+        """The number by which a record names them; 0, or nothing, for one of before."""
+        return int(self.dead_man)
+
+
+GUARDED = Guards()
+"""Every guard, as a new run has them."""
+
+
 class Rig:
     """An opened rig; made by `open_rig`.
 
@@ -89,6 +128,8 @@ class Rig:
         State across runs; by default that of its state file.
     doing : str
         What the rig is used for.
+    guards : Guards
+        What it guards against; a replay has those of its record.
     """
 
     def __init__(
@@ -104,9 +145,11 @@ class Rig:
         opening: Opening = WHOLE,
         needle: NeedleState | None = None,
         doing: str = "labrig",
+        guards: Guards = GUARDED,
     ) -> None:
         self.description = description
         self._opening = opening
+        self._guards = guards
         self.clock = hardware.clock
         self.operator = hardware.operator or person
         self.needs_person = hardware.operator is None
@@ -125,7 +168,15 @@ class Rig:
             if name in opening.axes
         }
         self._camera = None if source is None else Camera(source, description.camera, self._heartbeat)
-        self._read_s = 0.0
+        self._watch: BusWatch | None = None
+        if guards.watch:
+            nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
+            computer = description.can.heartbeat.computer_node_id
+            self._watch = BusWatch(link, nodes, computer, CommandFormatter(description))
+        self._read_s = self._target_s = 0.0
+        self._is_watching = False
+        self._supervised = dict.fromkeys(self._axes, SupervisionState())
+        self._targets_due = list(self._axes)
 
     # State
 
@@ -182,6 +233,7 @@ class Rig:
         return {
             "rig": self.description.name,
             "kind": self.description.kind,
+            "guards": self._guards.level,
             "bus": self.description.can.model_dump(),
             "axes": {
                 axis.name: {**axis.describe(), "drive": self._identities[axis.name].document()}
@@ -225,10 +277,46 @@ class Rig:
                 axis.drive.expect_report()
             self._link.send(_SYNC, b"")
             self._read_s = self.clock.now_s()
-            return {name: axis.read() for name, axis in self._axes.items()}
+            states = {name: axis.read() for name, axis in self._axes.items()}
+            self._supervise_positions({name: state.position for name, state in states.items()})
         except MachineError as error:
             self._stop_because_of(error)
             raise
+        return states
+
+    def _look(self) -> None:
+        """Ask every axis where it is, while nobody reads states.
+
+        Without a SYNC: a replay of a bench does not look, and finds the states of the record by their SYNCs.
+        """
+        self._read_s = self.clock.now_s()
+        self._supervise_positions({name: axis.drive.read().position for name, axis in self._axes.items()})
+
+    def _supervise_positions(self, positions: Mapping[str, float]) -> None:
+        """Require that each axis is where it should be, and that one of them, in turn, has the target that was sent.
+
+        Raises `DriveStrayedError`.
+        """
+        if not self._is_watching:
+            return
+        errors = [self._judge(name, position) for name, position in positions.items()]
+        raise_together([error for error in errors if error is not None])
+        if self._read_s - self._target_s >= _TARGET_LOOK_S:
+            self._target_s = self._read_s
+            name = self._targets_due.pop(0)
+            self._targets_due.append(name)
+            self._axes[name].require_target()
+
+    def _judge(self, name: str, position: float) -> DriveStrayedError | None:
+        """Return the error of an axis that is not where it should be; one that jumped has lost its reference."""
+        axis = self._axes[name]
+        reading = PositionReading(self._read_s, self.clock.now_s(), position)
+        self._supervised[name], error = supervise_position(
+            (name, axis.description), self._supervised[name], axis.expected, reading
+        )
+        if error is not None and error.fault is POSITION_JUMPED:
+            self.needle.note_reference(name, known=False)
+        return error
 
     def take_picture(self) -> tuple[Frame, dict[str, AxisReadback]]:
         """Take a picture, then read every axis; the frame gets its place between this reading and the one before.
@@ -266,7 +354,7 @@ class Rig:
             raise
 
     def supervise(self) -> None:
-        """Check bus, drives and signals, and only then send a heartbeat if one is due.
+        """Check bus, drives and signals, and only then send a heartbeat if one is due; read axes not read for long.
 
         Call it more often than the heartbeat period while nothing else lets rig time pass; `wait` calls it.
 
@@ -274,6 +362,8 @@ class Rig:
         """
         self._check()
         self._heartbeat.beat()
+        if self._is_watching and self.clock.now_s() - self._read_s >= _LOOK_S:
+            self._look()
 
     def ask(self, request: OperatorRequest) -> Answer:
         """Let the operator do something; meanwhile the axes hold still and are supervised.
@@ -313,8 +403,13 @@ class Rig:
             raise SafetyStopError(
                 "stopped by labrig devices stop", "find out who stopped it and why, then start again"
             )
+        watch = self._watch if self._is_watching else None
+        if watch is not None:
+            watch.require_no_command()
         for axis in self.axes:
             axis.drive.check()
+        if watch is not None:
+            watch.require_operational()
 
     def stop(self) -> None:
         """Stop every axis and verify that each stands still; a failure of one axis does not affect the others.
@@ -446,18 +541,41 @@ class Rig:
             With the failures of all drives, not only the first.
         BusError
         """
-        failures: list[MachineError] = []
+        self._listen()
         for step in (self._identify, self._offer_fault_reset, self._configure):
-            for axis in self.axes:
-                try:
-                    step(axis)
-                except MachineError as error:
-                    failures.append(error)
-            failures += self._find_shared_cob_ids()
-            raise_together(failures)
+            self._do_with_all(step, self._find_shared_cob_ids)
+        if self._guards.dead_man:
+            self._do_with_all(self._verify_dead_man)
         self._recall_references()
+        if self._watch is not None:
+            self._watch.require_free()
+            self._watch.forget_states()
         for axis in self.axes:
             axis.drive.enable()
+        self._is_watching = self._guards.watch
+
+    def _listen(self) -> None:
+        """Listen, before anything is sent, whether another program beats as labrig does. Raises `SecondMasterError`."""
+        if self._watch is not None:
+            self._watch.forget()
+            self.clock.sleep(_BEATS_LISTENED_FOR * self.description.can.heartbeat.period_ms / 1000)
+            self._watch.require_free()
+
+    def _do_with_all(
+        self, step: Callable[[Axis], None], find_more: Callable[[], list[MachineError]] = list
+    ) -> None:
+        """Do something with every axis, and raise the failures of all together, with more that are found afterwards."""
+        failures: list[MachineError] = []
+        for axis in self.axes:
+            try:
+                step(axis)
+            except MachineError as error:
+                failures.append(error)
+        raise_together([*failures, *find_more()])
+
+    def _verify_dead_man(self, axis: Axis) -> None:
+        self._heartbeat.beat()
+        axis.drive.verify_dead_man(self.description.can.heartbeat)
 
     def _identify(self, axis: Axis) -> None:
         self._identities[axis.name] = axis.drive.identify()
@@ -513,6 +631,7 @@ class Rig:
         SafetyStopError
             When an axis may still move or have power.
         """
+        self._is_watching = False
         try:
             self.stop()
         finally:

@@ -11,6 +11,9 @@ from threading import Lock
 
 from labrig.devices.bus import CanLink
 
+NO_OBJECT = 0x06020000
+"""Abort code of a node that does not have an object."""
+
 RETRIES = 1
 """How often a request without an answer is repeated."""
 

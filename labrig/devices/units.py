@@ -72,11 +72,18 @@ class AxisScale:
         """Return the speed of the axis [mm/s or rad/s] at a speed of the drive."""
         return speed_units / self.speed_units_per_speed
 
+    @property
+    def acceleration_units_per_acceleration(self) -> float:
+        """Units of the drive a mm/s^2 or rad/s^2."""
+        return self.acceleration_units * self.gear_ratio / self.travel_per_turn
+
     def to_acceleration_units(self, acceleration: float) -> int:
         """Return the integer nearest to an acceleration [mm/s^2 or rad/s^2]; at least 1."""
-        return max(
-            1, round(acceleration * (self.acceleration_units * self.gear_ratio / self.travel_per_turn))
-        )
+        return max(1, round(acceleration * self.acceleration_units_per_acceleration))
+
+    def to_acceleration(self, acceleration_units: int) -> float:
+        """Return the acceleration of the axis [mm/s^2 or rad/s^2] at an acceleration of the drive."""
+        return acceleration_units / self.acceleration_units_per_acceleration
 
 
 TURN_RAD = 2 * math.pi

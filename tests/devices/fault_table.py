@@ -1,7 +1,8 @@
 """The fault matrix as a table: what goes wrong, and what must come of it; written down before anything is run.
 
-Each fault strikes an axis that idles, that moves with the needle in tissue, and that homes. `Cell.outcome` is the
-whole expectation; `tests/runner/fault_cells.py` makes it come true or not.
+Each fault strikes an axis that idles, that moves with the needle in tissue, and that homes; what somebody else does to
+the drives strikes while axes idle, move, and hold still during a question. `Cell.outcome` is the whole expectation;
+`tests/runner/fault_cells.py` makes it come true or not.
 """
 
 from dataclasses import dataclass, replace
@@ -17,8 +18,10 @@ from labrig.errors import (
     DriveRefusedError,
     DriveRestartedError,
     DriveSilentError,
+    DriveStrayedError,
     InterruptedRunError,
     LabrigError,
+    SecondMasterError,
 )
 
 HEARTBEAT_S = 0.5
@@ -33,6 +36,7 @@ class Phase(Enum):
     IDLE = "idle"
     MOVING = "moving"
     HOMING = "homing"
+    ASKING = "asking"
 
 
 class Stop(Enum):
@@ -103,6 +107,8 @@ _ONLY_FAULT: dict[type[LabrigError], tuple[str, int]] = {
     BusOffError: ("bus-off", 0x81FD),
     DriveRestartedError: ("boot-up", 0),
     DriveRefusedError: ("sdo-abort", 0x08000022),
+    SecondMasterError: ("second-master", 0),
+    DriveStrayedError: ("strayed", 0),
 }
 _HEARTBEAT_LOST, _NO_ANSWER = ("heartbeat-lost", 0x8130), ("no-answer", 0x05040000)
 
@@ -134,12 +140,7 @@ def _find_later(
     }
 
 
-_SILENT = {
-    # An idle axis is not asked; its heartbeat is missed.
-    Phase.IDLE: _fails(DriveSilentError, "no heartbeat", lost=Lost.ALL, fault=_HEARTBEAT_LOST),
-    Phase.MOVING: _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER),
-    Phase.HOMING: _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER),
-}
+_SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
 _DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL, _NO_ANSWER)
 _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
 _REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
@@ -149,7 +150,7 @@ _UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE, fault=_
 def _at_the_next_question(outcome: Outcome) -> dict[Phase, Outcome]:
     """Return what comes of a fault in an answer: axes report without being asked, until the next move is to start."""
     return {
-        Phase.IDLE: replace(outcome, found_in_tissue=True),
+        Phase.IDLE: outcome,
         Phase.MOVING: replace(outcome, stop=Stop.NO_DEADLINE),
         Phase.HOMING: outcome,
     }
@@ -163,12 +164,7 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     "one frame late": SURVIVED,
     # The drive or its answers
     "node silent": _SILENT,
-    "node deaf": {
-        # An idle axis is not asked; the drive, which still speaks, is the first to tell.
-        Phase.IDLE: _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
-        Phase.MOVING: _DEAF,
-        Phase.HOMING: _DEAF,
-    },
+    "node deaf": _DEAF,
     "boot-up": _RESTARTED,
     "SDO abort": _at_the_next_question(_REFUSED),
     "SDO timeout": _at_the_next_question(_UNANSWERED),
@@ -221,6 +217,39 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
 }
 """Fault -> what must come of it, in every phase or by phase."""
 
+
+def _second_master(words: str, lost: Lost = Lost.NONE) -> Outcome:
+    return _fails(SecondMasterError, words, lost=lost)
+
+
+def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> Outcome:
+    return _fails(DriveStrayedError, words, lost=lost, fault=(fault, 0))
+
+
+SCENARIOS: dict[str, Outcome | dict[Phase, Outcome]] = {
+    # Another program commands the drives
+    "second master retargets": _second_master("target position (0x607A:00) = 240000 quadcounts, 60.0000 mm"),
+    "second master retargets by process data": _second_master("CAN frame 401#"),
+    "second master moves an idle axis": _second_master("linear: target position (0x607A:00)"),
+    "second master writes a setting": _second_master("maximal following error (0x6065:00)"),
+    "second master takes the dead-man away": _second_master("abort connection option code (0x6007:00) = 0"),
+    "second master takes power away": _second_master("CAN frame 201#0000"),
+    "second master resets": _second_master("NMT command 0x81 to node 1", Lost.STRUCK),
+    "second master resets the communication": _second_master("NMT command 0x82 to node 0"),
+    "second master makes nodes pre-operational": _second_master("NMT command 0x80 to node 0"),
+    "second master stops a node": _second_master("NMT command 0x02 to node 1"),
+    "second master beats": _second_master("it sends the heartbeat of node 127"),
+    "another client reads": SURVIVED,
+    # Nothing on the bus tells of it
+    "target changed in the drive": _strayed(
+        "the drive of axis insertion has the target 60.0000 mm", "target-changed"
+    ),
+    "idle axis moved": _strayed("axis linear should stand at", "strayed"),
+    "encoder jumps": _strayed("jumped from", "position-jump", Lost.STRUCK),
+    "node becomes pre-operational": _strayed("is in NMT state pre-operational", "not-operational"),
+}
+"""What somebody else does -> what must come of it, in every phase or by phase."""
+
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",
     "wrong encoder resolution": "encoder pulses a turn, the rig file says 500",
@@ -233,9 +262,12 @@ REFUSED_AT_CONNECT = {
 
 def outcome_of(fault: str, phase: Phase) -> Outcome:
     """Return what must come of a fault in a phase."""
-    expected = FAULTS[fault]
+    expected = (FAULTS | SCENARIOS)[fault]
     return expected if isinstance(expected, Outcome) else expected[phase]
 
 
-CELLS = [(fault, phase) for fault in FAULTS for phase in Phase]
+CELLS = [
+    *((fault, phase) for fault in FAULTS for phase in (Phase.IDLE, Phase.MOVING, Phase.HOMING)),
+    *((fault, phase) for fault in SCENARIOS for phase in (Phase.IDLE, Phase.MOVING, Phase.ASKING)),
+]
 """Every cell of the matrix."""

@@ -6,9 +6,9 @@ from queue import SimpleQueue
 
 import pytest
 
+from labrig.devices.commands import CommandFormatter
 from labrig.devices.needle_state import RigState
 from labrig.devices.replayed.bus import RecordedBus, ReplayedLink, attach
-from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording, Span
 from labrig.errors import RecordEndsError, ReplayDiffersError
@@ -43,7 +43,7 @@ class Bus:
         recording = Recording(
             run=Path("run"), started=datetime(2026, 3, 2, tzinfo=UTC), span=Span(0.0, 1e9), can_frames=RECORD,
             questions=(), truth=(), pictures=(), first_frame=0, camera={}, state=RigState(False),
-            stopped_by=None, exact=True, to_the_end=to_the_end, is_first=True, trials=frozenset(),
+            stopped_by=None, exact=True, to_the_end=to_the_end, is_first=True, trials=frozenset(), guards=0,
         )  # fmt: skip
         self.comparison = Comparison(recording)
         self.clock = self.comparison.clock

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from labrig.devices import canopen_objects as co
 from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import wait_for_all
 from labrig.devices.epos2.driver import Epos2
@@ -112,8 +113,8 @@ def test_a_move_that_takes_far_too_long_is_an_error() -> None:
     """The rig does not wait forever for target reached."""
     with opened_rig() as opened:
         _ready(opened)
+        opened.drives["insertion"].objects.put(co.POSITION_WINDOW_TIME, 60_000)
         opened.rig.insertion.start_move(1.0, 1.0)
-        opened.rig.insertion.drive.stop()
         opened.rig.wait(2.0)
         assert not opened.rig.read_states()["insertion"].target_reached
         opened.rig.wait(3.0)

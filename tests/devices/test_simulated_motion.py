@@ -14,7 +14,7 @@ from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import METHODS, SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.simulated.trapezoid import Limits, run_profile
+from labrig.devices.trapezoid import Limits, run_profile
 
 COUNTS_PER_RPM = 2000 / 60
 MECHANICS = Mechanics(

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from labrig.devices.simulated.trapezoid import Limits, brake_profile, move_profile, rest_profile
+from labrig.devices.trapezoid import Limits, brake_profile, move_profile, rest_profile
 
 positions = st.floats(-1e6, 1e6)
 limits = st.builds(

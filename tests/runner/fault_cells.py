@@ -1,6 +1,7 @@
 """One cell of the fault matrix: a run on the simulated rig, a fault in the middle of it, and what came of it."""
 
 import resource
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -17,28 +18,31 @@ from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
-from labrig.devices.operator import OperatorRequest, PlaceSpecimen, ShiftToHole
+from labrig.devices.operator import Answer, Operator, OperatorRequest, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.simulated.canopen_node import NmtState
 from labrig.devices.simulated.hardware import SimulatedHardware
 from labrig.errors import MachineError, SafetyStopError, WireError
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
+from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
-from labrig.runner.conduct import Outcome, conduct
+from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
+from labrig.runner.withdrawal import recorded_path
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
 
 AXES = ("insertion", "rotation", "linear")
-STRUCK = {Phase.IDLE: "insertion", Phase.MOVING: "insertion", Phase.HOMING: "linear"}
+STRUCK = dict.fromkeys(Phase, "insertion") | {Phase.HOMING: "linear"}
 """Which axis the fault strikes."""
 
-REFERENCED = {Phase.IDLE: set(AXES), Phase.MOVING: set(AXES), Phase.HOMING: {"insertion", "rotation"}}
+REFERENCED = {phase: set(AXES) for phase in Phase} | {Phase.HOMING: {"insertion", "rotation"}}
 """Which axes know where they are at that moment."""
 
 _SHORT = (
@@ -59,6 +63,7 @@ _RIG = (
 _TO_THE_LOWER_STOP = Homing(-4, offset=7.0, speed=5.0, timeout_s=30.0)
 _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
 _PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
+_LOOK_S, _OUT_COUNTS = 0.05, 40
 _CUT_CODES = {"emergency stop", "EMCY under-voltage"}
 
 
@@ -179,6 +184,46 @@ class Cell:
         if self.limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, self.limit)
 
+    def send(self, *frames: tuple[int, bytes]) -> None:
+        """Send frames as another program on the bus does."""
+        master = InProcessBus(self.hardware.wire, lambda _message: None)
+        for can_id, data in frames:
+            master.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+        master.shutdown()
+
+    def write(self, axis: str, *values: tuple[Entry, int]) -> None:
+        """Write objects of an axis' drive by SDO, as another program on the bus does."""
+        node = epos2_drives(self.hardware)[axis].node_id
+        head = [struct.pack("<BHB", 0x23 | (4 - e.size) << 2, e.index, e.subindex) for e, _ in values]
+        self.send(
+            *((0x600 + node, h + e.pack(v).ljust(4, b"\0")) for h, (e, v) in zip(head, values, strict=True))
+        )
+
+    def put(self, axis: str, *values: tuple[Entry, int]) -> None:
+        """Change objects inside a drive: no frame tells of it."""
+        for entry, value in values:
+            epos2_drives(self.hardware)[axis].objects.put(entry, value)
+
+
+_START = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F))
+_START_RELATIVE = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x7F), (co.CONTROLWORD, 0x0F))
+
+
+def _sent(can_id: int, data: str) -> Callable[[Cell], None]:
+    return lambda cell: cell.send((can_id, bytes.fromhex(data)))
+
+
+def _change_target(cell: Cell) -> None:
+    """Change the target inside the drive; an axis that moves goes there."""
+    start = _START if cell.drive.is_moving else ()
+    cell.put("insertion", (co.TARGET_POSITION, 240_000), *start)
+
+
+def _creep(cell: Cell) -> None:
+    """Move the idle linear axis inside its drive, and leave the target there as it was."""
+    target = epos2_drives(cell.hardware)["linear"].objects.value(co.TARGET_POSITION)
+    cell.put("linear", (co.TARGET_POSITION, 4000), *_START_RELATIVE, (co.TARGET_POSITION, target))
+
 
 def _script_fault(**values: object) -> Callable[[Cell], None]:
     fault = FaultDescription.model_validate(values)
@@ -239,6 +284,24 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "camera lost": lambda cell: setattr(cell.camera, "lost", True),
     "camera frozen": lambda cell: setattr(cell.camera, "frozen", True),
     "disk full": lambda cell: cell.fill_disk(),
+    "second master retargets": lambda cell: cell.write("insertion", (co.TARGET_POSITION, 240_000), *_START),
+    "second master retargets by process data": _sent(0x401, "3F0080A90300"),
+    "second master moves an idle axis": lambda cell: cell.write(
+        "linear", (co.TARGET_POSITION, 64_000), *_START
+    ),
+    "second master writes a setting": lambda cell: cell.write("rotation", (co.MAX_FOLLOWING_ERROR, 2**31)),
+    "second master takes the dead-man away": lambda cell: cell.write("insertion", (co.ABORT_CONNECTION, 0)),
+    "second master takes power away": _sent(0x201, "0000"),
+    "second master resets": _sent(0x000, "8101"),
+    "second master resets the communication": _sent(0x000, "8200"),
+    "second master makes nodes pre-operational": _sent(0x000, "8000"),
+    "second master stops a node": _sent(0x000, "0201"),
+    "second master beats": _sent(0x77F, "05"),
+    "another client reads": _sent(0x601, "4041600000000000"),
+    "target changed in the drive": _change_target,
+    "idle axis moved": _creep,
+    "encoder jumps": lambda cell: cell.drive.shift_counter(24_000),
+    "node becomes pre-operational": lambda cell: cell.drive.enter(NmtState.PRE_OPERATIONAL),
 }
 """How each fault of the table is made to happen."""
 
@@ -318,13 +381,32 @@ def _conduct(
         {},
     )
     cell.folder = recorder.path
-    cell.rig.operator = Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
+    cell.rig.operator = _Slow(
+        cell, Watched(cell.rig.operator, then=lambda request: _meanwhile(cell, request))
+    )
     cell.hardware.clock.on_advance(lambda: _strike_on_the_way(cell))
     try:
         outcome = conduct(find_experiment(protocol.experiment), protocol, Session(cell.rig, recorder, Told()))
     finally:
         cell.free_disk()
     return outcome, open_run(recorder.path)
+
+
+@dataclass(frozen=True)
+class _Slow:
+    """A person who takes a while to answer one question; what strikes strikes meanwhile."""
+
+    cell: Cell
+    operator: Operator
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+        """Answer, after a while in which the rig looks after its axes."""
+        if self.cell.phase is Phase.ASKING and isinstance(request, ShiftToHole):
+            self.cell.strike()
+            for _ in range(round(_PERSON_TAKES_S / _LOOK_S)):
+                self.cell.hardware.clock.sleep(_LOOK_S)
+                meanwhile()
+        return self.operator.ask(request, meanwhile)
 
 
 def _meanwhile(cell: Cell, request: OperatorRequest) -> None:
@@ -338,7 +420,7 @@ def _meanwhile(cell: Cell, request: OperatorRequest) -> None:
 
 def _strike_on_the_way(cell: Cell) -> None:
     """Strike once the axis has gone a part of its way."""
-    if cell.phase is Phase.IDLE:
+    if cell.phase in {Phase.IDLE, Phase.ASKING}:
         return
     doing = cell.drive.is_homing if cell.phase is Phase.HOMING else cell.drive.is_moving
     way = abs(cell.drive.shaft_counts) / _QUADCOUNTS_PER_MM[STRUCK[cell.phase]]
@@ -370,6 +452,9 @@ def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) ->
         yield f"record: {run.problems}"
     if expected.counted and not counted:
         yield "not counted"
+    checked = check_run(run.path)
+    if checked.damage or checked.torn:
+        yield f"runs check: {(*checked.damage, *checked.torn)}"
 
 
 def _stop_differences(cell: Cell, still_after_s: float) -> Iterator[str]:
@@ -432,3 +517,21 @@ def _needle_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
     else:
         if in_tissue:
             yield "next run homed with the needle in tissue"
+    if in_tissue:
+        yield from _withdrawal_differences(cell, rig, run_name)
+
+
+def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str]:
+    """Yield what keeps a withdrawal from bringing the needle out; an axis without a reference is believed."""
+    rig.needle.mark_in_tissue(run_name)
+    run = open_run(cell.folder)
+    manifest = {"experiment": run.manifest["experiment"], "started": rig.clock.utc(), "trials_planned": 0}
+    recorder = Recorder.create(
+        cell.folder.parent, "withdrawal", manifest, run.protocol_path.read_text(encoding="utf-8"), None, {}
+    )
+    path = recorded_path(run)
+    outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])
+    if outcome.exit_status != "success" or rig.state.needle_in_tissue is not False:
+        yield f"withdrawal: {outcome.reason}"
+    if rig.insertion.referenced and abs(cell.drive.shaft_counts) > _OUT_COUNTS:
+        yield f"withdrawal left the needle at {cell.drive.shaft_counts} counts"

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.devices.fault_table import CELLS, FAULTS, Phase
+from tests.devices.fault_table import CELLS, FAULTS, SCENARIOS, Phase
 from tests.runner.fault_cells import STRIKES, run_cell
 
 
 def test_the_matrix_is_large_enough_and_has_no_blank() -> None:
     """At least twenty faults in three phases, and each can be made to happen."""
     assert len(FAULTS) >= 20
-    assert len(CELLS) == 3 * len(FAULTS)
-    assert set(STRIKES) == set(FAULTS)
+    assert len(CELLS) == 3 * (len(FAULTS) + len(SCENARIOS))
+    assert set(STRIKES) == {*FAULTS, *SCENARIOS}
 
 
 @pytest.mark.parametrize(("fault", "phase"), CELLS, ids=[f"{f}-{p.value}" for f, p in CELLS])

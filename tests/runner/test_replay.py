@@ -122,7 +122,7 @@ def test_a_question_that_differs_is_named(insertion: Run) -> None:
     [
         ("insertions_per_specimen=2", "question", "nothing", "ShiftToHole"),
         ("insertion.frame_every_mm=20", "state", "insertion_mm = 5.", "insertion_mm = 5."),
-        ("insertion.frame_every_mm=3", "frame", "frame: t_s = 9.", "frame: t_s = 7."),
+        ("insertion.frame_every_mm=3", "frame", "frame: t_s = 9.", "frame: t_s = 8."),
     ],
 )
 def test_a_procedure_that_does_more_or_less_differs(

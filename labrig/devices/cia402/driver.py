@@ -28,7 +28,7 @@ from labrig.devices.cia402.eds import Eds
 from labrig.devices.cia402.error_codes import describe_emergency
 from labrig.devices.cia402.settings import Cia402Axis, drive_settings
 from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, read_unit
-from labrig.devices.cia402_drive import ANSWER_TIME_S, POLL_S, Cia402Drive, still_time_s
+from labrig.devices.cia402_drive import ANSWER_TIME_S, POLL_S, STOP_OPTIONS, Cia402Drive, still_time_s
 from labrig.devices.drive import Homing, Identity, require_all
 from labrig.devices.error_codes import Emergency
 from labrig.devices.homing import HOMING_HERE
@@ -214,21 +214,24 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
                 f"find out which encoder it has; correct the rig file, or the drive in {self.tool}",
             )
 
-    def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the COB-IDs of all PDOs that the drive sends, and of those that it obeys."""
+    def pdo_entries(self) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
+        """Return the COB-ID objects of all PDOs that its EDS file lists: of those sent, and of those obeyed."""
         entries = [entry for entry in self.eds.entries if entry.subindex == 1]
-        sent = [entry for entry in entries if entry.index in _SENT_IDS]
-        return self._cob_ids(sent), self._cob_ids(entry for entry in entries if entry.index in _OBEYED_IDS)
+        sent = tuple(entry for entry in entries if entry.index in _SENT_IDS)
+        return sent, tuple(entry for entry in entries if entry.index in _OBEYED_IDS)
 
     def settings_of(self, heartbeat: HeartbeatDescription) -> dict[Entry, int]:
         """Return the settings of its section, as far as the drive has them."""
         return drive_settings(self.section, heartbeat, self.eds)
 
-    def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Make the drive stop by itself when the computer's heartbeat stops, in the way that its section states."""
-        super().verify_dead_man(heartbeat)
-        if self.has(od.ABORT_CONNECTION):
-            self.adjust({od.ABORT_CONNECTION: self.section.abort_connection_option})
+    def stop_options(self) -> dict[Entry, int]:
+        """Return the option codes by which the drive stops; `devices check` names those that it does not have."""
+        section = self.section
+        own = {
+            co.ABORT_CONNECTION: section.abort_connection_option,
+            od.QUICK_STOP_OPTION: section.quick_stop_option,
+        }
+        return {entry: value for entry, value in (STOP_OPTIONS | own).items() if self.has(entry)}
 
     def find_current_limit(self) -> tuple[Entry, float] | None:
         """Return the object that its section names, in mA; else 0x6073, in thousandths of the rated current 0x6075."""

@@ -3,11 +3,9 @@
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
 
-ABORT_CONNECTION = Entry(0x6007, 0, "abort connection option code", "h")
 ERROR_CODE = Entry(0x603F, 0, "error code", "H", "ro")
 QUICK_STOP_OPTION = Entry(0x605A, 0, "quick stop option code", "h")
 HALT_OPTION = Entry(0x605D, 0, "halt option code", "h")
-FAULT_REACTION = Entry(0x605E, 0, "fault reaction option code", "h")
 FOLLOWING_ERROR_TIMEOUT = Entry(0x6066, 0, "following error timeout", "H")
 MAX_CURRENT = Entry(0x6073, 0, "maximal current, per mille of the rated one", "H")
 RATED_CURRENT = Entry(0x6075, 0, "rated current [mA]", "I")
@@ -37,8 +35,10 @@ READ = (
 """These and `WRITTEN` are required: profile position mode, homing, and the stop on a lost heartbeat."""
 
 GUARDS = {
-    ABORT_CONNECTION: "what the drive does when the computer's heartbeat stops (0x6007)",
-    FAULT_REACTION: "how it stops on a fault (0x605E)",
+    co.ABORT_CONNECTION: "what the drive does when the computer's heartbeat stops (0x6007)",
+    co.FAULT_REACTION: "how it stops on a fault (0x605E)",
+    co.SHUTDOWN_OPTION: "how it stops when it is switched off (0x605B)",
+    co.DISABLE_OPTION: "how it stops when operation is disabled (0x605C)",
     QUICK_STOP_OPTION: "how it stops on a quick stop (0x605A)",
     co.MAX_FOLLOWING_ERROR: "an axis that lags behind (0x6065)",
     co.LOWER_LIMIT: "the lower limit in the drive (0x607D:01)",

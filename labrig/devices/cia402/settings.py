@@ -240,10 +240,10 @@ def drive_settings(axis: Cia402Axis, heartbeat: HeartbeatDescription, eds: Eds) 
     scale = axis.scale()
     acceleration = scale.to_acceleration_units(axis.acceleration)
     settings = {
-        od.ABORT_CONNECTION: axis.abort_connection_option,
+        co.ABORT_CONNECTION: axis.abort_connection_option,
         od.QUICK_STOP_OPTION: axis.quick_stop_option,
         od.HALT_OPTION: _STOP_BY_RAMP,
-        od.FAULT_REACTION: _STOP_BY_QUICK_STOP,
+        co.FAULT_REACTION: _STOP_BY_QUICK_STOP,
         co.MAX_FOLLOWING_ERROR: scale.to_distance_counts(axis.max_following_error),
         od.FOLLOWING_ERROR_TIMEOUT: axis.following_error_timeout_ms,
         co.POSITION_WINDOW: scale.to_distance_counts(axis.position_window),

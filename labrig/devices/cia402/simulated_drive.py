@@ -9,21 +9,14 @@ from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402.error_codes import describe_emergency
 from labrig.devices.cia402.settings import Cia402Axis
 from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, write_unit
-from labrig.devices.cia402_states import QUICK_STOP, DriveState
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402_node import SimulatedCia402Drive
 from labrig.devices.simulated.dictionary import ObjectTable
 from labrig.devices.simulated.shaft import Mechanics
 
-_HEARTBEAT_ERROR = 0x8130
-_NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
-"""Values of 0x6007; 2 switches power off."""
-
 _STAYS_IN_QUICK_STOP = 5
 """From this value of 0x605A on, power stays on at the end of a quick stop."""
-
-_POWER_OFF = 0
-"""Value of 0x605E that makes the motor turn freely."""
 
 _LIMIT_SWITCHES = 0x0003
 _NO_FOLLOWING_ERROR = 0xFFFFFFFF
@@ -112,19 +105,6 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
     def error_register(self, code: int) -> int:
         """Return the bits that an error sets."""
         return describe_emergency(code).register
-
-    def loses_power(self, code: int) -> bool:
-        """Tell whether an error switches the power stage off at once."""
-        return super().loses_power(code) or self._option(od.FAULT_REACTION, 2) == _POWER_OFF
-
-    def lose_master(self, t_s: float) -> None:
-        """React as the abort connection option code says."""
-        option = self._option(od.ABORT_CONNECTION, _FAULT_SIGNAL)
-        if option == _FAULT_SIGNAL:
-            super().lose_master(t_s)
-        elif option != _NO_ACTION:
-            self.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
-            self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
     def tick(self) -> None:
         """Do what is due; at the end of a quick stop, switch power off if its option code says so."""

@@ -6,7 +6,7 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
-from labrig.devices.cia402_check import check_limits, check_reference
+from labrig.devices.cia402_check import check_dead_man, check_limits, check_reference
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
@@ -30,6 +30,7 @@ def check_axis(
         yield _encoder_result(name, axis, drive)
         if not axis.unknown:
             yield _configuration_result(name, axis, drive, heartbeat)
+        yield check_dead_man(name, drive)
         yield check_reference(name, drive)
         yield check_limits(name, axis, drive)
     except LabrigError as error:

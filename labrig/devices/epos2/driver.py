@@ -17,7 +17,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
-from labrig.devices.cia402_drive import Cia402Drive, still_time_s
+from labrig.devices.cia402_drive import STOP_OPTIONS, Cia402Drive, still_time_s
 from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import Homing, Identity, require_all
 from labrig.devices.epos2 import objects as od
@@ -156,6 +156,10 @@ class Epos2(Cia402Drive[Epos2Axis]):
         if self._expected_fingerprint is not None and not self.has_restarted:
             self.ensure(od.CONFIGURATION_DATE, self._expected_fingerprint[0])
             self.ensure(od.CONFIGURATION_TIME, self._expected_fingerprint[1])
+
+    def stop_options(self) -> dict[Entry, int]:
+        """Return the option codes by which the drive stops; it has none for a quick stop."""
+        return dict(STOP_OPTIONS)
 
     def find_current_limit(self) -> tuple[Entry, float] | None:
         """Return the output current limit, in mA."""

@@ -9,8 +9,8 @@ import can
 from labrig.devices.bus import BusNetwork, CanLink
 from labrig.devices.canopen_objects import CONTROLWORD
 from labrig.devices.cia402_states import HALT
+from labrig.devices.commands import CommandFormatter
 from labrig.devices.replayed.clock import ReplayedClock
-from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
 from labrig.record.can_log import CanFrame
@@ -54,6 +54,8 @@ class RecordedBus:
         Counts commands that agree, and ends the replay at the first that does not.
     format_command : CommandFormatter
         Describes a command in words.
+    passes_reads : bool
+        Whether a sleep passes the reads that the record has meanwhile: those of a rig that watched its axes.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class RecordedBus:
         heartbeat_id: int,
         comparison: Comparison,
         format_command: CommandFormatter,
+        passes_reads: bool = False,
     ) -> None:
         self.network = BusNetwork(clock)
         self._clock = clock
@@ -78,7 +81,7 @@ class RecordedBus:
         self._next = 0
         self._answers: dict[tuple[int, bytes], bytes] = {}
         self._reports: dict[int, bytes] = {}
-        clock.on_sleep(self._arrive_until)
+        clock.on_sleep(self._pass_until if passes_reads else self._arrive_until)
 
     # What the driver sends
 
@@ -153,6 +156,15 @@ class RecordedBus:
     def _arrive_until(self, until_us: int) -> None:
         while self.arrive_next(until_us):
             pass
+
+    def _pass_until(self, until_us: int) -> None:
+        """Deliver what arrived by then, also behind reads that the record has before it."""
+        self._arrive_until(until_us)
+        while self._next < len(self._entries) and self._entries[self._next].is_read:
+            if self._entries[self._next].t_us >= until_us:
+                return
+            self._next += 1
+            self._arrive_until(until_us)
 
     def _deliver(self, entry: _Entry) -> None:
         self._clock.reach(entry.t_us)

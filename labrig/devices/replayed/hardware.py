@@ -6,10 +6,10 @@ from dataclasses import replace
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
+from labrig.devices.commands import CommandFormatter
 from labrig.devices.operator import Answer, OperatorRequest, request_details
 from labrig.devices.past_insertion import PastInsertion
 from labrig.devices.replayed.bus import RecordedBus, attach
-from labrig.devices.replayed.commands import CommandFormatter
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.recording import Recording
 from labrig.devices.rig_file import RigDescription
@@ -41,6 +41,7 @@ class ReplayedHardware:
             heartbeat_id=0x700 + rig.can.heartbeat.computer_node_id,
             comparison=comparison,
             format_command=CommandFormatter(rig),
+            passes_reads=recording.guards > 0 and not recording.exact,
         )
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self._recording = recording

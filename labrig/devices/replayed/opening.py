@@ -8,7 +8,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.recording import Recording
-from labrig.devices.rig import Rig
+from labrig.devices.rig import Guards, Rig
 from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.errors import InputError
 from labrig.plugins import require_devices_installed
@@ -65,6 +65,8 @@ def open_replayed(
             person=hardware.operator,
             interrupted=hardware.interrupted,
             needle=NeedleState(None, recording.state),
+            # What a bench answered cannot be asked again at other instants.
+            guards=Guards(dead_man=recording.guards > 0, watch=recording.guards > 0 and recording.exact),
         )
         rig.connect()
         yield rig, hardware

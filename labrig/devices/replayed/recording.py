@@ -74,6 +74,8 @@ class Recording:
         Whether it began the run; the others resumed it.
     trials : frozenset of int
         The trials that began in it.
+    guards : int
+        Level of what the rig guarded against; 0 in records of before there was any.
     """
 
     run: Path
@@ -91,6 +93,7 @@ class Recording:
     to_the_end: bool
     is_first: bool
     trials: frozenset[int]
+    guards: int
 
 
 def read_recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
@@ -161,6 +164,7 @@ def _of_devices(
         to_the_end=ending.get("exit_status") == "success",
         is_first=session is run.manifest,
         trials=frozenset(trials),
+        guards=int(devices.get("guards", 0)),
     )
 
 

@@ -13,6 +13,7 @@ from labrig.devices.cia402_states import (
     HALT,
     HOMING_ATTAINED,
     NEW_SETPOINT,
+    QUICK_STOP,
     REFERENCED,
     RELATIVE,
     REMOTE,
@@ -28,13 +29,19 @@ from labrig.devices.simulated.drive_journal import DriveEvent, DriveJournal
 from labrig.devices.simulated.homing import HomingMove, plan_homing
 from labrig.devices.simulated.sdo_server import SdoAbortError
 from labrig.devices.simulated.shaft import Mechanics, MotorShaft
-from labrig.devices.simulated.trapezoid import Limits
+from labrig.devices.trapezoid import Limits
 
 _PROFILE_POSITION, _PROFILE_VELOCITY, _HOMING = 1, 3, 6
 _POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
 _FAULTED = frozenset({DriveState.FAULT_REACTION, DriveState.FAULT})
 
 _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x8611, 0x8130
+_NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
+"""Values of 0x6007; 2 switches power off."""
+
+_POWER_OFF = 0
+"""Value of 0x605E that makes the motor turn freely."""
+
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH, _HOME_SWITCH = 0x0001, 0x0002, 0x0004
@@ -189,11 +196,17 @@ class SimulatedCia402Drive(CanopenNode):
 
     def loses_power(self, code: int) -> bool:
         """Tell whether an error switches the power stage off at once."""
-        return code in self.disabling_errors | self.lasting_errors
+        powerless = self._values(co.FAULT_REACTION) == _POWER_OFF
+        return powerless or code in self.disabling_errors | self.lasting_errors
 
     def lose_master(self, t_s: float) -> None:
-        """Do what the drive does when the heartbeat of the computer has ended: a fault by default."""
-        self._raise_error(_HEARTBEAT_ERROR, t_s)
+        """Do what the abort connection option code says when the heartbeat of the computer has ended."""
+        option = self._values(co.ABORT_CONNECTION)
+        if option == _FAULT_SIGNAL:
+            self._raise_error(_HEARTBEAT_ERROR, t_s)
+        elif option != _NO_ACTION:
+            self.send_emergency(_HEARTBEAT_ERROR, self.error_register(_HEARTBEAT_ERROR))
+            self._change_state(QUICK_STOP if option == _QUICK_STOP_COMMAND else 0)
 
     @abstractmethod
     def add_twin(self) -> None:
@@ -224,6 +237,11 @@ class SimulatedCia402Drive(CanopenNode):
     def block(self) -> None:
         """Block the shaft where it stands."""
         self._shaft.jam()
+
+    def shift_counter(self, counts: float) -> None:
+        """Let position and demand jump, and the shaft stand: an encoder that counts wrong, or another zero."""
+        self._shaft.shift_counter(self._clock.now_s(), counts)
+        self._target += counts
 
     def unblock(self) -> None:
         """Take the blockage away."""

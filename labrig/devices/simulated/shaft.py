@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from labrig.devices.simulated.trapezoid import (
+from labrig.devices.trapezoid import (
     Limits,
     Profile,
     brake_profile,
@@ -134,4 +134,10 @@ class MotorShaft:
         """Set the counter at the present position."""
         self.zero = self.position - counter
         self.profile = rest_profile(t_s, counter)
+        self.tick(max(t_s, self.ticked_s))
+
+    def shift_counter(self, t_s: float, counts: float) -> None:
+        """Let the counter jump, on the way too: the shaft goes on as before."""
+        self.profile = self.profile.shifted(counts)
+        self.zero -= counts
         self.tick(max(t_s, self.ticked_s))

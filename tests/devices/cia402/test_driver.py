@@ -79,10 +79,10 @@ def test_states_follow_the_bits_of_the_standard(statusword: int, state: DriveSta
 def test_safety_settings_are_written_and_read_back(bare: ProfileDriveOnABus) -> None:
     """Heartbeats, option codes, following error, decelerations; a drive set to ignore silence is changed."""
     objects = bare.node.objects
-    objects.values |= {od.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, od.FAULT_REACTION: 0}
+    objects.values |= {co.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, co.FAULT_REACTION: 0}
     bare.driver.identify()
     bare.driver.configure(HEARTBEAT, None)
-    assert _values(bare, od.ABORT_CONNECTION, od.QUICK_STOP_OPTION, od.FAULT_REACTION) == (1, 6, 2)
+    assert _values(bare, co.ABORT_CONNECTION, od.QUICK_STOP_OPTION, co.FAULT_REACTION) == (1, 6, 2)
     assert _values(bare, co.CONSUMER_HEARTBEAT, co.PRODUCER_HEARTBEAT) == (127 << 16 | 500, 100)
     assert _values(bare, co.MAX_FOLLOWING_ERROR, od.FOLLOWING_ERROR_TIMEOUT) == (2000, 0)
     assert _values(bare, co.PROFILE_DECELERATION, co.QUICK_STOP_DECELERATION) == (3000, 12_000)

@@ -1,7 +1,7 @@
 """Trapezoidal velocity profiles as a closed form of time."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 
 
@@ -42,6 +42,17 @@ class Profile:
     segments: tuple[Segment, ...]
     end_s: float
     end_position: float
+
+    def shifted(self, distance: float) -> "Profile":
+        """Return the same motion elsewhere."""
+        segments = tuple(replace(each, position=each.position + distance) for each in self.segments)
+        return Profile(segments, self.end_s, self.end_position + distance)
+
+    def range_within(self, from_s: float, until_s: float) -> tuple[float, float]:
+        """Return the lowest and the highest position between two times: a profile turns only where segments meet."""
+        turns = (segment.start_s for segment in self.segments if from_s < segment.start_s < until_s)
+        positions = [self.at(t_s)[0] for t_s in (from_s, *turns, until_s)]
+        return min(positions), max(positions)
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Return (position, velocity) at a time; at rest exactly at the end position from the end on."""

@@ -1,0 +1,134 @@
+"""Watches the bus for another master of the same drives, and for drives that are no longer operational.
+
+Two programs that beat as the same computer defeat the dead-man: the drives go on when one of them is killed. What
+labrig sends itself does not come back to it, so that every such frame that arrives is another program's.
+
+What is decided here
+--------------------
+- A frame that could move or free an axis stops a run: an NMT command, a receive PDO, an SDO request that writes, a
+  heartbeat under the computer's node id. SDO requests that only read are let pass during a run.
+- While the rig is opened, reading is refused too: whoever reads is about to command, and its answers mix with ours.
+- A drive says in its heartbeat in which NMT state it is; the boot-up message is left to the driver.
+"""
+
+from collections.abc import Mapping
+
+from labrig.devices.bus import CanLink
+from labrig.devices.commands import CommandFormatter
+from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
+
+_NMT, _NMT_ALL = 0x000, 0
+_RECEIVE_PDOS = (0x200, 0x300, 0x400, 0x500)
+_SDO_READS = frozenset({2, 3, 4, 5})
+"""Command specifiers of SDO requests that write nothing: upload, its segments, abort, block upload."""
+
+_SDO_INITIATES = frozenset({1, 2})
+"""Command specifiers of SDO requests that name their object: download and upload."""
+
+_OPERATIONAL, _BOOT_UP = 0x05, 0x00
+_NMT_STATES = {0x04: "stopped", 0x7F: "pre-operational"}
+_END_IT = (
+    "find the other program that uses this bus, and end it: two masters defeat the dead-man of the drives"
+)
+
+_Frame = tuple[int, bytes]
+"""COB-ID and data."""
+
+
+class BusWatch:
+    """Notes the first frame of another master, and each drive that has left operational.
+
+    Parameters
+    ----------
+    link : CanLink
+        The bus.
+    axes : mapping of int to str
+        Node id of each drive -> its axis.
+    computer_node_id : int
+        Node id under which labrig itself beats.
+    describe : CommandFormatter
+        Describes a command in words.
+    """
+
+    def __init__(
+        self, link: CanLink, axes: Mapping[int, str], computer_node_id: int, describe: CommandFormatter
+    ) -> None:
+        self._axes = axes
+        self._describe = describe
+        self._command: _Frame | None = None
+        self._request: _Frame | None = None
+        self._states: dict[int, int] = {}
+        network = link.network
+        network.subscribe(_NMT, self._on_nmt)
+        network.subscribe(0x700 + computer_node_id, self._on_command)
+        for node in axes:
+            network.subscribe(0x600 + node, self._on_request)
+            network.subscribe(0x700 + node, self._on_heartbeat)
+            for base in _RECEIVE_PDOS:
+                network.subscribe(base + node, self._on_command)
+
+    def require_free(self) -> None:
+        """Require that no other program has asked, commanded or beaten since the bus was opened.
+
+        Raises
+        ------
+        SecondMasterError
+            Names the frame.
+        """
+        self._raise_if(self._command or self._request)
+
+    def require_no_command(self) -> None:
+        """Raise `SecondMasterError` if another program has commanded the drives or beaten as labrig does."""
+        self._raise_if(self._command)
+
+    def require_operational(self) -> None:
+        """Raise `DriveStrayedError` if a drive has said that it is not operational."""
+        for node, state in tuple(self._states.items()):
+            if state not in {_OPERATIONAL, _BOOT_UP}:
+                name = _NMT_STATES.get(state, f"0x{state:02X}")
+                raise DriveStrayedError(
+                    f"the drive of axis {self._axes[node]} (node {node}) is in NMT state {name}, expected operational",
+                    "find out which program on the bus sends NMT commands",
+                    fault=NOT_OPERATIONAL,
+                )
+
+    def forget(self) -> None:
+        """Forget what was heard so far."""
+        self._command = self._request = None
+        self.forget_states()
+
+    def forget_states(self) -> None:
+        """Forget the NMT states that drives had before they were started."""
+        self._states.clear()
+
+    def _raise_if(self, frame: _Frame | None) -> None:
+        if frame is not None:
+            raise SecondMasterError(
+                f"another program uses the CAN bus of the drives: {self._explain(frame)}", _END_IT
+            )
+
+    def _explain(self, frame: _Frame) -> str:
+        can_id, data = frame
+        node = can_id & 0x7F
+        if can_id > 0x700:
+            return f"it sends the heartbeat of node {node}, as labrig does"
+        if 0x600 < can_id < 0x680 and (len(data) != 8 or data[0] >> 5 not in _SDO_INITIATES):
+            return f"SDO request {can_id:03X}#{data.hex().upper()} to axis {self._axes[node]}"
+        to = f" to axis {self._axes[node]}" if 0x200 < can_id < 0x580 else ""
+        return f"{self._describe(can_id, data)}{to}"
+
+    def _on_nmt(self, can_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) == 2 and (data[1] == _NMT_ALL or data[1] in self._axes):
+            self._on_command(can_id, data, _timestamp)
+
+    def _on_request(self, can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._request = self._request or (can_id, bytes(data))
+        if not data or data[0] >> 5 not in _SDO_READS:
+            self._on_command(can_id, data, _timestamp)
+
+    def _on_command(self, can_id: int, data: bytearray, _timestamp: float) -> None:
+        self._command = self._command or (can_id, bytes(data))
+
+    def _on_heartbeat(self, can_id: int, data: bytearray, _timestamp: float) -> None:
+        if data:
+            self._states[can_id - 0x700] = data[0] & 0x7F

@@ -1,0 +1,202 @@
+"""Where each axis has to be, and whether it is there: pure functions of (state, reading).
+
+What is decided here
+--------------------
+- Nothing here asks a drive: the positions that are read anyway are compared with the moves that labrig has started.
+- An axis in motion follows its trapezoidal profile. When the drive took the move is known to lie between two instants,
+  when it measured a position too, so that a computer that is late for any of them raises no alarm. Beyond that there is
+  a margin of `TIME_MARGIN_S` for the drive's own cycle, and the following error at which the drive itself would fail.
+- An axis in motion stays between its start and its target, plus its window. An axis at rest stays within two windows
+  of its place: it arrives within one, and holds within another.
+- A position that changes faster than the axis can go is no motion: the encoder, its cable or its zero is at fault.
+"""
+
+import math
+from dataclasses import dataclass
+
+from labrig.devices.axis_description import AxisDescription
+from labrig.devices.trapezoid import Limits, Profile, move_profile
+from labrig.errors import POSITION_JUMPED, STRAYED, DriveStrayedError
+
+TIME_MARGIN_S = 0.05
+"""By so much a drive may be earlier or later than its profile [s]."""
+
+_WINDOWS_AT_REST = 2
+_LOOK_FOR_MASTER = "find out what moves it: another program on the bus, or a force on the axis"
+_LOOK_AT_ENCODER = "check the encoder and its cable, and whether another program has homed the drive"
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """An axis that has to stay where it is; a position of None is that of the first reading."""
+
+    position: float | None = None
+
+
+@dataclass(frozen=True)
+class InMotion:
+    """An axis that has to follow a profile.
+
+    Parameters
+    ----------
+    profile : Profile
+        It begins when the drive had taken the move at the latest [mm or rad, s].
+    ahead_s : float
+        By how much earlier the drive may have begun [s].
+    give : float
+        Uncertainty of where a move began that replaced another [mm or rad].
+    """
+
+    profile: Profile
+    ahead_s: float
+    give: float = 0.0
+
+
+Expected = AtRest | InMotion
+"""What an axis has to do."""
+
+
+@dataclass(frozen=True)
+class PositionReading:
+    """A position [mm or rad], measured by the drive between two instants of rig time [s]."""
+
+    from_s: float
+    until_s: float
+    position: float
+
+
+@dataclass(frozen=True)
+class SupervisionState:
+    """What is remembered of an axis.
+
+    Parameters
+    ----------
+    expected : Expected or None
+        What it had to do at the last reading.
+    rest : float or None
+        Where it has to stay [mm or rad], if it rests where it was first read.
+    last : PositionReading or None
+        The last reading; None since the zero of its positions has changed.
+    """
+
+    expected: Expected | None = None
+    rest: float | None = None
+    last: PositionReading | None = None
+
+
+def expect_move(
+    description: AxisDescription,
+    before: Expected | None,
+    here: float,
+    target: tuple[float, float],
+    taken: tuple[float, float],
+) -> InMotion:
+    """Return what an axis has to do once its drive has taken a move.
+
+    Parameters
+    ----------
+    description : AxisDescription
+        The axis; complete.
+    before : InMotion, AtRest or None
+        What it had to do until then; a move still under way is replaced.
+    here : float
+        Where it was, read at the first of the two instants `taken` or after it [mm or rad].
+    target : tuple of float
+        Target and speed as the drive rounds them [mm or rad, per s].
+    taken : tuple of float
+        Instants between which the drive took the move [s].
+    """
+    scale = description.scale()
+    acceleration = scale.to_acceleration(scale.to_acceleration_units(description.acceleration))
+    begun_s, ahead_s, velocity, give = taken[1], taken[1] - taken[0], 0.0, 0.0
+    if isinstance(before, InMotion) and taken[0] < before.profile.end_s + TIME_MARGIN_S:
+        velocity, unsure_s = before.profile.at(begun_s)[1], ahead_s + TIME_MARGIN_S
+        give = (abs(velocity) + acceleration * unsure_s) * unsure_s
+    profile = move_profile(begun_s, here, velocity, target[0], Limits(target[1], acceleration, acceleration))
+    return InMotion(profile, ahead_s, give)
+
+
+def supervise_position(
+    axis: tuple[str, AxisDescription],
+    state: SupervisionState,
+    expected: Expected | None,
+    reading: PositionReading,
+) -> tuple[SupervisionState, DriveStrayedError | None]:
+    """Judge a reading of one axis.
+
+    Parameters
+    ----------
+    axis : tuple of str and AxisDescription
+        Its name, for messages, and its section.
+    state : SupervisionState
+        What is remembered of it.
+    expected : Expected or None
+        What it has to do; a new object whenever that changes. None: nobody can tell.
+    reading : PositionReading
+        Where it is.
+
+    Returns
+    -------
+    SupervisionState, DriveStrayedError or None
+        What is remembered for the next reading, and the error if the axis is not where it has to be.
+    """
+    if expected is None:
+        return SupervisionState(), None
+    rest, last = state.rest, state.last
+    if expected is not state.expected:
+        rest = expected.position if isinstance(expected, AtRest) else None
+        last = None if expected == AtRest() else last
+    if isinstance(expected, InMotion):
+        low, high = _bounds_in_motion(axis[1], expected, reading)
+    else:
+        rest = reading.position if rest is None else rest
+        slack = _WINDOWS_AT_REST * axis[1].position_window
+        low, high = rest - slack, rest + slack
+    error = _find_jump(*axis, last, reading)
+    if error is None and not low <= reading.position <= high:
+        error = _strayed(axis, expected, (low, high), reading.position)
+    return SupervisionState(expected, rest, reading), error
+
+
+def _find_jump(
+    name: str, description: AxisDescription, last: PositionReading | None, reading: PositionReading
+) -> DriveStrayedError | None:
+    if last is None:
+        return None
+    longest_s = reading.until_s - last.from_s
+    reach = description.max_speed * longest_s + _WINDOWS_AT_REST * description.position_window
+    if abs(reading.position - last.position) <= reach:
+        return None
+    unit = description.unit
+    return DriveStrayedError(
+        f"the position of axis {name} jumped from {last.position:.4g} to {reading.position:.4g} {unit} within "
+        f"{longest_s:.3f} s, faster than the axis can move ({description.max_speed:.4g} {unit}/s)",
+        _LOOK_AT_ENCODER,
+        fault=POSITION_JUMPED,
+    )
+
+
+def _strayed(
+    axis: tuple[str, AxisDescription], expected: Expected, bounds: tuple[float, float], position: float
+) -> DriveStrayedError:
+    name, unit = axis[0], axis[1].unit
+    if isinstance(expected, InMotion):
+        way = f"on its way to {expected.profile.end_position:.4f} {unit}"
+        should = f"should be between {bounds[0]:.4f} and {bounds[1]:.4f} {unit} {way}"
+    else:
+        should = f"should stand at {sum(bounds) / 2:.4f} {unit}"
+    return DriveStrayedError(
+        f"axis {name} {should}, and is at {position:.4f} {unit}", _LOOK_FOR_MASTER, fault=STRAYED
+    )
+
+
+def _bounds_in_motion(
+    description: AxisDescription, expected: InMotion, reading: PositionReading
+) -> tuple[float, float]:
+    profile, give = expected.profile, expected.give
+    low, high = profile.range_within(
+        reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
+    )
+    lowest, highest = profile.range_within(-math.inf, profile.end_s)
+    lag, beyond = description.max_following_error + give, description.position_window + give
+    return max(low - lag, lowest - beyond), min(high + lag, highest + beyond)

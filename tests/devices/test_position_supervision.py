@@ -1,0 +1,252 @@
+"""Where each axis has to be: the judgement alone, and the rig that stops by it."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.axis import Axis
+from labrig.devices.position_supervision import (
+    AtRest,
+    Expected,
+    InMotion,
+    PositionReading,
+    SupervisionState,
+    expect_move,
+    supervise_position,
+)
+from labrig.devices.rig import Guards
+from labrig.devices.trapezoid import Limits, move_profile
+from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayedError
+from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
+
+AXIS = epos2_axis()
+WINDOW, LAG = AXIS.position_window, AXIS.max_following_error
+PROFILE = move_profile(1.0, 0.0, 0.0, 24.0, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
+MOVE = InMotion(PROFILE, ahead_s=0.0)
+
+
+def judge(
+    expected: Expected | None, *positions: float, start_s: float = 0.0, step_s: float = 0.01
+) -> DriveStrayedError | None:
+    """Return the error of the last of these readings."""
+    state, error = SupervisionState(), None
+    for number, position in enumerate(positions):
+        t_s = start_s + number * step_s
+        state, error = supervise_position(
+            ("insertion", AXIS), state, expected, PositionReading(t_s, t_s, position)
+        )
+    return error
+
+
+def on_profile(t_s: float) -> float:
+    """Return where the profile is."""
+    return PROFILE.at(t_s)[0]
+
+
+@pytest.mark.parametrize("t_s", [0.0, 1.0, 1.05, 2.0, 5.0, 5.9, 10.0])
+@pytest.mark.parametrize("late_s", [-0.04, 0.0, 0.04])
+def test_an_axis_on_its_profile_raises_no_alarm(t_s: float, late_s: float) -> None:
+    """Also one that is a drive's cycle early or late, or lags by less than the following error."""
+    assert judge(MOVE, on_profile(t_s - late_s), start_s=t_s) is None
+    assert judge(MOVE, max(0.0, on_profile(t_s) - 0.9 * LAG), start_s=t_s) is None
+
+
+@pytest.mark.parametrize(
+    ("t_s", "position"),
+    [
+        (0.5, -2 * WINDOW),
+        (3.0, on_profile(3.0) + LAG + 0.3),
+        (3.0, on_profile(3.0) - LAG - 0.3),
+        (9.0, 24.0 + 2 * WINDOW),
+        (9.0, 24.0 - LAG - WINDOW),
+    ],
+)
+def test_an_axis_beside_its_profile_has_strayed(t_s: float, position: float) -> None:
+    """Behind its start, ahead, behind, beyond its target, short of it; the message says where it should be and is."""
+    error = judge(MOVE, position, start_s=t_s)
+    assert error is not None
+    assert error.fault is STRAYED
+    assert "axis insertion should be between" in error.message
+    assert f"on its way to 24.0000 mm, and is at {position:.4f} mm" in error.message
+
+
+def test_a_drive_that_began_earlier_than_known_is_ahead() -> None:
+    """The time that the computer took to start the move counts for the axis."""
+    slow = InMotion(PROFILE, ahead_s=0.5)
+    assert judge(slow, on_profile(2.0 + 0.5), start_s=2.0) is None
+    assert judge(MOVE, on_profile(2.0 + 0.5), start_s=2.0) is not None
+
+
+def test_a_reading_of_unknown_time_is_judged_by_both_its_instants() -> None:
+    """A computer that was late to read blames no axis."""
+    reading = PositionReading(2.0, 3.0, on_profile(2.5))
+    assert supervise_position(("insertion", AXIS), SupervisionState(), MOVE, reading)[1] is None
+
+
+def test_an_axis_at_rest_stays_where_it_was() -> None:
+    """Where it was first read, or at the target where it arrived; within two windows, and no further by creeping."""
+    assert judge(AtRest(), 7.0, 7.0 + WINDOW, 7.0 - WINDOW) is None
+    assert judge(AtRest(7.0), 7.0 - WINDOW, 7.0 - 2 * WINDOW) is None
+    error = judge(AtRest(), 7.0, 7.0 + 2 * WINDOW, 7.0 + 3 * WINDOW)
+    assert error is not None
+    assert error.message == "axis insertion should stand at 7.0000 mm, and is at 7.0150 mm"
+
+
+def test_a_jump_is_told_from_motion() -> None:
+    """What no motor can do is the encoder's; what one can do is motion."""
+    jump = judge(AtRest(), 7.0, 7.5)
+    assert jump is not None
+    assert jump.fault is POSITION_JUMPED
+    assert "jumped from 7 to 7.5 mm within 0.010 s, faster than the axis can move (20 mm/s)" in jump.message
+    motion = judge(AtRest(), 7.0, 7.1)
+    assert motion is not None
+    assert motion.fault is STRAYED
+
+
+def test_nothing_is_expected_of_an_axis_that_homes() -> None:
+    """Nobody can tell where it has to be, and afterwards its positions count from another zero."""
+    state = SupervisionState()
+    at_rest: Expected = AtRest()
+    for expected, position in ((at_rest, 7.0), (None, 9.0), (None, -3.0), (AtRest(), 0.0)):
+        state, error = supervise_position(
+            ("insertion", AXIS), state, expected, PositionReading(0.0, 0.0, position)
+        )
+        assert error is None
+
+
+def test_a_move_that_replaces_another_goes_on_from_where_the_axis_is() -> None:
+    """Onwards at the same speed, and back: the axis brakes first."""
+    for target in (30.0, 0.0):
+        here = on_profile(3.0)
+        replaced = expect_move(AXIS, MOVE, here, (target, 5.0), (2.99, 3.0))
+        went = move_profile(2.995, here, 5.0, target, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
+        for t_s in (3.0, 3.05, 3.1, 3.2, 3.5, 5.0, 20.0):
+            assert judge(replaced, went.at(t_s)[0], start_s=t_s) is None
+    assert replaced.profile.end_position == 0.0
+
+
+# On the rig
+
+
+def ready(opened: OpenedRig) -> OpenedRig:
+    """Connect and reference."""
+    opened.rig.connect()
+    opened.rig.reference_axes()
+    return opened
+
+
+def until_told(opened: OpenedRig, act: Callable[[], object]) -> DriveStrayedError:
+    """Return what the rig says while `act` goes on."""
+    try:
+        while True:
+            act()
+    except DriveStrayedError as error:
+        return error
+
+
+def arrive(opened: OpenedRig, axis: Axis) -> None:
+    """Wait until a move is done."""
+    while not opened.rig.read_states()[axis.name].target_reached:
+        opened.rig.wait(0.02)
+
+
+def look(opened: OpenedRig) -> None:
+    """Read states as a run does."""
+    opened.rig.wait(0.05)
+    opened.rig.read_states()
+
+
+def retarget(opened: OpenedRig, axis: str, counts: int) -> None:
+    """Give a drive another target inside, so that no frame on the bus tells of it."""
+    objects = opened.drives[axis].objects
+    objects.put(co.TARGET_POSITION, counts)
+    for word in (0x0F, 0x3F, 0x0F):
+        objects.put(co.CONTROLWORD, word)
+
+
+def require_still(opened: OpenedRig) -> None:
+    """Require that every axis stands, and stands on."""
+    stood = [drive.shaft_counts for drive in opened.hardware.drives.values()]
+    opened.hardware.clock.sleep(1.0)
+    assert stood == [drive.shaft_counts for drive in opened.hardware.drives.values()]
+
+
+def test_another_target_is_read_back_while_the_axis_moves() -> None:
+    """A target of 60 instead of 24 mm is told within 0.2 s, long before the axis is there."""
+    with opened_rig() as opened:
+        ready(opened).rig.insertion.start_move(24.0, 5.0)
+        opened.rig.wait(1.0)
+        retarget(opened, "insertion", 240_000)
+        began_s = opened.rig.clock.now_s()
+        error = until_told(opened, lambda: look(opened))
+        assert error.fault is TARGET_CHANGED
+        assert (
+            "the drive of axis insertion has the target 60.0000 mm, and 24.0000 mm was sent" in error.message
+        )
+        still = opened.drives["insertion"].journal.last("still")
+        assert still is not None
+        assert still.t_s - began_s < 0.5
+        require_still(opened)
+
+
+@pytest.mark.parametrize("asking", [False, True])
+def test_an_axis_that_idles_is_watched_while_the_rig_waits_and_asks(asking: bool) -> None:
+    """Nobody reads states then: the rig does, and stops an axis that somebody drives away, within 0.2 s."""
+    with opened_rig() as opened:
+        ready(opened).rig.linear.start_move(15.0, 10.0)
+        arrive(opened, opened.rig.linear)
+        objects = opened.drives["linear"].objects
+        for value in (-2000, 0x0F, 0x7F, 0x0F):
+            objects.put(co.TARGET_POSITION if value < 0 else co.CONTROLWORD, value)
+        objects.put(co.TARGET_POSITION, round(15.0 * 1600))
+        began_s = opened.rig.clock.now_s()
+        error = until_told(opened, lambda: opened.rig.wait(2.0) if asking else look(opened))
+        assert error.fault is STRAYED
+        assert "axis linear should stand at 15.0000 mm" in error.message
+        assert opened.rig.clock.now_s() - began_s < 0.2 + 0.5
+        require_still(opened)
+
+
+def test_a_jump_costs_the_axis_its_reference() -> None:
+    """Where it is nobody knows any more; the other axes keep theirs."""
+    with opened_rig() as opened:
+        ready(opened).rig.read_states()
+        opened.drives["rotation"].shift_counter(9000)
+        error = until_told(opened, lambda: look(opened))
+        assert error.fault is POSITION_JUMPED
+        assert opened.rig.state.referenced == ("insertion", "linear")
+
+
+def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
+    """A backlash compensated, a target changed on the way, a stop, a jog and a homing are what labrig does itself."""
+    with opened_rig(simulated_rig("axes.insertion.backlash=0.2")) as opened:
+        ready(opened)
+        insertion = opened.rig.insertion
+        insertion.start_move(10.0, 5.0)
+        opened.rig.wait(1.0)
+        insertion.start_move(14.0, 2.0)
+        opened.rig.wait(1.0)
+        insertion.start_move(3.0, 10.0)
+        arrive(opened, insertion)
+        insertion.start_move(20.0, 5.0)
+        opened.rig.wait(0.5)
+        opened.rig.stop()
+        opened.rig.wait(1.0)
+        opened.rig.read_states()
+        insertion.start_jog(-1.0, 1.0)
+        arrive(opened, insertion)
+        opened.rig.reference_axes()
+        opened.rig.wait(1.0)
+        opened.rig.assume_positions({"rotation": 1.0})
+        opened.rig.wait(1.0)
+        opened.rig.rotation.start_move(0.0, math.pi)
+        arrive(opened, opened.rig.rotation)
+
+
+def test_what_a_rig_guards_against_is_in_its_record() -> None:
+    """A replay of a record of before does without."""
+    with opened_rig() as opened:
+        assert ready(opened).rig.describe()["guards"] == 1
+    assert Guards(dead_man=False).level == 0

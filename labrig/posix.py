@@ -253,6 +253,16 @@ def lock_at_once(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def lock_when_free(descriptor: int) -> None:
+    """Lock an open file for this process, waiting for a process that holds it. Raises `OSError`."""
+    if sys.platform == "win32":
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_LOCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+
+
 @dataclass(frozen=True)
 class NameClaim:
     """A name that this process has to itself on this computer, whatever the account; the kernel frees it in the end."""

@@ -141,6 +141,7 @@ def test_files_are_written_whole_by_one_piece_of_code() -> None:
         "cli/start.py",  # the null device in place of a closed stream
         "devices/motion_log.py",  # appended to
         "record/annotations.py",  # appended to
+        "record/chain.py",  # appended to
         "record/copying.py",  # the copy of a record, in the temporary folder of an export
         "record/line_file.py",  # appended to
         "record/lock.py",  # locked before it is written

@@ -28,9 +28,8 @@ def load_plane_map(run: Run) -> PlaneMap:
     RecordError
         When a calibration file was changed since the run began.
     """
-    plane_path = run.calibration_path(PLANE_FILE)
-    if plane_path.is_file():
-        return load_plane(plane_path, load_lens(run))
+    if PLANE_FILE in run.calibration_files:
+        return load_plane(run.calibration_path(PLANE_FILE), load_lens(run))
     stated = run.protocol.get("scale")
     if not isinstance(stated, Mapping):
         raise InputError(
@@ -43,8 +42,9 @@ def load_plane_map(run: Run) -> PlaneMap:
 
 def load_lens(run: Run) -> Intrinsics | None:
     """Return the camera's intrinsics; None for a run without them, whose pictures are rectified."""
-    path = run.calibration_path(INTRINSICS_FILE)
-    return load_intrinsics(path) if path.is_file() else None
+    if INTRINSICS_FILE not in run.calibration_files:
+        return None
+    return load_intrinsics(run.calibration_path(INTRINSICS_FILE))
 
 
 def load_mask_of_run(run: Run) -> Mask | None:
@@ -57,5 +57,5 @@ def load_mask_of_run(run: Run) -> Mask | None:
     InputError
         When the file is no mask.
     """
-    kept = sorted(run.calibration_path(MASK_FILE).parent.glob(f"{MASK_FILE}.*"))
-    return load_mask(run.calibration_path(kept[0].name)) if kept else None
+    kept = [name for name in run.calibration_files if name.startswith(f"{MASK_FILE}.")]
+    return load_mask(run.calibration_path(kept[0])) if kept else None

@@ -26,7 +26,6 @@ from labrig.protocol.model import Model
 from labrig.record.json_lines import encode_document
 from labrig.record.provenance import leave_out_personal
 from labrig.record.reader import Run
-from labrig.record.results import list_numbered_folders
 from labrig.record.tables import escape_formula
 
 RESULT_FILE = "result.json"
@@ -238,17 +237,10 @@ def _write_parts(path: Path, findings: Findings) -> AnyResult:
     return result
 
 
-def list_result_numbers(run: Run) -> tuple[int, ...]:
-    """Return the numbers of the run's results in order. Raises `RecordError` if their folder is a link."""
-    folder = run.own("analysis")
-    numbers = list_numbered_folders(folder)
-    return tuple(sorted(number for number in numbers if (folder / f"{number:03d}" / RESULT_FILE).exists()))
-
-
 def find_newest_result_folder(run: Run) -> Path | None:
-    """Return the folder of the newest result; None without one. Raises `RecordError` for a link."""
-    numbers = list_result_numbers(run)
-    return run.own(f"analysis/{numbers[-1]:03d}") if numbers else None
+    """Return the folder of the newest result; None without one. Raises `RecordError` when a file in it was changed."""
+    numbers = run.result_numbers
+    return run.result_dir(numbers[-1]) if numbers else None
 
 
 def load_result(run: Run, model: type[Result], number: int | None = None) -> AnyResult | None:
@@ -264,16 +256,16 @@ def load_result(run: Run, model: type[Result], number: int | None = None) -> Any
     InputError
         When no result has that number.
     RecordError
-        When the result is damaged, has a newer schema, or contains a symbolic link.
+        When the result was changed, is damaged, has a newer schema, or contains a symbolic link.
     """
-    numbers = list_result_numbers(run)
+    numbers = run.result_numbers
     if number is None and not numbers:
         return None
     wanted = numbers[-1] if number is None else number
     if wanted not in numbers:
         hint = f"it has {list(numbers)}; `labrig reanalyze` makes another"
         raise InputError(f"{run.path} has no result {wanted:03d}", hint)
-    path = run.own(f"analysis/{wanted:03d}")
+    path = run.result_dir(wanted)
     try:
         for file in path.iterdir():
             run.own(f"analysis/{wanted:03d}/{file.name}")

@@ -1,24 +1,22 @@
 """Make the result of a run."""
 
-import hashlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any
 
 from labrig.analysis.calibration import load_mask_of_run
 from labrig.analysis.experiment import AnalysisRequest, MeasuredExperiment
 from labrig.analysis.pictures import Analysis, Progress, finish_analysis, measure_pictures
-from labrig.analysis.result import AnyResult, Stamp, list_result_numbers, load_result, write_result
+from labrig.analysis.result import AnyResult, Stamp, load_result, write_result
 from labrig.analysis.workers import DEFAULT_WORKERS
 from labrig.errors import AnswerIsNoError, InputError, RecordError
-from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.plugins import require_devices_installed
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
+from labrig.record.digest import hash_file
 from labrig.record.reader import Run
 from labrig.vision.mask import Mask
 
@@ -98,7 +96,7 @@ def start_analysis(
         parent=_find_parent(run, experiment),
         created=settings.created.isoformat(timespec="seconds"),
         overrides=tuple(settings.overrides),
-        inputs=_hash_inputs(run.path),
+        inputs=_hash_inputs(run),
         provenance=dict(settings.provenance),
         damage={problem.where: problem.message for problem in run.damage},
     )
@@ -108,7 +106,9 @@ def start_analysis(
         found = experiment.analyze(run, protocol, request)
         findings = (yield from found) if isinstance(found, Generator) else found
     # The folder is made last, so that an analysis that fails leaves nothing behind.
-    return write_result(run.new_result_dir(), findings)
+    result = write_result(run.new_result_dir(), findings)
+    run.seal_result(result.path, result.content.created)
+    return result
 
 
 @contextmanager
@@ -127,7 +127,7 @@ def _name_damage(run: Run) -> Iterator[None]:
 def _find_parent(run: Run, experiment: MeasuredExperiment) -> int | None:
     """Return the number of the newest result with the run's own settings, else of the newest readable result."""
     readable: list[int] = []
-    for number in reversed(list_result_numbers(run)):
+    for number in reversed(run.result_numbers):
         with suppress(RecordError):
             result = load_result(run, experiment.result_model, number)
             readable.append(number)
@@ -165,12 +165,8 @@ def _suggest_key(section: str, experiment: MeasuredExperiment) -> str:
     return f"{meant}for example {first}.{next(iter(keys), 'key')}=VALUE"
 
 
-def _hash_inputs(path: Path) -> dict[str, str]:
+def _hash_inputs(run: Run) -> dict[str, str]:
     """Return the SHA-256 of each file behind the result; frames.jsonl holds those of the pictures."""
-    files = [path / name for name in ("protocol.yaml", "frames.jsonl", "events.jsonl", "truth.jsonl")]
-    files += sorted((path / "calibration").glob("*.json"))
-    return {
-        file.relative_to(path).as_posix(): hashlib.sha256(read_file(file, MAX_LOG_BYTES)).hexdigest()
-        for file in files
-        if file.is_file()
-    }
+    names = ["protocol.yaml", "frames.jsonl", "events.jsonl", "truth.jsonl"]
+    names += [f"calibration/{name}" for name in run.calibration_files if name.endswith(".json")]
+    return {name: hash_file(run.own(name)) for name in names if run.own(name).is_file()}

@@ -19,6 +19,7 @@ from labrig.protocol.yaml_file import dump_yaml, validate_values
 from labrig.record.json_lines import plain_text
 from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_provenance
+from labrig.record.seal import find_root
 from labrig.record.writer import Recorder
 from labrig.vision.mask import load_mask
 from labrig.vision.picture import MAX_PICTURE_BYTES, PICTURE_SUFFIXES, number_order, read_picture
@@ -95,7 +96,8 @@ def import_folder(folder: Path, order: ImportOrder) -> dict[str, object]:
     refused = _copy_pictures(pictures, recorder)
     reason = f"{len(refused)} of {len(pictures)} pictures could not be read" if refused else ""
     recorder.close("success", reason, clock.utc())
-    return {"run": str(recorder.path), "ok": not refused, "reason": reason or None}
+    root = find_root(recorder.path)
+    return {"run": str(recorder.path), "ok": not refused, "reason": reason or None, "root": root}
 
 
 def _find_kept_files(order: ImportOrder) -> dict[str, Path]:

@@ -24,6 +24,7 @@ from labrig.cli.options import (
 )
 from labrig.cli.output import AsJson, print_json, print_line, say
 from labrig.cli.several_runs import add_damage, do_for_each_run
+from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, RecordError
 
 
@@ -72,6 +73,7 @@ def view(
         say(f"note: {error.message}; the record is shown without what it adds")
         added = NO_VIEW
     path = write_view(run, NO_LINES if folder is None else load_centre_lines(folder), added)
+    run.seal_page(path, SystemClock().utc())
     damage = report_damage(run.damage)
     if as_json:
         print_json({"run": str(run_path), "view": str(path), "ok": damage is None, "reason": damage})

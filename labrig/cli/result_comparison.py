@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.divergence import Divergence, find_divergence
-from labrig.analysis.result import AnyResult, list_result_numbers
+from labrig.analysis.result import AnyResult
 from labrig.cli.output import print_line, print_table, say
 from labrig.errors import RecordError
 from labrig.experiments.registry import experiment_of, result_of
@@ -16,7 +16,7 @@ from labrig.record.reader import open_run
 def load_parent(path: Path, number: int | None) -> AnyResult | None:
     """Return the result that a new one is compared with, or None; report newer results that are damaged."""
     run = open_run(path)
-    for newer in list_result_numbers(run):
+    for newer in run.result_numbers:
         if number is None or newer > number:
             try:
                 result_of(run, newer)

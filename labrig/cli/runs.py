@@ -22,6 +22,7 @@ from labrig.cli.options import (
 )
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
 from labrig.cli.runs_check import check
+from labrig.cli.runs_sign import sign, stamp
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, tag_run
@@ -31,6 +32,9 @@ app = typer.Typer()
 
 
 app.command("check", help="Verify hashes, checksums and structure of runs, and report what is lost.")(check)
+
+app.command("sign", help="Sign what a run holds now, with an SSH key.")(sign)
+app.command("stamp", help="Write a request for a time stamp of a run (RFC 3161), to be sent anywhere.")(stamp)
 
 ByOption = Annotated[
     str | None,

@@ -1,8 +1,9 @@
 """`labrig runs check`: verifies records, reports what is lost, and closes runs that were interrupted."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from string import hexdigits
 from typing import Annotated, TypedDict
 
 import typer
@@ -12,7 +13,17 @@ from labrig.cli.options import RunsArgument
 from labrig.cli.output import AsJson, plural, print_line
 from labrig.cli.several_runs import do_for_each_run
 from labrig.devices.clocks import SystemClock
-from labrig.errors import Problem
+from labrig.errors import InputError, Problem
+from labrig.record.chain import Link, find_link
+
+
+class _ShownLink(TypedDict):
+    """A link of the chain, as --json prints it."""
+
+    link: int
+    kind: str
+    at: str | None
+    files: list[str]
 
 
 class _CheckedRun(TypedDict):
@@ -25,8 +36,14 @@ class _CheckedRun(TypedDict):
     exit_status: str | None
     writer: str | None
     repaired: bool
+    seal: str
+    root: str | None
+    newest_link: str | None
+    after_root: list[_ShownLink] | None
+    signatures: list[dict[str, object]] | None
     damage: list[dict[str, str]]
     torn: list[dict[str, str]]
+    notices: list[dict[str, str]]
     frames: int
     states: int
     events: int
@@ -41,12 +58,30 @@ def check(
             "--repair", help="Close interrupted runs; torn ends are moved aside, nothing is deleted."
         ),
     ] = False,
+    root: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HASH",
+            help="Hash of a link that was written down, or its first 16 digits: exit with 4 when the chain does not "
+            "hold it, else list what was added after it.",
+            show_default=False,
+        ),
+    ] = None,
+    signers: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Verify signatures with this file of allowed signers (OpenSSH).",
+            show_default=False,
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every run is sound, and with 4 when one is damaged."""
+    digits = None if root is None else _parse_root(root, run_paths)
 
     def check_and_print(path: Path) -> Mapping[str, object]:
-        checked = _check_run(path, repair)
+        checked = _check_run(path, repair, digits, signers)
         if not as_json:
             _print(checked)
         return checked
@@ -54,7 +89,25 @@ def check(
     return do_for_each_run(run_paths, check_and_print, as_json)
 
 
-def _check_run(path: Path, repair: bool) -> _CheckedRun:
+_LEAST_DIGITS, _MOST_DIGITS = 16, 64
+
+
+def _parse_root(root: str, run_paths: Sequence[Path]) -> str:
+    """Return the digits of a hash that somebody typed. Raises `InputError`."""
+    digits = "".join(root.split()).lower()
+    if len(run_paths) != 1:
+        raise InputError(
+            f"--root is the hash of one run, and {len(run_paths)} are named", "check them one by one"
+        )
+    if not _LEAST_DIGITS <= len(digits) <= _MOST_DIGITS or set(digits) - set(hexdigits):
+        raise InputError(
+            f"--root {root!r} is no hash",
+            f"give its {_MOST_DIGITS} hexadecimal digits, or the first {_LEAST_DIGITS}",
+        )
+    return digits
+
+
+def _check_run(path: Path, repair: bool, root: str | None, signers: Path | None) -> _CheckedRun:
     from labrig.record.check import check_run
     from labrig.record.reader import fetch_folder
     from labrig.record.repair import repair_run
@@ -67,21 +120,56 @@ def _check_run(path: Path, repair: bool) -> _CheckedRun:
     repaired = repair and not verdict.damage and repair_run(folder, SystemClock().utc())
     if repaired:
         verdict = check_run(folder)
+    damage, known = list(verdict.damage), None if root is None else find_link(verdict.links, root)
+    if root is not None and known is None:
+        damage.append(Problem("chain.jsonl", f"no link of it has the hash {root}", _NOT_IN_CHAIN))
+    signatures, unfit = _verify(folder, verdict.links, signers)
+    damage += unfit
     return {
         "run": restore_url(path),
-        "ok": not verdict.damage,
-        "reason": _join(verdict.damage),
+        "ok": not damage,
+        "reason": _join(damage),
         "protocol": verdict.experiment,
         "exit_status": verdict.exit_status,
         "writer": None if verdict.writer is None else str(verdict.writer),
         "repaired": repaired,
-        "damage": [asdict(problem) for problem in verdict.damage],
+        "seal": verdict.seal,
+        "root": None if verdict.root is None else verdict.root.sha256,
+        "newest_link": verdict.links[-1].sha256 if verdict.links else None,
+        "after_root": None if known is None else [_show(link) for link in verdict.links[known.number :]],
+        "signatures": signatures,
+        "damage": [asdict(problem) for problem in damage],
         "torn": [asdict(problem) for problem in verdict.torn],
+        "notices": [asdict(problem) for problem in verdict.notices],
         "frames": verdict.frames,
         "states": verdict.states,
         "events": verdict.events,
         "trials_done": verdict.trials_done,
     }
+
+
+_NOT_IN_CHAIN = "the chain was written anew since the hash was written down, or it is the hash of another run"
+
+
+def _verify(
+    folder: Path, links: tuple[Link, ...], signers: Path | None
+) -> tuple[list[dict[str, object]] | None, list[Problem]]:
+    """Return the signatures that fit, and what is wrong with the others; without any, that there is none."""
+    from labrig.record.signature import Signature, verify_signatures
+
+    if signers is None:
+        return None, []
+    found = list(verify_signatures(folder, links, signers))
+    problems = [one for one in found if isinstance(one, Problem)]
+    if not found:
+        problems = [
+            Problem("chain.jsonl", "no link of it is signed", "labrig runs sign RUN --key FILE signs it")
+        ]
+    return [asdict(one) for one in found if isinstance(one, Signature)], problems
+
+
+def _show(link: Link) -> _ShownLink:
+    return {"link": link.number, "kind": link.kind, "at": link.at, "files": sorted(link.files)}
 
 
 def _join(damage: Iterable[Problem]) -> str | None:
@@ -93,10 +181,28 @@ def _print(row: _CheckedRun) -> None:
     print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
     counts = (plural(row["frames"], "frame"), plural(row["states"], "state"), plural(row["events"], "event"))
     print_line(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
-    for name, problems in (("damage", row["damage"]), ("torn", row["torn"])):
+    _print_seal(row)
+    for name, problems in (("damage", row["damage"]), ("torn", row["torn"]), ("note", row["notices"])):
         for problem in problems:
             print_line(f"  {name}: {problem['where']}: {problem['message']}")
             print_line(f"    hint: {problem['hint']}")
+
+
+def _print_seal(row: _CheckedRun) -> None:
+    """Print whether the run is sealed, its root, what came after the root that was asked for, and who signed it."""
+    if row["root"] is None:
+        print_line(f"  {row['seal']}")
+    else:
+        print_line(f"  {row['seal']}; root, for a notebook:\n    {row['root']}")
+    for link in row["after_root"] or ():
+        covers = ", ".join(sorted({name.rpartition("/")[0] or name for name in link["files"]})) or "no file"
+        print_line(
+            f"  after --root: link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}"
+        )
+    if row["after_root"] == []:
+        print_line("  after --root: nothing")
+    for signature in row["signatures"] or ():
+        print_line(f"  signed: link {signature['link']} by {signature['signer']}")
 
 
 def _describe_state(row: _CheckedRun) -> str:

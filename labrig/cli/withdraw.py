@@ -20,6 +20,7 @@ from labrig.record.layout import WITHDRAWS
 from labrig.record.opening import create_under_free_name
 from labrig.record.provenance import collect_code_diff, collect_provenance
 from labrig.record.reader import Run, open_run
+from labrig.record.seal import find_root
 from labrig.record.writer import Recorder
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.conduct import Outcome, conduct_withdrawal
@@ -60,10 +61,12 @@ def withdraw_and_print(
             "take the needle out by hand; the next labrig run asks to confirm that it is out",
         )
     recorded, outcome = _withdraw(description, left, path, replace(path[-1], **standing))
+    root = find_root(recorded)
     document: dict[str, object] = {
         "run": str(recorded),
         "exit_status": outcome.exit_status,
         "reason": outcome.reason or None,
+        "root": root,
     }
     if outcome.error is not None:
         document["error"] = failure_document(outcome.error)
@@ -75,7 +78,7 @@ def withdraw_and_print(
     if as_json:
         print_json(document)
     elif outcome.error is None:
-        print_line(f"the needle is out\nrecord  {recorded}")
+        print_line(f"the needle is out\nrecord  {recorded}\nroot    {root}")
     return 0 if outcome.error is None else outcome.error.exit_code
 
 

@@ -1,8 +1,9 @@
 """Annotations of a run: tags, notes with their revisions, and the operator's verdict.
 
 `RUN/notes.jsonl` is append-only, one CRC line a remark. SHA256SUMS does not cover it, because it grows after the run is
-closed. Nothing in it is ever changed or removed: a new line with the same number revises a note, an `untag` line takes
-a tag off, a later verdict replaces an earlier one. So it stays readable who wrote what and when.
+closed; a link of the run's chain covers it after each remark. Nothing in it is ever changed or removed: a new line with
+the same number revises a note, an `untag` line takes a tag off, a later verdict replaces an earlier one. So it stays
+readable who wrote what and when.
 """
 
 import os
@@ -12,14 +13,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from labrig.durable import disk_errors, open_descriptor, write_fully
+from labrig.durable import disk_errors, open_descriptor
 from labrig.errors import InputError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import sync_directory
+from labrig.record.chain import append_or_restore
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, inside, require_name
 from labrig.record.lock import FileLock
 from labrig.record.manifest import read_manifest
+from labrig.record.seal import Seal, count_unsealed_notes, measure_sealed_notes, read_seal
+from labrig.record.sealing import seal_notes
 
 Judgement = Literal["good", "doubtful", "bad"]
 _MAX_TEXT = 10_000
@@ -62,9 +66,22 @@ class Annotations:
 
 
 def read_annotations(run: Path) -> Annotations:
-    """Return the annotations of a run. Raises `RecordError` when a line of notes.jsonl is damaged."""
+    """Return the annotations of a run; of a run with a chain, the lines that it covers.
+
+    Raises
+    ------
+    RecordError
+        When a line of notes.jsonl is damaged, or lines were changed or removed since they were sealed.
+    """
     path = inside(run, NOTES)
-    return _join_remarks(read_lines(path), path) if path.exists() else Annotations()
+    lines = read_lines(path) if path.exists() else []
+    seal = read_seal(run)
+    if seal.links:
+        if NOTES not in seal.newest:
+            return Annotations()
+        seal.require_unchanged(NOTES)
+        lines = lines[: read_file(path, MAX_LOG_BYTES)[: measure_sealed_notes(seal)].count(b"\n")]
+    return _join_remarks(lines, path)
 
 
 def without_authors(annotations: Annotations) -> Annotations:
@@ -139,11 +156,13 @@ class _Remarks:
         self._lock = FileLock(run / f".{NOTES}.lock")
         self._stamp: Mapping[str, object] = {"by": by, "at": at}
         self.now = Annotations()
+        self._seal = Seal(run, ())
 
     def __enter__(self) -> "_Remarks":
         self._lock.acquire("labrig runs")
         try:
             self.now = read_annotations(self._path.parent)
+            self._seal = self._require_sealed()
         except RecordError:
             self._lock.release()
             raise
@@ -157,12 +176,27 @@ class _Remarks:
         lines = b"".join(encode_line({**remark, **self._stamp}) for remark in remarks)
         with disk_errors(self._path):
             with open_descriptor(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND) as descriptor:
-                whole, missing = _find_torn_end(self._path)
+                whole, missing = self._find_end()
                 # The torn line of a killed process was never acknowledged; the new line must not continue it.
                 os.ftruncate(descriptor, whole)
-                _append_all_or_nothing(descriptor, missing + lines, whole)
+                append_or_restore(descriptor, missing + lines, whole)
             sync_directory(self._path.parent)
+        seal_notes(self._path.parent, self._stamp["at"])
         return read_annotations(self._path.parent)
+
+    def _require_sealed(self) -> Seal:
+        """Return the seal; refuse lines that it does not cover, since a new link would cover them too."""
+        seal = read_seal(self._path.parent)
+        if seal.links and (lines := count_unsealed_notes(seal)):
+            raise RecordError(
+                f"{self._path} holds {lines} lines without a link: labrig was stopped, or somebody added them",
+                f"labrig runs check {self._path.parent} --repair takes them in",
+            )
+        return seal
+
+    def _find_end(self) -> tuple[int, bytes]:
+        """Return where the next line begins, and the newline to add if only that was torn off."""
+        return (measure_sealed_notes(self._seal), b"") if self._seal.links else _find_torn_end(self._path)
 
 
 def _find_torn_end(path: Path) -> tuple[int, bytes]:
@@ -174,16 +208,6 @@ def _find_torn_end(path: Path) -> tuple[int, bytes]:
     except ValueError:
         return len(content) - len(rest), b""
     return len(content), b"\n"
-
-
-def _append_all_or_nothing(descriptor: int, lines: bytes, before: int) -> None:
-    """Append all lines, or none if the disk is full."""
-    try:
-        write_fully(descriptor, lines)
-    except OSError:
-        os.ftruncate(descriptor, before)
-        raise
-    os.fsync(descriptor)
 
 
 def _join_remarks(lines: Sequence[Mapping[str, object]], path: Path) -> Annotations:

@@ -9,13 +9,14 @@ from typing import Any
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES, MANIFEST, NOTES, PROTOCOL, TRIAL_STOP, inside
+from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, TRIAL_STOP, inside
 from labrig.record.manifest import is_newer, read_document, read_manifest
+from labrig.record.results import require_unchanged_newest
 from labrig.record.run_index import NO_FILE, RunIndex, Value, ask_index, signature_of
+from labrig.record.seal import find_changes_since_sealing
 
-# What a summary is read from. The manifest comes first, the events last: a folder without a manifest is no run, and
-# one without events may be an export.
-_SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES)
+# What a summary is read from. The manifest comes first: a folder without a manifest is no run.
+_SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES, CHAIN)
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class RunSummary:
         Which experiment: `steerability`, `camera-calibration`, `import` ...
     exit_status : str
         `success`, `aborted`, `failed`, `incomplete`; `newer` if a newer labrig wrote the run; or `damaged` if the
-        manifest, the events or the notes cannot be read.
+        manifest, the events, the notes or the newest result cannot be read or were changed since they were sealed.
     started : str
         When, ISO 8601 in UTC.
     trials_done, trials_planned : int
@@ -87,7 +88,7 @@ def list_runs(runs_dir: Path, *, reverse: bool = False) -> list[RunSummary]:
 def sign_runs(runs_dir: Path) -> dict[str, str]:
     """Return the signature of the files that each run's summary is read from, by the name of the run's folder."""
     root = os.fspath(runs_dir)
-    signatures = {name: signature_of(f"{root}/{name}", _SUMMARY_FILES) for name in _folders(runs_dir)}
+    signatures = {name: _sign_run(f"{root}/{name}") for name in _folders(runs_dir)}
     return {
         name: signature
         for name, signature in signatures.items()
@@ -97,8 +98,16 @@ def sign_runs(runs_dir: Path) -> dict[str, str]:
 
 def _is_export(folder: str, signature: str) -> bool:
     """Return whether a folder with a manifest holds tables of a run, and nothing that a run begins with."""
-    has_events = not signature.endswith(NO_FILE)
+    has_events = signature.split(" ")[_SUMMARY_FILES.index(EVENT_LINES)] != NO_FILE
     return not has_events and not os.path.lexists(f"{folder}/{PROTOCOL}")
+
+
+def _sign_run(run: str) -> str:
+    try:
+        results = sorted(os.listdir(f"{run}/{ANALYSIS}"))  # noqa: PTH208 - of thousands of runs
+    except OSError:
+        results = []
+    return signature_of(run, (*_SUMMARY_FILES, *(f"{ANALYSIS}/{number}/result.json" for number in results)))
 
 
 def read_summaries(index: RunIndex, runs_dir: Path, signatures: Mapping[str, str]) -> dict[str, RunSummary]:
@@ -146,6 +155,9 @@ def _summary_row(run: Path) -> dict[str, Any]:
 
 
 def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
+    for problem in find_changes_since_sealing(run, manifest):
+        raise RecordError(f"{run / problem.where}: {problem.message}", problem.hint)
+    require_unchanged_newest(run)
     exit_status = str(manifest.get("exit_status"))
     done = _trials_done(run) if exit_status == "incomplete" else _whole(manifest.get("trials_done"))
     annotations = read_annotations(run)

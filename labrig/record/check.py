@@ -1,6 +1,5 @@
 """Check a record from end to end and list what is damaged or lost; nothing is changed."""
 
-import hashlib
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,8 +9,10 @@ from types import MappingProxyType
 from typing import Literal
 
 from labrig.errors import Problem, RecordError
-from labrig.input_file import MAX_LOG_BYTES, open_file, read_file
+from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.can_log import read_can_log
+from labrig.record.chain import Link, is_inner_name, scan_chain
+from labrig.record.digest import hash_file
 from labrig.record.intact import is_intact, remember_intact
 from labrig.record.json_lines import Scan, scan_lines
 from labrig.record.layout import (
@@ -39,6 +40,7 @@ from labrig.record.pictures import (
     measure_listed_pictures,
     measure_raw_pictures,
 )
+from labrig.record.seal import check_seal
 from labrig.record.structure import (
     find_clock_problems,
     find_frame_problems,
@@ -75,6 +77,12 @@ class RunCheck:
         What an interruption left half written; nothing acknowledged is in it.
     frames, states, events, trials_done : int
         How many of each can be read.
+    notices : tuple of Problem
+        Files that are no part of the record, and results and annotations without a link; none of them is used.
+    seal : str
+        `sealed`, `open`, `unsealed` or `unsealed (made before)`; see `SealCheck`.
+    links : tuple of Link
+        The chain.
     """
 
     run: Path
@@ -87,6 +95,14 @@ class RunCheck:
     states: int
     events: int
     trials_done: int
+    notices: tuple[Problem, ...] = ()
+    seal: str = "open"
+    links: tuple[Link, ...] = ()
+
+    @property
+    def root(self) -> Link | None:
+        """The newest link that closes the run."""
+        return next((link for link in reversed(self.links) if link.kind == "close"), None)
 
 
 def check_run(run: Path) -> RunCheck:
@@ -97,7 +113,16 @@ def check_run(run: Path) -> RunCheck:
     RecordError
         When the folder is no run, its schema is newer, or its manifest cannot be read.
     """
-    return _check_files(run, read_manifest(run))
+    manifest = read_manifest(run)
+    found = _check_files(run, manifest)
+    seal = check_seal(run, manifest, _list_summed(run))
+    return replace(
+        found,
+        damage=(*found.damage, *leave_out_named(seal.damage, found.damage)),
+        notices=seal.notices,
+        seal=seal.state,
+        links=scan_chain(run).links,
+    )
 
 
 def check_closing(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:
@@ -321,11 +346,9 @@ def find_changes_since_closing(
         yield Problem(SHA256SUMS, "it is missing, though the run was closed", COPY_HINT)
         return
     listed = set()
-    for number, line in enumerate(
-        read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines(), start=1
-    ):
-        sha256, blanks, name = line[:64], line[64:66], line[66:]
-        if blanks != "  " or not name or any(part in {"", ".", ".."} for part in name.split("/")):
+    for number, line in enumerate(_split_sums(path), start=1):
+        sha256, name = line[:64], line[66:]
+        if not _is_sum(line):
             yield Problem(f"{SHA256SUMS}:{number}", "the line is no checksum and file name", COPY_HINT)
             continue
         listed.add(name)
@@ -336,10 +359,23 @@ def find_changes_since_closing(
             yield Problem(name, f"it is not listed in {SHA256SUMS}", COPY_HINT)
 
 
-def hash_file(path: Path) -> str:
-    """Return the SHA-256 of a file. Raises `RecordError` if it cannot be read."""
-    try:
-        with open_file(path) as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
+def leave_out_named(problems: Iterable[Problem], damage: Iterable[Problem]) -> list[Problem]:
+    """Return the problems of files that the damage does not name yet."""
+    named = {problem.where.partition(":")[0] for problem in damage}
+    return [problem for problem in problems if problem.where not in named]
+
+
+def _list_summed(run: Path) -> frozenset[str]:
+    """Return the files that SHA256SUMS lists; none without it."""
+    path = run / SHA256SUMS
+    if path.is_symlink() or not path.is_file():
+        return frozenset()
+    return frozenset(line[66:] for line in _split_sums(path) if _is_sum(line))
+
+
+def _is_sum(line: str) -> bool:
+    return line[64:66] == "  " and is_inner_name(line[66:])
+
+
+def _split_sums(path: Path) -> list[str]:
+    return read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines()

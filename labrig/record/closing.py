@@ -2,14 +2,15 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
-from labrig.durable import write_atomically
 from labrig.errors import BugError, Problem, RecordError
 from labrig.record.check import check_closing
 from labrig.record.layout import COPY_HINT, MANIFEST
 from labrig.record.manifest import DAMAGED_WHEN_CLOSED, read_manifest
 from labrig.record.opening import encode_manifest
+from labrig.record.sealing import seal_closing
 
 _HINT = (
     "the run is kept and marked as damaged; test the disk and the memory of this computer, and if both are sound "
@@ -17,8 +18,15 @@ _HINT = (
 )
 
 
-def write_closing_manifest(run: Path, manifest: Mapping[str, object]) -> None:
-    """Check all other files of a run, then write the manifest that closes it; a damaged run is marked in it as failed.
+def write_closing_manifest(
+    run: Path, manifest: Mapping[str, object], sums: Mapping[str, str], ended: datetime
+) -> None:
+    """Check all other files of a run, then seal it and write its manifest, which marks a damaged run as failed.
+
+    Parameters
+    ----------
+    sums : Mapping
+        The content of SHA256SUMS.
 
     Raises
     ------
@@ -30,11 +38,11 @@ def write_closing_manifest(run: Path, manifest: Mapping[str, object]) -> None:
     content = encode_manifest(manifest)
     damage = check_closing(run, json.loads(content))
     if not damage:
-        write_atomically(run / MANIFEST, content)
+        seal_closing(run, content, sums, ended)
         damage = _check_written(run, json.loads(content))
     if damage:
         message = _describe_damage(run, damage)
-        write_atomically(run / MANIFEST, encode_manifest(_mark(manifest, damage, message)))
+        seal_closing(run, encode_manifest(_mark(manifest, damage, message)), sums, ended)
         raise BugError(message, _HINT)
 
 

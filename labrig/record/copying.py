@@ -5,7 +5,7 @@ from pathlib import Path
 
 from labrig.durable import disk_errors
 from labrig.errors import DiskError
-from labrig.record.check import hash_file
+from labrig.record.digest import hash_file
 
 
 def copy_record(run: Path, folder: Path) -> None:

@@ -57,7 +57,11 @@ def _read_source(source: Path | bytes) -> bytes:
 
 
 def make_opening_manifest(
-    run_name: str, given: Mapping[str, object], sums: Mapping[str, str], recording: Mapping[str, object]
+    run_name: str,
+    given: Mapping[str, object],
+    sums: Mapping[str, str],
+    recording: Mapping[str, object],
+    first_link_sha256: str,
 ) -> dict[str, object]:
     """Return the manifest that a run begins with; one that lacks what a list of runs needs is refused."""
     missing = [key for key in ("experiment", "started") if not given.get(key)]
@@ -73,6 +77,7 @@ def make_opening_manifest(
         "rig_sha256": sums.get(RIG),
         "code_diff_sha256": sums.get(CODE_DIFF),
         "calibration": calibration,
+        "first_link_sha256": first_link_sha256,
     }
     # In the order of the file.
     defaults = {

@@ -5,6 +5,7 @@ import math
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from datetime import datetime
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -24,8 +25,9 @@ from labrig.record.check import (
     find_changes_since_start,
     find_links,
     find_picture_problems,
-    hash_file,
+    leave_out_named,
 )
+from labrig.record.digest import hash_file
 from labrig.record.events import (
     Event,
     FrameLine,
@@ -40,6 +42,7 @@ from labrig.record.events import (
 )
 from labrig.record.json_lines import check_lines, read_lines
 from labrig.record.layout import (
+    ANALYSIS,
     CALIBRATION,
     COPY_HINT,
     EVENT_LINES,
@@ -58,7 +61,14 @@ from labrig.record.layout import (
 from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
 from labrig.record.pictures import RecordedPicture, locate_picture
 from labrig.record.provenance import leave_out_personal
-from labrig.record.results import latest_result, new_result_dir
+from labrig.record.results import (
+    latest_result,
+    list_results,
+    new_result_dir,
+    require_unchanged_result,
+)
+from labrig.record.seal import find_changes_since_sealing
+from labrig.record.sealing import list_files, seal_files
 from labrig.record.structure import find_clock_problems, find_frame_problems
 from labrig.record.tables import add_axis_units
 from labrig.record.urls import fetch_run, is_url, restore_url
@@ -78,6 +88,7 @@ _COLUMNS = {
 _TRIAL_COLUMNS = ("trial", "start_t_s", "stop_t_s", "exit_status", "final_frame")
 # Whole numbers that may be missing; pandas would make them floats.
 _WHOLE_NUMBERS = ("trial", "frame", "final_frame")
+_MOVE_OUT = "move it out of the run; labrig runs check lists all such files"
 
 
 def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
@@ -118,10 +129,11 @@ def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
             folder, read_lines(lines[FRAME_LINES]), look="once" if read_pictures else "presence"
         ),
     )
-    if manifest.get("exit_status") == "incomplete":
-        return Run(folder, manifest, damage, torn)
-    changes = find_changes_since_closing(folder, lines_only=True)
-    return Run(folder, manifest, (*damage, *as_damage(torn), *changes))
+    if manifest.get("exit_status") != "incomplete":
+        damage = (*damage, *as_damage(torn), *find_changes_since_closing(folder, lines_only=True))
+        torn = ()
+    seal = leave_out_named(find_changes_since_sealing(folder, manifest), damage)
+    return Run(folder, manifest, (*damage, *seal), torn)
 
 
 def fetch_folder(path: Path | str) -> Path:
@@ -349,17 +361,28 @@ class Run:
             )
         return self.frames[frame]
 
+    @property
+    def calibration_files(self) -> tuple[str, ...]:
+        """The names of the calibration files that the run began with; no other file in the folder is used."""
+        folder = f"{CALIBRATION}/"
+        names = recorded_sha256(self.manifest)
+        return tuple(sorted(name.removeprefix(folder) for name in names if name.startswith(folder)))
+
     def calibration_path(self, name: str) -> Path:
         """Return the path of a calibration file of this run, also if it has none of this name.
 
         Raises
         ------
         RecordError
-            When the run began with it and it is missing or was changed.
+            When the run began with it and it is missing or was changed, or did not begin with it and it is there now.
         """
         relative = f"{CALIBRATION}/{require_name(name, 'the calibration file name')}"
-        began_with_it = relative in recorded_sha256(self.manifest)
-        return self._require_unchanged(relative) if began_with_it else inside(self.path, relative)
+        if name in self.calibration_files:
+            return self._require_unchanged(relative)
+        path = inside(self.path, relative)
+        if path.is_file():
+            raise RecordError(f"{path} is no part of the record: the run began without it", _MOVE_OUT)
+        return path
 
     def own(self, relative: str) -> Path:
         """Return the path of a file or folder of this run, which need not exist.
@@ -374,6 +397,25 @@ class Run:
     def new_result_dir(self) -> Path:
         """Make and return the next of analysis/001, 002 ... Raises `DiskError`."""
         return new_result_dir(self.path)
+
+    @property
+    def result_numbers(self) -> tuple[int, ...]:
+        """The numbers of the results in order. Raises `RecordError` when the chain is damaged."""
+        return list_results(self.path)
+
+    def result_dir(self, number: int) -> Path:
+        """Return the folder of a result. Raises `RecordError`, which names the file, when one in it was changed."""
+        require_unchanged_result(self.path, number)
+        return inside(self.path, f"{ANALYSIS}/{number:03d}")
+
+    def seal_result(self, folder: Path, created: str) -> None:
+        """Append the link over a result that is complete. Raises `DiskError`."""
+        names = list_files(self.path, folder.relative_to(self.path).as_posix())
+        seal_files(self.path, "result", names, created)
+
+    def seal_page(self, path: Path, created: datetime) -> None:
+        """Append the link over a page or view that was written into the run. Raises `DiskError`."""
+        seal_files(self.path, "page", (path.name,), created)
 
     def latest_result(self) -> dict[str, object] | None:
         """Return the newest result.json; None without one. Raises `RecordError` when it is damaged."""

@@ -1,12 +1,14 @@
 """Reopen an interrupted run: check it, set torn ends aside, and open its files for appending."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.durable import disk_errors, write_atomically
 from labrig.errors import LabrigError, RecordError
+from labrig.input_file import MAX_LOG_BYTES, read_file
+from labrig.record.chain import Link
 from labrig.record.check import RunCheck, check_run, trials_done
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
@@ -29,6 +31,7 @@ from labrig.record.lock import FileLock
 from labrig.record.manifest import read_manifest, recorded_sha256
 from labrig.record.opening import encode_manifest, make_reserve
 from labrig.record.pictures import PictureWriter, Store, open_picture_writer
+from labrig.record.sealing import finish_closing, seal_again
 from labrig.record.torn_ends import set_aside
 
 
@@ -55,11 +58,14 @@ def reopen_files(path: Path, doing: str) -> OpenRecord:
     lock = FileLock(inside(path, LOCK)).acquire(doing)
     try:
         _require_resumable(check_run(path))
+        finish_closing(path)
         aside = set_aside(path)
-        manifest = _reopen_manifest(read_manifest(path), aside)
+        closed = read_manifest(path)
         with disk_errors(path):
+            link = seal_again(path, _copy_closing(path, closed))
+            manifest = _reopen_manifest(closed, aside, link)
             write_atomically(path / MANIFEST, encode_manifest(manifest))
-            _retire_sums(path)
+            (path / SHA256SUMS).unlink(missing_ok=True)
             lines = _reopen_lines(path)
             frames = read_lines(path / FRAME_LINES)
             events = read_lines(path / EVENT_LINES)
@@ -91,9 +97,11 @@ def _require_resumable(verdict: RunCheck) -> None:
         raise RecordError(f"{verdict.run} has come to its end; nothing can be added to it")
 
 
-def _reopen_manifest(manifest: Mapping[str, object], aside: tuple[str, ...]) -> dict[str, object]:
+def _reopen_manifest(manifest: Mapping[str, object], aside: tuple[str, ...], link: Link) -> dict[str, object]:
     """Return the manifest of a run that goes on; it keeps earlier endings and lists what was set aside."""
     content = {key: value for key, value in manifest.items() if key != "crc32"}
+    if link.number == 1 and isinstance(hashes := manifest.get("hashes"), Mapping):
+        content["hashes"] = {**hashes, "first_link_sha256": link.sha256}
     if manifest["exit_status"] != "incomplete":
         ending = {key: manifest.get(key) for key in ("exit_status", "reason", "ended")}
         content["earlier_endings"] = [*_read_list(content, "earlier_endings"), ending]
@@ -107,13 +115,19 @@ def _read_list(manifest: Mapping[str, object], key: str) -> list[object]:
     return value if isinstance(value, list) else []
 
 
-def _retire_sums(path: Path) -> None:
-    """Rename the sums of an earlier closing: they cover only the beginning of each file."""
-    if (path / SHA256SUMS).exists():
-        number = 1
-        while (path / f"{SHA256SUMS}.{number:03d}").exists():
-            number += 1
-        (path / SHA256SUMS).rename(path / f"{SHA256SUMS}.{number:03d}")
+def _copy_closing(path: Path, manifest: Mapping[str, object]) -> Iterator[str]:
+    """Copy the sums and the manifest of an earlier closing, and yield their names: they cover only what it closed."""
+    if not (path / SHA256SUMS).exists():
+        return
+    number = 1
+    while (path / f"{SHA256SUMS}.{number:03d}").exists():
+        number += 1
+    copies = {SHA256SUMS: f"{SHA256SUMS}.{number:03d}"}
+    if manifest["exit_status"] != "incomplete":
+        copies[MANIFEST] = f"manifest.{number:03d}.json"
+    for name, copy in copies.items():
+        write_atomically(path / copy, read_file(path / name, MAX_LOG_BYTES))
+        yield copy
 
 
 def _reopen_lines(path: Path) -> dict[str, LineFile]:

@@ -4,8 +4,10 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import EVENT_LINES, RUN_STOP
+from labrig.record.layout import EVENT_LINES, LOCK, RUN_STOP
+from labrig.record.lock import FileLock
 from labrig.record.manifest import read_manifest
+from labrig.record.sealing import finish_closing, seal_leftovers
 from labrig.record.writer import EXIT_STATUSES, Recorder
 
 _REASON = "interrupted: labrig ended without closing the run; closed by labrig runs check --repair"
@@ -14,8 +16,8 @@ _REASON = "interrupted: labrig ended without closing the run; closed by labrig r
 def repair_run(run: Path, ended: datetime) -> bool:
     """Close an interrupted run: torn ends are set aside, everything else stays, nothing is deleted.
 
-    Returns whether the run had to be closed. A run that had recorded its end keeps that status; any other is closed as
-    `aborted`.
+    A run that had recorded its end keeps that status; any other is closed as `aborted`. Results and annotations of a
+    closed run that have no link get one, of the kind `unsealed`. Returns whether there was something to do.
 
     Raises
     ------
@@ -27,7 +29,10 @@ def repair_run(run: Path, ended: datetime) -> bool:
         When it cannot be written.
     """
     if read_manifest(run).get("exit_status") != "incomplete":
-        return False
+        return seal_leftovers(run, ended)
+    with FileLock(run / LOCK).acquire("labrig runs check --repair"):
+        if finish_closing(run):
+            return True
     recorder = Recorder.reopen(run, "labrig runs check --repair")
     exit_status, reason = _find_ending(run)
     recorder.close(exit_status, reason, ended)

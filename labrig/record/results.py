@@ -10,6 +10,7 @@ from labrig.durable import disk_errors
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.layout import ANALYSIS, inside
+from labrig.record.seal import read_seal
 
 _RESULT = "result.json"
 _NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
@@ -33,16 +34,59 @@ def make_numbered_folder(parent: Path) -> Path:
 
 
 def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] | None:
-    """Return the newest result.json. It is written last, so an analysis that was stopped has none.
+    """Return the newest result.json. Raises `RecordError` when it was changed or is damaged.
 
     Top-level lists named in `without` come back empty, which saves most of the time when they are long.
     """
+    name = require_unchanged_newest(run)
+    return None if name is None else _read_result(inside(run, name), without)
+
+
+def require_unchanged_newest(run: Path) -> str | None:
+    """Return the newest result.json relative to its run; None without one. Raises `RecordError` when it was changed."""
+    numbers = list_results(run)
+    if not numbers:
+        return None
+    name = f"{ANALYSIS}/{numbers[-1]:03d}/{_RESULT}"
+    require_unchanged_result(run, numbers[-1], (name,))
+    return name
+
+
+def list_results(run: Path) -> tuple[int, ...]:
+    """Return the numbers of the results in order; of a run with a chain, those that it covers.
+
+    Raises
+    ------
+    RecordError
+        When the chain is damaged, or the folder of results is a link.
+    """
     parent = inside(run, ANALYSIS)
-    for number in sorted(list_numbered_folders(parent), reverse=True):
-        path = inside(run, f"{ANALYSIS}/{number:03d}/{_RESULT}")
-        if path.exists():
-            return _read_result(path, without)
-    return None
+    seal = read_seal(run)
+    if seal.links:
+        return seal.results
+    # The file is written last, so an analysis that was stopped has none.
+    return tuple(
+        sorted(
+            number
+            for number in list_numbered_folders(parent)
+            if (parent / f"{number:03d}/{_RESULT}").exists()
+        )
+    )
+
+
+def require_unchanged_result(run: Path, number: int, names: Iterable[str] | None = None) -> None:
+    """Refuse a result that is not as the chain of its run has it; `names` of its files, or all of them.
+
+    Raises
+    ------
+    RecordError
+        When one of them is missing, a link, or was changed; names it.
+    """
+    seal = read_seal(run)
+    for name in seal.result_files(number) if names is None else names:
+        inside(run, name)
+        if seal.links:
+            seal.require_unchanged(name)
 
 
 def _empty_list(content: bytes, name: bytes) -> bytes:

@@ -9,7 +9,7 @@ from labrig.record.annotations import read_annotations
 from labrig.record.catalogue import FoundRun, RunSummary, read_summaries, sign_runs
 from labrig.record.condition import parse_condition, require_field
 from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
-from labrig.record.layout import ANALYSIS, PROTOCOL
+from labrig.record.layout import PROTOCOL
 from labrig.record.manifest import is_newer, read_document
 from labrig.record.run_index import Fields, RunIndex, Value, ask_index, signature_of
 
@@ -42,7 +42,10 @@ def find_runs(
 
     def ask(index: RunIndex) -> list[FoundRun]:
         summaries = read_summaries(index, runs_dir, signatures)
-        whole = {name: f"{sign} {_sign_fields(runs_dir / name)}" for name, sign in signatures.items()}
+        root = os.fspath(runs_dir)
+        whole = {
+            name: f"{sign} {signature_of(f'{root}/{name}', (PROTOCOL,))}" for name, sign in signatures.items()
+        }
         index.refresh_leaves(whole, lambda name: _fields(summaries[name]))
         known = index.known_paths().keys() | ANNOTATION_FIELDS
         if condition is not None:
@@ -69,17 +72,6 @@ def _sort_key(values: Sequence[Value]) -> tuple[int, float, str]:
     return (1, 0.0, value) if isinstance(value, str) else (0, float(value), "")
 
 
-def _sign_fields(run: Path) -> str:
-    """Return the signature of the files that fields are read from beside those of the summary."""
-    try:
-        numbers = sorted(os.listdir(run / ANALYSIS))  # noqa: PTH208 - thousands of them
-    except OSError:
-        numbers = []
-    return signature_of(
-        os.fspath(run), (PROTOCOL, *(f"{ANALYSIS}/{number}/result.json" for number in numbers))
-    )
-
-
 def _fields(summary: RunSummary) -> Fields:
     """Return all fields of a run; of a damaged run, or of a newer labrig's, those that a list shows."""
     shown: Fields = {
@@ -94,6 +86,7 @@ def _fields(summary: RunSummary) -> Fields:
         if is_newer(document):
             return shown
         annotations = annotation_fields(read_annotations(summary.run))
-        return {**shown, **manifest_fields(document), **file_fields(summary.run), **annotations}
+        fields = {**shown, **manifest_fields(document), **file_fields(summary.run), **annotations}
     except RecordError:
         return shown
+    return {**fields, "exit_status": shown["exit_status"]}

@@ -20,7 +20,7 @@ import fsspec
 from labrig.durable import disk_errors
 from labrig.errors import DiskError, InputError, OutputExistsError, RecordError
 from labrig.posix import sync_directory
-from labrig.record.check import hash_file
+from labrig.record.digest import hash_file
 from labrig.record.layout import MANIFEST, PROTOCOL
 from labrig.record.manifest import read_document
 

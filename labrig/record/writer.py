@@ -30,6 +30,7 @@ from labrig.record.layout import (
     ALWAYS_PRESENT,
     CAN_LOG,
     CAN_SUMS,
+    CHAIN,
     EVENT_LINES,
     FRAME_LINES,
     LOCK,
@@ -53,6 +54,7 @@ from labrig.record.opening import (
 )
 from labrig.record.pictures import Store, open_picture_writer
 from labrig.record.reopening import OpenRecord, reopen_files
+from labrig.record.sealing import first_link
 from labrig.record.syncing import Rounds, sync_in_order
 
 EXIT_STATUSES = ("success", "aborted", "failed")
@@ -161,13 +163,15 @@ class Recorder:
             "least_free_bytes": least_free_bytes,
             "picture_store": picture_store,
         }
-        opening = make_opening_manifest(run_name, manifest, sums, recording)
+        link, first_link_sha256 = first_link(sums, manifest.get("started"))
+        opening = make_opening_manifest(run_name, manifest, sums, recording, first_link_sha256)
         document = encode_manifest(opening)
         make_run_directory(path)
         try:
             with disk_errors(path):
                 lock = FileLock(path / LOCK).acquire("labrig run")
                 write_opening_files(path, texts)
+                write_atomically(path / CHAIN, link)
                 lines = {name: LineFile.create(path / name) for name in ALWAYS_PRESENT}
                 pictures = open_picture_writer(path, picture_store, 0)
                 # Written last, so that a folder with a manifest has everything else.
@@ -342,7 +346,7 @@ class Recorder:
                 self._lines[name] = LineFile.create(self.path / name)
 
     def close(self, exit_status: str, reason: str, ended: datetime, **manifest_updates: object) -> None:
-        """End the run: write SHA256SUMS, check the record, then write how it ended. A second call does nothing.
+        """End the run: write SHA256SUMS, check and seal the record, write how it ended. A second call does nothing.
 
         Parameters
         ----------
@@ -375,7 +379,7 @@ class Recorder:
         try:
             if self._can_crc32:
                 self._write_can_sum()
-            self._finish({**self._manifest, **ending, **manifest_updates})
+            self._finish({**self._manifest, **ending, **manifest_updates}, ended)
         finally:
             self._closed = True
             self._rounds.close()
@@ -384,7 +388,7 @@ class Recorder:
             self._pictures.close()
             self._lock.release()
 
-    def _finish(self, manifest: Mapping[str, object]) -> None:
+    def _finish(self, manifest: Mapping[str, object], ended: datetime) -> None:
         with self._guard_disk(self.path):
             self._rounds.finish()
             self._make_round()()
@@ -393,7 +397,7 @@ class Recorder:
         sums |= {name: lines.sha256 for name, lines in self._lines.items()}
         text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
         write_atomically(self.path / SHA256SUMS, text.encode())
-        write_closing_manifest(self.path, manifest)
+        write_closing_manifest(self.path, manifest, sums, ended)
 
     def _append(self, name: str, t_s: float, fields: Mapping[str, object]) -> None:
         """Append a line of rig time `t_s`."""

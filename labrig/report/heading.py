@@ -12,6 +12,7 @@ from labrig.analysis.result import AnyResult
 from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run
+from labrig.record.seal import find_root
 from labrig.report.formatting import UNKNOWN, Rows, count_of, format_time, format_value
 
 _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
@@ -192,6 +193,7 @@ def _list_facts(run: Run, facts: Rows) -> list[tuple[str, str]]:
         *facts,
         ("Pictures recorded", _count_pictures(run)),
         ("Seed", format_value(manifest.get("seed"))),
+        ("Root of the record, for a notebook", find_root(run.path) or UNKNOWN),
     ]
 
 

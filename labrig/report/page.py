@@ -86,6 +86,7 @@ def write_report(
     provenance = make_provenance(run, result, page.calibration)
     content = _render(page.template, {"heading": heading, "provenance": provenance, **page.shown})
     write_atomically(path, content.encode("utf-8"))
+    run.seal_page(path, created)
     return path
 
 

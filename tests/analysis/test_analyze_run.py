@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
-from labrig.analysis.result import list_result_numbers, load_centre_lines
+from labrig.analysis.result import load_centre_lines
 from labrig.analysis.run import analyze_run
 from labrig.errors import DiskError, FileFormatError, InputError, RecordError
 from labrig.experiments.registry import experiment_of, result_of
@@ -35,13 +35,14 @@ from tests.analysis.synthetic import (
     record_sweep,
 )
 from tests.disks import full_disk
+from tests.record.runs import without_chain
 
 
 def _raw_bytes(run: Path) -> dict[str, str]:
     return {
         path.relative_to(run).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(run.rglob("*"))
-        if path.is_file() and "analysis" not in path.parts
+        if path.is_file() and "analysis" not in path.parts and path.name != "chain.jsonl"
     }
 
 
@@ -260,10 +261,16 @@ def test_a_run_that_was_never_analysed_has_no_result(folder: Path) -> None:
 
 
 def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
-    """A result that was cut or comes from a newer labrig is not half read."""
+    """A result that was changed is not read, nor half of one that was cut or comes from a newer labrig."""
     run = record_sweep(folder)
     result = measure(run).result
     file = result.path / "result.json"
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b"27.", b"99."))
+    with pytest.raises(RecordError, match=r"001/result\.json: it was changed"):
+        result_of(run)
+    file.write_bytes(content)
+    without_chain(run.path)
     document = json.loads(file.read_text())
     file.write_text(json.dumps({**document, "schema_version": 2}))
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
@@ -329,7 +336,9 @@ def test_a_folder_beside_the_results_is_none_of_them(folder: Path) -> None:
     run = record_sweep(folder)
     result = measure(run).result
     shutil.copytree(result.path, result.path.with_name("001.bak"))
-    assert list_result_numbers(run) == (1,)
+    assert run.result_numbers == (1,)
+    without_chain(run.path)
+    assert run.result_numbers == (1,)
 
 
 def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None:

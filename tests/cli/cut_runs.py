@@ -20,7 +20,7 @@ def cut_short(run: Path, to: Path, after_s: float) -> Path:
         picture.unlink()
     _cut_truth(to)
     _cut_can(to, after_s)
-    _open_again(to)
+    open_again(to)
     return to
 
 
@@ -46,8 +46,11 @@ def _cut_can(run: Path, after_s: float) -> None:
     (run / "can.log").write_bytes(content[: [0, *ends][kept]])
 
 
-def _open_again(run: Path) -> None:
-    """Take the manifest back to what it is before a run is closed."""
+def open_again(run: Path) -> None:
+    """Take the manifest and the chain back to what they are before a run is closed."""
+    links = (run / "chain.jsonl").read_bytes().splitlines(keepends=True)
+    closing = next(index for index, link in enumerate(links) if json.loads(link)["kind"] == "close")
+    (run / "chain.jsonl").write_bytes(b"".join(links[:closing]))
     document = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
     document |= {"exit_status": "incomplete", "reason": None, "ended": None, "trials_done": 0}
     document |= {"run": run.name}

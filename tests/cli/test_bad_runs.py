@@ -128,16 +128,26 @@ def _call(labrig: Labrig, command: str, run: Path, whole: Path) -> tuple[int, st
     """Carry out a command; nothing outside the run's folder, and nothing recorded, may be another afterwards."""
     outside = run.parents[1] / "outside"
     before = _contents(outside), ({} if run.is_symlink() else _contents(run))
+    chain = _read_chain(run)
     words = {"RUN": run, "GOOD": whole, "TABLES": run.parents[1] / "tables"}
     done = labrig(*(words.get(word, word) for word in COMMANDS[command]), "--json")
     assert "Traceback" not in done.err
     assert _contents(outside) == before[0]
     after = {} if run.is_symlink() else _contents(run)
-    assert {name: after.get(name) for name in before[1]} == before[1]
+    assert {name: after.get(name) for name in before[1] if name != "chain.jsonl"} == {
+        name: sha256 for name, sha256 in before[1].items() if name != "chain.jsonl"
+    }
+    assert _read_chain(run).startswith(chain)
     document = json.loads(done.out)
     rows = document if isinstance(document, list) else [document]
     reasons = (row.get("reason") or row.get("error", {}).get("message") for row in rows)
     return done.exit_code, f"{' '.join(map(str, reasons))} {done.err}"
+
+
+def _read_chain(run: Path) -> bytes:
+    """Return the chain, to which a command may add what it does."""
+    path = run / "chain.jsonl"
+    return path.read_bytes() if path.is_file() else b""
 
 
 def _damage(whole: Path, tmp_path: Path, spoil: Callable[[Path], None]) -> Path:

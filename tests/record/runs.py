@@ -1,12 +1,15 @@
 """Runs to test with: a protocol, a manifest, and a short record."""
 
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labrig.record.opening import encode_manifest
 from labrig.record.pictures import Store
+from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 
 STARTED = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
@@ -55,6 +58,24 @@ def fill(recorder: Recorder, trials: int = 2) -> None:
         recorder.truth(trial=trial, radius_mm=27.5 + trial, tip_mm=np.array([1.0, 2.0]))
         recorder.event("trial_stop", start_s + 5, trial=trial, exit_status="success", final_frame=final)
     recorder.event("run_stop", 10.0 * trials)
+
+
+def add_result(run: Path, content: bytes) -> Path:
+    """Write a result and its link, as an analysis does, and return its folder."""
+    opened = open_run(run)
+    folder = opened.new_result_dir()
+    (folder / "result.json").write_bytes(content)
+    opened.seal_result(folder, "2026-03-02T10:00:00+00:00")
+    return folder
+
+
+def without_chain(run: Path) -> Path:
+    """Return the run as an earlier labrig, which knew no chain, would have written it."""
+    (run / "chain.jsonl").unlink()
+    manifest = json.loads((run / "manifest.json").read_bytes())
+    del manifest["hashes"]["first_link_sha256"], manifest["crc32"]
+    (run / "manifest.json").write_bytes(encode_manifest(manifest))
+    return run
 
 
 def closed_run(runs_dir: Path, name: str = "run", store: Store = "png", **manifest: object) -> Path:

@@ -8,7 +8,7 @@ from labrig.errors import InputError, LockedError, RecordError
 from labrig.record.annotations import Annotations, judge_run, note_on_run, read_annotations, tag_run
 from labrig.record.lock import FileLock
 from labrig.record.reader import open_run
-from tests.record.runs import ENDED, closed_run, interrupted_run
+from tests.record.runs import ENDED, closed_run, interrupted_run, without_chain
 
 
 def _note(run: Path, text: str, revises: int | None = None) -> Annotations:
@@ -50,12 +50,13 @@ def test_tags_and_verdict_stand_as_last_said(tmp_path: Path) -> None:
 
 
 def test_remarks_leave_the_record_as_it_was(tmp_path: Path) -> None:
-    """A closed run with remarks opens without a problem."""
+    """A closed run with remarks opens without a problem; its chain is longer."""
     run = closed_run(tmp_path)
     before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
     _note(run, "fine")
     after = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
     assert after.pop("notes.jsonl")
+    assert after.pop("chain.jsonl").startswith(before.pop("chain.jsonl"))
     assert after == before
     assert open_run(run).problems == ()
 
@@ -65,12 +66,26 @@ def test_a_torn_remark_is_dropped_and_not_continued(tmp_path: Path) -> None:
     run = interrupted_run(tmp_path)
     _note(run, "first")
     whole = (run / "notes.jsonl").read_bytes()
+    for number, cut in enumerate((1, 2, 30), start=1):
+        with (run / "notes.jsonl").open("ab") as notes:
+            notes.write(whole[:-cut])
+        assert len(read_annotations(run).revisions) == number
+        said = _note(run, "next")
+        assert [note.text for note in said.revisions] == ["first", *["next"] * number]
+
+
+def test_without_a_chain_a_remark_that_lacks_its_newline_is_kept(tmp_path: Path) -> None:
+    """In a record of an earlier labrig only the newline of the last remark may be lost; nothing else is taken in."""
+    run = without_chain(closed_run(tmp_path))
+    _note(run, "first")
+    whole = (run / "notes.jsonl").read_bytes()
     for cut in (1, 2, 30):
         (run / "notes.jsonl").write_bytes(whole + whole[:-cut])
         annotations = _note(run, "second")
         assert [note.text for note in annotations.revisions] == (
             ["first", "first", "second"] if cut == 1 else ["first", "second"]
         )
+    assert not (run / "chain.jsonl").exists()
 
 
 def test_a_flipped_bit_is_named(tmp_path: Path) -> None:

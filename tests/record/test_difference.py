@@ -8,9 +8,8 @@ import pytest
 from labrig.errors import RecordError
 from labrig.record.difference import Difference, compare_runs
 from labrig.record.json_lines import encode_document
-from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
-from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, closed_run
+from tests.record.runs import ENDED, PROTOCOL_YAML, STARTED, add_result, closed_run
 
 
 def test_equal_runs_do_not_differ(tmp_path: Path) -> None:
@@ -32,10 +31,7 @@ def test_every_section_is_compared(tmp_path: Path) -> None:
     (b / "protocol.yaml").write_text((b / "protocol.yaml").read_text().replace("1.2", "1.3"))
     (b / "calibration" / "intrinsics.json").write_text('{"fx": 1.5}')
     for run, radius_mm in ((a, 27.0), (b, 28.0)):
-        folder = open_run(run).new_result_dir()
-        (folder / "result.json").write_bytes(
-            encode_document({"created": run.name, "specimens": [{"n": 2, "r_mm": radius_mm}]})
-        )
+        add_result(run, encode_document({"created": run.name, "specimens": [{"n": 2, "r_mm": radius_mm}]}))
     assert compare_runs(a, b) == (
         Difference("run", "seed", 7, 8),
         Difference("protocol", "needle.diameter_mm", 1.2, 1.3),

@@ -18,7 +18,7 @@ from labrig.record.pictures import Store
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from tests.record.faults import flip_bit
-from tests.record.runs import begin, closed_run, interrupted_run, picture
+from tests.record.runs import add_result, begin, closed_run, interrupted_run, picture
 
 RAW_FILES = [
     "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json", "frames.jsonl",
@@ -356,6 +356,7 @@ def test_results_are_numbered_and_never_overwritten(tmp_path: Path) -> None:
     first, second = run.new_result_dir(), run.new_result_dir()
     assert [first.name, second.name] == ["001", "002"]
     (first / "result.json").write_bytes(encode_document({"n": 1}))
+    run.seal_result(first, "2026-03-02T10:00:00+00:00")
     assert run.latest_result() == {"n": 1}
     (run.path / "analysis" / "017").mkdir()
     assert run.new_result_dir().name == "018"
@@ -366,7 +367,7 @@ def test_results_are_numbered_and_never_overwritten(tmp_path: Path) -> None:
 def test_a_damaged_result_is_named(tmp_path: Path, text: str) -> None:
     """A result that is no JSON object is refused with its path and what to do."""
     run = open_run(closed_run(tmp_path))
-    (run.new_result_dir() / "result.json").write_text(text)
+    add_result(run.path, text.encode())
     with pytest.raises(RecordError, match=r"001/result\.json is damaged"):
         run.latest_result()
 

@@ -27,6 +27,7 @@ def test_the_layout_is_there_from_the_start(tmp_path: Path) -> None:
     assert names == {
         ".lock", ".reserve", "manifest.json", "protocol.yaml", "rig.yaml", "calibration/intrinsics.json",
         "calibration/plane.json", "frames.jsonl", "states.jsonl", "events.jsonl",
+        "chain.jsonl",
     }  # fmt: skip
     manifest = json.loads((recorder.path / "manifest.json").read_text())
     assert manifest["exit_status"] == "incomplete"
@@ -64,12 +65,12 @@ def test_closing_says_how_it_ended(tmp_path: Path) -> None:
 
 
 def test_the_sums_are_those_of_sha256sum(tmp_path: Path) -> None:
-    """`sha256sum -c` accepts SHA256SUMS, and it covers every raw file but the manifest."""
+    """`sha256sum -c` accepts SHA256SUMS, and it covers every raw file but the manifest and the chain."""
     run = closed_run(tmp_path)
     subprocess.run(["sha256sum", "--check", "--strict", "--quiet", "SHA256SUMS"], cwd=run, check=True)
     listed = {line.split("  ")[1] for line in (run / "SHA256SUMS").read_text().splitlines()}
     present = {str(path.relative_to(run)) for path in run.rglob("*") if path.is_file()}
-    assert listed == present - {"manifest.json", "SHA256SUMS"}
+    assert listed == present - {"manifest.json", "SHA256SUMS", "chain.jsonl"}
 
 
 def test_equal_calls_give_equal_bytes(tmp_path: Path) -> None:

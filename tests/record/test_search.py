@@ -11,18 +11,16 @@ import pytest
 from labrig.errors import InputError
 from labrig.record.annotations import note_on_run
 from labrig.record.json_lines import encode_document
-from labrig.record.reader import open_run
 from labrig.record.run_index import INDEX_FILE
 from labrig.record.search import find_runs
-from tests.record.runs import ENDED, closed_run
+from tests.record.runs import ENDED, add_result, closed_run, without_chain
 
 
 def test_runs_are_found_by_manifest_protocol_result_and_notes(tmp_path: Path) -> None:
     """A condition may name any value of a run; what it is sorted by comes with it."""
     for seed in (3, 1, 2):
         run = closed_run(tmp_path, f"run {seed}", seed=seed, operator="Chen")
-        result = open_run(run).new_result_dir()
-        (result / "result.json").write_bytes(encode_document({"mean_radius_mm": 27.0 + seed / 10}))
+        add_result(run, encode_document({"mean_radius_mm": 27.0 + seed / 10}))
     note_on_run(tmp_path / "run 2", "cloudy gel", revises=None, by="Chen", at=ENDED)
     found = find_runs(tmp_path, "operator=Chen and diameter_mm=1.2 and seed>1", "mean_radius_mm")
     assert [(run.summary.run.name, run.fields["mean_radius_mm"]) for run in found] == [
@@ -41,8 +39,7 @@ def test_a_new_result_is_found_at_once(tmp_path: Path) -> None:
     """The numbers of the newest result count, also when it was made after the index."""
     run = closed_run(tmp_path)
     for radius_mm in (27.0, 28.0):
-        folder = open_run(run).new_result_dir()
-        (folder / "result.json").write_bytes(encode_document({"mean_radius_mm": radius_mm}))
+        add_result(run, encode_document({"mean_radius_mm": radius_mm}))
         assert len(find_runs(tmp_path, f"mean_radius_mm={radius_mm}")) == 1
 
 
@@ -95,8 +92,7 @@ def test_the_index_forgets_the_fields_of_runs_that_are_gone(tmp_path: Path) -> N
     """A run that was removed, and the fields that a run has no more, leave nothing behind."""
     for name in ("one", "two"):
         closed_run(tmp_path, name)
-    result = open_run(tmp_path / "one").new_result_dir()
-    (result / "result.json").write_bytes(encode_document({"mean_radius_mm": 27.0}))
+    result = add_result(without_chain(tmp_path / "one"), encode_document({"mean_radius_mm": 27.0}))
     assert len(find_runs(tmp_path, "seed=7")) == 2
     shutil.rmtree(tmp_path / "two")
     shutil.rmtree(result)
@@ -140,7 +136,7 @@ def test_long_lists_of_a_result_do_not_hide_the_rest_of_it(tmp_path: Path) -> No
     """What stands before and behind the measurements of a result is found; they themselves are not searched."""
     result = {"n": 3, "measurements": [{"score": 1.5}, {"score": 2.5}], "mean_radius_mm": 27.0}
     for name, content in (("indented", encode_document(result)), ("compact", json.dumps(result).encode())):
-        (open_run(closed_run(tmp_path, name)).new_result_dir() / "result.json").write_bytes(content)
+        add_result(closed_run(tmp_path, name), content)
     assert len(find_runs(tmp_path, "n=3 and mean_radius_mm=27")) == 2
     with pytest.raises(InputError, match="no run has a field 'score'"):
         find_runs(tmp_path, "score=1.5")

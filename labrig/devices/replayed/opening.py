@@ -23,7 +23,7 @@ def load_recorded_rig(run: Run) -> RigDescription:
     InputError
         When the run had no rig, or a drive or camera of it is not installed.
     RecordError
-        When its rig file is missing or was changed.
+        When its rig file is missing or was changed, or a calibration file was changed or added.
     """
     if run.rig_path is None:
         raise InputError(f"{run.path} had no rig", "it moved nothing")
@@ -39,7 +39,10 @@ def load_recorded_rig(run: Run) -> RigDescription:
     placed = description.model_copy(
         update={"calibration": calibration, "axes": description.axes.model_copy(update=axes)}
     )
-    return placed.placed_in(run.calibration_path("rig").parent)
+    placed = placed.placed_in(run.own("calibration"))
+    for name in placed.calibration_files():
+        run.calibration_path(name)  # refuses a file that was changed, or that the run did not begin with
+    return placed
 
 
 @contextmanager

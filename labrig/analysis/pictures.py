@@ -157,7 +157,7 @@ def _measure(
 ) -> Measured:
     try:
         image = picture.read()
-        masked = None if mask is None else mask.masked(Path(picture.file).name, image)
+        masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)
         return measure_curvature(image, plane, settings, masked=masked)
     except (PictureError, RecordError) as error:
         # The folder on this computer is no part of a result.

@@ -15,7 +15,7 @@ from labrig.experiments.hinge_design.study import (
     DesignOrder,
     DesignStudy,
     design_file,
-    hinge_table,
+    encode_hinge_table,
     study_design,
 )
 from labrig.record.provenance import collect_provenance
@@ -59,13 +59,15 @@ class Outputs:
             say(f"design: {self.out}")
         if self.figure is not None:
             # matplotlib takes half a second to load, and most calls draw nothing.
-            from labrig.experiments.hinge_design.figure import hinge_figure
+            from labrig.experiments.hinge_design.figure import draw_hinge_figure
 
-            picture = hinge_figure(study.cells, study.plane, self.figure.suffix.lower().removeprefix("."))
+            picture = draw_hinge_figure(
+                study.cells, study.plane, self.figure.suffix.lower().removeprefix(".")
+            )
             write_atomically(self.figure, picture)
             say(f"figure: {self.figure}")
         if self.csv is not None:
-            write_atomically(self.csv, hinge_table(study.cells, study.plane))
+            write_atomically(self.csv, encode_hinge_table(study.cells, study.plane))
             say(f"table: {self.csv}")
 
 

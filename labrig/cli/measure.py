@@ -61,7 +61,7 @@ def curvature(
 
     def measure(path: Path) -> dict[str, object]:
         image = read_picture(path)
-        masked = None if not_needle is None else not_needle.masked(path.name, image)
+        masked = None if not_needle is None else not_needle.find_masked(path.name, image)
         return measure_curvature(image, mapping, settings, masked=masked).to_json()
 
     rows = _measure_each(images, measure, NOTHING)

@@ -24,13 +24,13 @@ def plan(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when a path was found, 1 when there is none, 2 when the scenario is wrong."""
-    from labrig.experiments.insertion.scenario import load_scenario, problem_of
+    from labrig.experiments.insertion.scenario import load_scenario, make_problem
     from labrig.steering.planner import plan_path
 
     if figure is not None:
         _check_figure(figure, force)
     asked = load_scenario(scenario)
-    problem = problem_of(asked)
+    problem = make_problem(asked)
     clock = SystemClock()
     started_s = clock.now_s()
     found = plan_path(problem, asked.method)

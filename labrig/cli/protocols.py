@@ -104,13 +104,13 @@ def schema(
     as_json: AsJson = False,  # noqa: ARG001 - a schema is JSON either way
 ) -> None:
     """Print the schema, with which editors complete and check the YAML files."""
-    from labrig.experiments.declared import usable_models
+    from labrig.experiments.declared import list_usable_models
     from labrig.protocol.load import protocol_schema
     from labrig.protocol.schema import schema_text
 
     if of == "protocol":
         _report_plugin_faults(EXPERIMENTS)
-        print_line(schema_text(protocol_schema(usable_models())).rstrip())
+        print_line(schema_text(protocol_schema(list_usable_models())).rstrip())
         return
     from labrig.devices.rig_file import rig_schema
 

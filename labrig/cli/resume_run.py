@@ -31,7 +31,7 @@ from labrig.runner.conduct import Outcome, conduct_remainder
 from labrig.runner.experiment import Experiment
 from labrig.runner.plan import estimate_disk_bytes
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import recorded_path
+from labrig.runner.withdrawal import read_needle_path
 
 _NOT_THE_RIG = ("faults",)
 """Keys of a rig file that do not describe the rig: faults are scripted for one session of a simulated rig."""
@@ -109,7 +109,7 @@ def _suggest_alternative(run: Run, experiment: Experiment) -> str:
     if not devices:
         return "import the folder again, or close the run as it stands: labrig runs check --repair"
     simulated = isinstance(devices, Mapping) and devices.get("kind") == "simulated"
-    if simulated or not experiment.puts_needle_in_tissue or not recorded_path(run):
+    if simulated or not experiment.puts_needle_in_tissue or not read_needle_path(run):
         return "run its protocol again"
     return (
         "if its needle is still in tissue, take it out along its path: "

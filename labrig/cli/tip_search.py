@@ -44,7 +44,7 @@ def search_tip(path: Path, plane: PlaneMap, search: TipSearch) -> dict[str, obje
         near_px=search.near_px,
         heading_rad=heading_rad,
         region_px=search.region_px,
-        mask=None if search.mask is None else search.mask.masked(path.name, image),
+        mask=None if search.mask is None else search.mask.find_masked(path.name, image),
     )
     tip_mm = None if fix.tip_px is None else plane.to_mm(np.array([fix.tip_px]))[0].tolist()
     return {**fix.to_json(), "tip_mm": tip_mm}

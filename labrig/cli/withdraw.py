@@ -25,7 +25,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.conduct import Outcome, conduct_withdrawal
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import recorded_path
+from labrig.runner.withdrawal import read_needle_path
 
 
 def withdraw_and_print(
@@ -54,7 +54,7 @@ def withdraw_and_print(
     description = load_rig(find_rig_file(rig))
     remark_on_yes(description, yes=yes)
     left = _open_run_with_needle(description, run, runs_dir)
-    path = recorded_path(left)
+    path = read_needle_path(left)
     if not path:
         raise InputError(
             f"{left.path} holds no path: its needle was out, or nothing had moved",

@@ -212,11 +212,11 @@ def open_can(description: CanDescription, clock: Clock) -> CanLink:
             **(_OPTIONS.get(description.interface, {}) | description.options),
         )
     except OPENING_FAILURES as error:
-        raise BusError(f"CAN interface {where} cannot be opened: {error}", _hint(description)) from error
+        raise BusError(f"CAN interface {where} cannot be opened: {error}", _make_hint(description)) from error
     return CanLink(network, clock, description.answer_timeout_ms / 1000)
 
 
-def _hint(description: CanDescription) -> str:
+def _make_hint(description: CanDescription) -> str:
     if description.interface == "socketcan":
         channel = description.channel or "can0"
         return (

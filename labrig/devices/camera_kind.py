@@ -72,7 +72,7 @@ class CameraKind(Generic[Section]):
         if frame.t_bound_s is not None:
             value = f"known within {1000 * frame.t_bound_s:.0f} ms, {frame.t_bound_s:.2f} mm at 1 mm/s"
             yield CheckResult("camera time", CheckStatus.PASS, value)
-        yield rate_result(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
+        yield check_rate(camera.measure_rate_hz(_RATE_PICTURES), section.rate_hz)
 
 
 def find_camera_kind(name: str) -> CameraKind[Any]:
@@ -88,7 +88,7 @@ def find_camera_kind(name: str) -> CameraKind[Any]:
     return find_plugin(CAMERAS, name).load_as(CameraKind)
 
 
-def rate_result(measured_hz: float | None, asked_hz: float) -> CheckResult:
+def check_rate(measured_hz: float | None, asked_hz: float) -> CheckResult:
     """Compare the measured rate of the camera with the requested one."""
     check = "camera rate"
     if measured_hz is None:

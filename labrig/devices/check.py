@@ -17,7 +17,7 @@ from labrig.devices.clocks import SystemClock
 from labrig.devices.control import find_owner
 from labrig.devices.drive import find_drive_kind
 from labrig.devices.hardware import Hardware, make_hardware
-from labrig.devices.motion_log import last_motion, motion_log_path
+from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
 from labrig.errors import InputError, LabrigError, OutputExistsError
@@ -52,22 +52,28 @@ def check_rig(rig: RigDescription) -> list[CheckResult]:
         solution = "wait until it has ended, or: labrig devices stop --rig FILE"
         results.append(CheckResult("rig", CheckStatus.WARN, value, solution))
     else:
-        results += _device_results(rig)
+        results += _check_devices(rig)
     now = SystemClock().utc()
-    return [*results, *check_calibration(rig, now), _disk_result(), _state_result(rig), *_motion_results(rig)]
+    return [
+        *results,
+        *check_calibration(rig, now),
+        _check_disk(),
+        _check_state(rig),
+        *_check_last_motion(rig),
+    ]
 
 
-def _device_results(rig: RigDescription) -> list[CheckResult]:
+def _check_devices(rig: RigDescription) -> list[CheckResult]:
     try:
         hardware = make_hardware(rig, seed=0)
     except LabrigError as error:
         return [failed("rig", error)]
     with ExitStack() as stack:
         stack.callback(hardware.close)
-        return [*_bus_results(rig, hardware, stack), *_camera_results(rig, hardware, stack)]
+        return [*_check_bus(rig, hardware, stack), *_check_camera(rig, hardware, stack)]
 
 
-def _bus_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
+def _check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
     where = f"{rig.can.interface} {rig.can.channel}".strip()
     try:
         link = hardware.open_link()
@@ -83,7 +89,7 @@ def _bus_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> I
         yield from find_drive_kind(axis.driver).check(link, axis, name, hardware.clock, rig.can.heartbeat)
 
 
-def _camera_results(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
+def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
     try:
         source = hardware.open_source()
         stack.callback(source.close)
@@ -116,23 +122,23 @@ def check_calibration(rig: RigDescription, now: datetime | None = None) -> Itera
 
     for name, describe in (("intrinsics.json", lens), ("plane.json", plane)):
         which, path = name.removesuffix(".json"), paths.get(name)
-        result = _calibration_result(which, path, describe)
+        result = _check_calibration_file(which, path, describe)
         yield result
         if now is not None and path is not None and result.status is CheckStatus.PASS:
-            yield _age_result(which, path, now, moves=rig.kind != ONLY_SIMULATED)
+            yield _check_age(which, path, now, moves=rig.kind != ONLY_SIMULATED)
     for path in rig.mask_paths().values():
-        yield _calibration_result("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
+        yield _check_calibration_file("mask", path, partial(_describe_mask, rig), _DRAW_MASK)
 
 
 def _describe_mask(rig: RigDescription, path: Path) -> str:
     """Return the share of the camera's picture that a mask excludes."""
     size = (rig.camera.height_px, rig.camera.width_px)
-    masked = load_mask(path).masked("", np.zeros(size, np.uint8))
+    masked = load_mask(path).find_masked("", np.zeros(size, np.uint8))
     share = 0.0 if masked is None else 100.0 * float(masked.mean())
     return f"{path.name}: {share:.1f} % of the picture is not the needle"
 
 
-def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
+def _check_age(which: str, path: Path, now: datetime, *, moves: bool) -> CheckResult:
     """Check the age of a calibration; on a bench the camera is touched sooner or later."""
     check, again = f"calibration {which} age", "calibrate again where the camera or its lens has been touched"
     made = read_creation_time(path)
@@ -148,7 +154,7 @@ def _age_result(which: str, path: Path, now: datetime, *, moves: bool) -> CheckR
     )
 
 
-def _calibration_result(
+def _check_calibration_file(
     which: str, path: Path | None, describe: Callable[[Path], str], solution: str = _CALIBRATE
 ) -> CheckResult:
     check = f"calibration {which}"
@@ -175,7 +181,7 @@ def _require_usable(rig: RigDescription, found: Intrinsics | PlaneMap) -> None:
         )
 
 
-def _disk_result() -> CheckResult:
+def _check_disk() -> CheckResult:
     free = shutil.disk_usage(Path.cwd()).free
     status = (
         CheckStatus.FAIL
@@ -189,7 +195,7 @@ def _disk_result() -> CheckResult:
     )
 
 
-def _state_result(rig: RigDescription) -> CheckResult:
+def _check_state(rig: RigDescription) -> CheckResult:
     if rig.state_path is not None:
         try:
             require_own_state(rig.state_path)
@@ -202,9 +208,9 @@ def _state_result(rig: RigDescription) -> CheckResult:
     return CheckResult("rig state", status, state.doubt, state.way_out)
 
 
-def _motion_results(rig: RigDescription) -> Iterator[CheckResult]:
+def _check_last_motion(rig: RigDescription) -> Iterator[CheckResult]:
     """Yield the last homing or jog, for a person who returns to a bench."""
-    last = None if rig.state_path is None else last_motion(rig.state_path)
+    last = None if rig.state_path is None else read_last_motion(rig.state_path)
     if rig.state_path is None or last is None:
         return
     position = last["position"]

@@ -23,14 +23,14 @@ class CommandFormatter:
     def __call__(self, can_id: int, data: bytes) -> str:
         """Return a frame as a phrase."""
         if 0x600 < can_id < 0x680:
-            return self._question(can_id - 0x600, data)
+            return self._describe_question(can_id - 0x600, data)
         if can_id == 0x080:
             return "SYNC"
         if can_id == 0 and len(data) == 2:
             return f"NMT command 0x{data[0]:02X} to node {data[1]}"
         return f"CAN frame {can_id:03X}#{data.hex().upper()}"
 
-    def _question(self, node: int, data: bytes) -> str:
+    def _describe_question(self, node: int, data: bytes) -> str:
         name, axis = self._axes.get(node, (f"node {node}", None))
         index, subindex = int.from_bytes(data[1:3], "little"), data[3]
         entry = None if axis is None else find_drive_kind(axis.driver).find_object(axis, index, subindex)
@@ -40,10 +40,10 @@ class CommandFormatter:
         if data[0] == 0x40:
             return f"{what} is read"
         value = entry.unpack(data[4:])
-        return f"{what} = {value}{_in_units(axis, entry, value)}"
+        return f"{what} = {value}{_format_in_units(axis, entry, value)}"
 
 
-def _in_units(axis: AxisDescription, entry: Entry, value: int) -> str:
+def _format_in_units(axis: AxisDescription, entry: Entry, value: int) -> str:
     if entry not in _POSITIONS:
         return ""
     return f" {axis.count_unit}, {axis.scale().to_position(value):.4f} {axis.unit}"

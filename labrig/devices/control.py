@@ -129,20 +129,20 @@ def acquire_rig(rig: RigDescription, doing: str) -> Iterator[StopRequests | None
     if rig.can.interface != ONLY_SIMULATED:
         make_private_folder(_find_lock_folder())
     with ExitStack() as stack:
-        for path in lock_paths(rig):
+        for path in find_lock_paths(rig):
             stack.enter_context(_hold_lock(rig, path, doing))
         stack.callback(_claim_bus(rig).release)
         if rig.state_path is None:
             yield None
             return
-        requests = StopRequests(_beside(rig.state_path, _SOCKET), doing)
+        requests = StopRequests(_append_ending(rig.state_path, _SOCKET), doing)
         stack.callback(requests.close)
         yield requests
 
 
-def lock_paths(rig: RigDescription) -> tuple[Path, ...]:
+def find_lock_paths(rig: RigDescription) -> tuple[Path, ...]:
     """Return the lock of the rig's state and that of its bus; none for a rig new in every run."""
-    own = () if rig.state_path is None else (_beside(rig.state_path, ".lock"),)
+    own = () if rig.state_path is None else (_append_ending(rig.state_path, ".lock"),)
     bus = _name_bus(rig)
     return (*own, _find_lock_folder() / f"{bus}.lock") if bus else own
 
@@ -175,7 +175,7 @@ def _claim_bus(rig: RigDescription) -> NameClaim:
 
 def find_owner(rig: RigDescription) -> str:
     """Return who uses a rig or its bus now; empty if nobody does."""
-    owners = (read_lock_owner(path) for path in lock_paths(rig))
+    owners = (read_lock_owner(path) for path in find_lock_paths(rig))
     found = next((str(owner) for owner in owners if owner is not None), "")
     name = _name_bus(rig)
     claimant = find_claimant(_CLAIM + name) if name and not found else ""
@@ -206,7 +206,7 @@ def _find_lock_folder() -> Path:
     )
 
 
-def _beside(path: Path, ending: str) -> Path:
+def _append_ending(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
 
 
@@ -234,7 +234,7 @@ def ask_to_stop(rig: RigDescription) -> Reply | None:
     Reply or None
         None if nobody listens. One that hangs gets a second, one that is stopping gets ten.
     """
-    caller = None if rig.state_path is None else connect(_beside(rig.state_path, _SOCKET))
+    caller = None if rig.state_path is None else connect(_append_ending(rig.state_path, _SOCKET))
     if caller is None:
         return None
     try:

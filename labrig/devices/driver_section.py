@@ -49,14 +49,14 @@ class DriverSection:
 
     def __get_pydantic_json_schema__(self, _schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         """Return the schema of a section: one of those of the installed drivers."""
-        models = {plugin.name: _model_of(plugin).__pydantic_core_schema__ for plugin in self._find_usable()}
+        models = {plugin.name: _load_model(plugin).__pydantic_core_schema__ for plugin in self._find_usable()}
         return handler(core_schema.tagged_union_schema(dict(models), _KEY))
 
     def _find_usable(self) -> Iterator[Plugin]:
         for name in find_plugins(self._group):
             try:
                 plugin = find_plugin(self._group, name)
-                _model_of(plugin)
+                _load_model(plugin)
             except InputError:
                 continue
             yield plugin
@@ -68,22 +68,22 @@ class DriverSection:
             raise PydanticCustomError("model_type", "expected a section")
         name = str(value.get(_KEY, self._default))
         try:
-            model = _model_of(find_plugin(self._group, name))
+            model = _load_model(find_plugin(self._group, name))
         except InputError as error:
             if name not in find_plugins(self._group):
                 raise PydanticCustomError("union_tag_invalid", "unknown driver") from error
             raise ConflictError((Conflict(_KEY, error.message, error.hint),)) from error
-        made: Model = _validator(name, model).validate_json(json.dumps({**value, _KEY: name}))
+        made: Model = _make_validator(name, model).validate_json(json.dumps({**value, _KEY: name}))
         return made
 
 
 @cache
-def _validator(name: str, model: type[Model]) -> SchemaValidator:
+def _make_validator(name: str, model: type[Model]) -> SchemaValidator:
     """Return the validator of the section of a driver; errors name the driver on the path to the key."""
     return SchemaValidator(core_schema.tagged_union_schema({name: model.__pydantic_core_schema__}, _KEY))
 
 
-def _model_of(plugin: Plugin) -> type[Model]:
+def _load_model(plugin: Plugin) -> type[Model]:
     kind = cast("_Kind", plugin.load())
     settings: Any = getattr(kind, "settings", None)
     if not (isinstance(settings, type) and issubclass(settings, Model)):

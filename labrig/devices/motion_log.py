@@ -27,7 +27,7 @@ def motion_log_path(state_path: Path) -> Path:
     return state_path.with_name(state_path.name + _ENDING)
 
 
-def last_motion(state_path: Path) -> dict[str, object] | None:
+def read_last_motion(state_path: Path) -> dict[str, object] | None:
     """Return the last line of a rig's log; None if there is none, or it is torn or damaged."""
     try:
         lines = read_file(motion_log_path(state_path), MAX_LOG_BYTES).splitlines()
@@ -82,7 +82,7 @@ class MotionLog:
                 "kind": kind,
                 "utc": self._utc().isoformat(timespec="seconds"),
                 "axis": axis.name,
-                "position": _position(axis),
+                "position": _read_position(axis),
                 "unit": axis.unit,
                 "referenced": axis.referenced,
                 **fields,
@@ -105,7 +105,7 @@ def _append_whole(path: Path, line: bytes) -> None:
         os.fsync(log.fileno())
 
 
-def _position(axis: Axis) -> float | None:
+def _read_position(axis: Axis) -> float | None:
     """Return the position [mm or rad], from the drive's counter without a reference; None if it does not answer."""
     try:
         return axis.read().position

@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.trapezoid import Limits, Profile, move_profile
+from labrig.devices.trapezoid import Limits, Profile, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, DriveStrayedError
 
 TIME_MARGIN_S = 0.05
@@ -112,7 +112,9 @@ def expect_move(
     if isinstance(before, InMotion) and taken[0] < before.profile.end_s + TIME_MARGIN_S:
         velocity, unsure_s = before.profile.at(begun_s)[1], ahead_s + TIME_MARGIN_S
         give = (abs(velocity) + acceleration * unsure_s) * unsure_s
-    profile = move_profile(begun_s, here, velocity, target[0], Limits(target[1], acceleration, acceleration))
+    profile = make_move_profile(
+        begun_s, here, velocity, target[0], Limits(target[1], acceleration, acceleration)
+    )
     return InMotion(profile, ahead_s, give)
 
 

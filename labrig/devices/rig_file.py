@@ -146,9 +146,9 @@ class RigDescription(Model):
         if not simulated and self.state_file is None:
             yield Conflict("state_file", "a bench needs a state_file: it must not forget a needle in tissue")
         if self.world is not None:
-            yield from self._lens_conflicts(self.world)
+            yield from self._find_lens_conflicts(self.world)
 
-    def _lens_conflicts(self, world: WorldDescription) -> Iterator[Conflict]:
+    def _find_lens_conflicts(self, world: WorldDescription) -> Iterator[Conflict]:
         size, lens = (
             (self.camera.width_px, self.camera.height_px),
             (world.lens.width_px, world.lens.height_px),

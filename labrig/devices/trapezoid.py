@@ -17,7 +17,7 @@ class Segment:
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Return (position, velocity) at a time, which is held within the segment."""
-        return self._after(min(max(t_s - self.start_s, 0.0), self.duration_s))
+        return self._evaluate(min(max(t_s - self.start_s, 0.0), self.duration_s))
 
     @property
     def end(self) -> tuple[float, float]:
@@ -26,9 +26,9 @@ class Segment:
         Not `at(start_s + duration_s)`: late on the clock a short ramp loses its last digits in that sum, and a long
         cruise at the velocity that is left would end far from where it should.
         """
-        return self._after(self.duration_s)
+        return self._evaluate(self.duration_s)
 
-    def _after(self, t: float) -> tuple[float, float]:
+    def _evaluate(self, t: float) -> tuple[float, float]:
         return (
             self.position + self.velocity * t + 0.5 * self.acceleration * t * t,
             self.velocity + self.acceleration * t,
@@ -64,15 +64,15 @@ class Profile:
         return self.end_position, 0.0
 
 
-def rest_profile(t_s: float, position: float) -> Profile:
+def make_rest_profile(t_s: float, position: float) -> Profile:
     """Return the profile that stands still."""
     return Profile((), t_s, position)
 
 
-def brake_profile(t_s: float, position: float, velocity: float, deceleration: float) -> Profile:
+def make_brake_profile(t_s: float, position: float, velocity: float, deceleration: float) -> Profile:
     """Return the profile that comes to rest as soon as the deceleration allows."""
     duration = abs(velocity) / deceleration
-    return _chain(t_s, position, velocity, [(duration, -math.copysign(deceleration, velocity))], None)
+    return _join_phases(t_s, position, velocity, [(duration, -math.copysign(deceleration, velocity))], None)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Limits:
     deceleration: float
 
 
-def move_profile(t_s: float, position: float, velocity: float, target: float, limits: Limits) -> Profile:
+def make_move_profile(t_s: float, position: float, velocity: float, target: float, limits: Limits) -> Profile:
     """Return the fastest profile to a target within limits.
 
     Parameters
@@ -99,24 +99,26 @@ def move_profile(t_s: float, position: float, velocity: float, target: float, li
     away = target - position
     stopping = velocity * abs(velocity) / (2 * limits.deceleration)
     if velocity * away < 0 or abs(stopping) > abs(away):
-        first = brake_profile(t_s, position, velocity, limits.deceleration)
-        rest = move_profile(first.end_s, first.end_position, 0.0, target, limits)
+        first = make_brake_profile(t_s, position, velocity, limits.deceleration)
+        rest = make_move_profile(first.end_s, first.end_position, 0.0, target, limits)
         return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
     direction = math.copysign(1.0, away)
-    phases = _phases(abs(away), abs(velocity), limits)
-    return _chain(t_s, position, velocity, [(duration, direction * a) for duration, a in phases], target)
+    phases = _plan_phases(abs(away), abs(velocity), limits)
+    return _join_phases(
+        t_s, position, velocity, [(duration, direction * a) for duration, a in phases], target
+    )
 
 
-def run_profile(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
+def make_run_profile(t_s: float, position: float, velocity: float, speed: float, limits: Limits) -> Profile:
     """Return the profile that changes to a velocity, `speed` with its sign, and keeps it for ever.
 
     It ends at infinity; its last segment starts when the velocity is reached.
     """
     if speed == 0.0:
-        return brake_profile(t_s, position, velocity, limits.deceleration)
+        return make_brake_profile(t_s, position, velocity, limits.deceleration)
     if velocity * speed < 0:
-        first = brake_profile(t_s, position, velocity, limits.deceleration)
-        rest = run_profile(first.end_s, first.end_position, 0.0, speed, limits)
+        first = make_brake_profile(t_s, position, velocity, limits.deceleration)
+        rest = make_run_profile(first.end_s, first.end_position, 0.0, speed, limits)
         return Profile(first.segments + rest.segments, rest.end_s, rest.end_position)
     faster = abs(speed) >= abs(velocity)
     rate = math.copysign(limits.acceleration if faster else limits.deceleration, speed - velocity)
@@ -126,7 +128,7 @@ def run_profile(t_s: float, position: float, velocity: float, speed: float, limi
     return Profile((ramp, cruise), math.inf, math.copysign(math.inf, speed))
 
 
-def _phases(distance: float, velocity: float, limits: Limits) -> list[tuple[float, float]]:
+def _plan_phases(distance: float, velocity: float, limits: Limits) -> list[tuple[float, float]]:
     """Return (duration, acceleration) of speeding up (or down to the limit), cruising and braking."""
     up, down = limits.acceleration, limits.deceleration
     peak = min(limits.speed, math.sqrt((2 * up * down * distance + down * velocity**2) / (up + down)))
@@ -136,7 +138,7 @@ def _phases(distance: float, velocity: float, limits: Limits) -> list[tuple[floa
     return [((peak - velocity) / rate, rate), (cruise_s, 0.0), (peak / down, -down)]
 
 
-def _chain(
+def _join_phases(
     t_s: float, position: float, velocity: float, phases: list[tuple[float, float]], target: float | None
 ) -> Profile:
     """Join phases into a profile; `target` replaces the end, which rounding leaves a hair beside it."""

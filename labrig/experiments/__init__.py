@@ -1,6 +1,6 @@
 """experiments: a folder for each experiment, and the registry that finds them.
 
-An experiment's `__init__.py` is a declaration: its name, its title, and where each of its parts stands. The parts are
+An experiment's `__init__.py` is a declaration: its name, its title, and the place of each of its parts. The parts are
 `protocol.py` (its model), `procedure.py` (what it does on a rig), `events.py` (what it writes), `analysis.py` (run ->
 result), `result.py` (the result's model and tables) and `page.py` with its template. The registry reads declarations
 from the entry-point group `labrig.experiments`, labrig's own and those of other packages alike, and imports a part
@@ -10,7 +10,7 @@ What computes never reaches what moves: `analysis`, `page`, `result`, `events` a
 nor `devices` nor a procedure. No experiment imports another; what two share stands in `shared/` or in a room below.
 
 - `steerability`: section V-B of the paper, insertions without turning the bevel, gel by gel
-- `insertion`: section V-C, to a target between obstacles, the tip seen and the path planned anew
+- `insertion`: section V-C, steering to a target between obstacles, with feedback from the camera
 - `roll_zero`: which roll of the rotation axis bends the needle towards -y
 - `camera_calibration`: the lens by a chessboard (Zhang 1999), the steering plane by graph paper
 - `hinge_design`: section III, what to cut for a radius; moves nothing

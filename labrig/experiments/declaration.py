@@ -14,14 +14,14 @@ PARTS = ("protocol", "result", "plan", "analyze", "page", "summary", "view", "co
 
 @dataclass(frozen=True)
 class ExperimentDeclaration:
-    """An experiment's name, title, and where its parts stand: `package.module:name` each.
+    """An experiment's name, title, and the places of its parts, each as `package.module:name`.
 
     Attributes
     ----------
     name : str
-        What a protocol file has behind `experiment:`; the entry point has the same.
+        The value of `experiment:` in a protocol file; also the name of the entry point.
     title : str
-        What it is called in a report.
+        Its name in a report.
     protocol, result : str
         Its models: a subclass of `labrig.protocol.ExperimentProtocol` and one of `labrig.analysis.Result`.
     plan : str
@@ -35,19 +35,19 @@ class ExperimentDeclaration:
     summary : str
         `summarise(document) -> Summary`.
     resume : str or None
-        `resume(protocol, run) -> Remainder`; None where an interrupted run is not continued.
+        `resume(protocol, run) -> Remainder`; None if an interrupted run cannot be continued.
     view : str
-        `view(run, result) -> View`; by default the record alone is shown.
+        `view(run, result) -> View`; by default only the record is shown.
     compare : str
-        `compare(old, new) -> ResultComparison`; by default numbers are all that a reanalysis can change.
+        `compare(old, new) -> ResultComparison`; by default a reanalysis changes only numbers.
     reanalysis_keys : tuple of str
         Sections of the protocol that a reanalysis may change.
     puts_needle_in_tissue : bool
-        Whether a needle may be in tissue where a run of it was cut short.
+        Whether a needle may be in tissue when a run of it ends early.
     counts : str
-        What its analysis counts while it goes on: pictures, hinges.
+        What the progress of its analysis counts: pictures, hinges.
     interface : int
-        Version of the interface that it is written for.
+        The version of the interface that it was written for.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class ExperimentDeclaration:
     interface: int = INTERFACE
 
     def __post_init__(self) -> None:
-        """Refuse a part that is written in another way."""
+        """Refuse a part that is not written as `package.module:name`."""
         for name in PARTS:
             part = getattr(self, name)
             if part is None and name in _OPTIONAL:

@@ -1,4 +1,4 @@
-"""What the experiments of installed packages declare: read without importing a procedure, an analysis or a page."""
+"""The declarations of installed experiments, read without importing a procedure, an analysis or a page."""
 
 import importlib
 import symtable
@@ -16,14 +16,14 @@ from labrig.protocol.sections import ExperimentProtocol
 
 @dataclass(frozen=True)
 class DeclaredExperiment:
-    """An experiment of an installed package: what it says of itself, and its parts by name."""
+    """An experiment of an installed package: its declaration, and its parts by name."""
 
     plugin: Plugin
     declaration: ExperimentDeclaration
 
     @property
     def name(self) -> str:
-        """What a protocol file has behind `experiment:`."""
+        """The value of `experiment:` in a protocol file."""
         return self.declaration.name
 
     @property
@@ -33,7 +33,7 @@ class DeclaredExperiment:
         return model
 
     def part(self, name: str) -> Any:
-        """Import a part; a declaration that names none is refused, and so is a name that leads nowhere."""
+        """Import a part; refuse a part that is not declared, or that does not exist."""
         where = getattr(self.declaration, name)
         if where is None:
             raise InputError(f"the experiment {self.name} has no {name}", "it moves no rig, or ends as it is")
@@ -47,9 +47,9 @@ class DeclaredExperiment:
             ) from error
 
     def require_parts(self) -> None:
-        """Refuse a declaration that names a part which is not there, before anything moves.
+        """Refuse a declaration with a part that does not exist, before anything moves.
 
-        Modules are read; one is imported only where its text leaves a doubt, so that no page is imported in advance.
+        The source of a module is read; it is imported only if that is inconclusive, so that no page is imported early.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class DeclaredExperiment:
 
 
 def _is_defined(where: str) -> bool:
-    """Tell whether the text of a module gives a value to a name of it."""
+    """Return whether the source of a module defines a name."""
     module, _, attribute = where.partition(":")
     try:
         spec = find_spec(module)
@@ -86,9 +86,9 @@ def find_declared(name: str) -> DeclaredExperiment:
     InputError
         When no installed package has it, or several have.
     PluginError
-        When its declaration cannot be imported or is none.
+        When its declaration cannot be imported or is not one.
     MachineError
-        When labrig's own are missing.
+        When labrig's own experiments are missing.
     """
     plugin = find_plugin(EXPERIMENTS, name)
     declaration = plugin.load()
@@ -101,7 +101,7 @@ def find_declared(name: str) -> DeclaredExperiment:
 
 
 class ProtocolModels(Mapping[str, type[ExperimentProtocol]]):
-    """The model of each experiment's protocol, imported when it is asked for."""
+    """The model of each experiment's protocol, imported on first use."""
 
     def __getitem__(self, name: str) -> type[ExperimentProtocol]:
         if name not in find_plugins(EXPERIMENTS):
@@ -122,8 +122,8 @@ PROTOCOL_MODELS = ProtocolModels()
 """Of every experiment that is installed."""
 
 
-def usable_models() -> dict[str, type[ExperimentProtocol]]:
-    """Return the model of each installed experiment that can be imported and that one package alone claims."""
+def list_usable_models() -> dict[str, type[ExperimentProtocol]]:
+    """Return the model of each installed experiment that can be imported and that only one package claims."""
     models = {}
     for name in PROTOCOL_MODELS:
         try:

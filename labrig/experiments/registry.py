@@ -1,4 +1,4 @@
-"""Finds experiments by name, with what a run, an analysis and a report ask of them."""
+"""Finds experiments by name, and the protocol, result and view of a run by its experiment."""
 
 from functools import cache
 
@@ -32,12 +32,12 @@ def find_experiment(name: str) -> Experiment:
 
 
 def experiment_of(run: Run) -> Experiment:
-    """Return the experiment of a run; of a withdrawal that of the run whose needle it took out.
+    """Return the experiment of a run; for a withdrawal, that of the run whose needle it withdrew.
 
     Raises
     ------
     InputError
-        When no installed package has it; names the package that made the record.
+        When no installed package has it; the message names the package that made the record.
     """
     name = str(run.protocol.get("experiment"))
     require_installed(EXPERIMENTS, name, str(run.path), run.plugin_packages)
@@ -52,13 +52,13 @@ def protocol_of(run: Run) -> ExperimentProtocol:
     RecordError
         When it is missing or was changed.
     FileFormatError
-        When this labrig no longer knows what it says.
+        When this version of labrig cannot read it.
     """
     return load_protocol(run.protocol_path, PROTOCOL_MODELS)
 
 
 def result_of(run: Run, number: int | None = None) -> AnyResult | None:
-    """Return a result of a run: the one of that number, or the newest; None where it has none.
+    """Return the result of a run with that number, or the newest; None if the run has no result.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def result_of(run: Run, number: int | None = None) -> AnyResult | None:
 
 
 def view_of(run: Run) -> View:
-    """Return what the experiment of a run adds to its rerun view.
+    """Return the additions of a run's experiment to its rerun view.
 
     Raises
     ------

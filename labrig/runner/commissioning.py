@@ -89,11 +89,11 @@ def judge_travel(name: str, axis: AxisDescription, commanded: float, measured: f
     if abs(measured - commanded) <= max(_READABLE[axis.unit], _SAME_FRACTION * abs(commanded)):
         return Finding(name, "travel", "PASS", value)
     return Finding(
-        name, "travel", "FAIL", f"{value}: the wrong lead", _lead_advice(name, axis, measured / commanded)
+        name, "travel", "FAIL", f"{value}: the wrong lead", _advise_lead(name, axis, measured / commanded)
     )
 
 
-def _lead_advice(name: str, axis: AxisDescription, ratio: float) -> str:
+def _advise_lead(name: str, axis: AxisDescription, ratio: float) -> str:
     if axis.unit == "mm" and axis.lead_mm is not None:
         key, value, said = "lead_mm", axis.lead_mm * ratio, axis.lead_mm
     else:
@@ -151,7 +151,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
         axis = open_axes[name]
         way = axis.description.homing.method if method is None else method
         rig.check_homing(name, way, needle_mounted=needle_mounted)
-        _confirm(rig, _homing_request(rig, name, way, needle_mounted=needle_mounted))
+        _confirm(rig, _make_homing_request(rig, name, way, needle_mounted=needle_mounted))
         with rig.note_motion(name, f"home by method {way}"):
             rig.home_axis(name, way, needle_mounted=needle_mounted)
         position = rig.read_states()[name].position
@@ -161,7 +161,7 @@ def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Fin
     return findings
 
 
-def _homing_request(rig: Rig, name: str, method: int, *, needle_mounted: bool) -> OperatorRequest:
+def _make_homing_request(rig: Rig, name: str, method: int, *, needle_mounted: bool) -> OperatorRequest:
     axis = rig.axis(name)
     if method == HOMING_HERE:
         return ConfirmHere(name, axis.description.homing.position, axis.unit, ZEROS[name])

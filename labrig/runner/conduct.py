@@ -68,7 +68,7 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     try:
         session.rig.stop()
     except MachineError as error:
-        outcome = _not_known_to_stand_still(outcome, error)
+        outcome = _add_failed_stop(outcome, error)
     after = session.rig.snapshot()
     try:
         session.recorder.can_frames(session.rig.take_can_frames())
@@ -79,7 +79,7 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
     )
 
 
-def _not_known_to_stand_still(outcome: Outcome, error: MachineError) -> Outcome:
+def _add_failed_stop(outcome: Outcome, error: MachineError) -> Outcome:
     """Return how a run ended that could not be stopped for certain; a fault that led to it stays its name."""
     if isinstance(outcome.error, MachineError):
         told = error.message in outcome.reason

@@ -35,7 +35,9 @@ class Speeds(Protocol):
         ...
 
 
-def insertion_moves(key: str, length_mm: float, speeds: Speeds, sheath: Sheath) -> tuple[PlannedMove, ...]:
+def plan_insertion_moves(
+    key: str, length_mm: float, speeds: Speeds, sheath: Sheath
+) -> tuple[PlannedMove, ...]:
     """Return the moves of one insertion, in order: sheath in, needle in, needle out, sheath out.
 
     Parameters
@@ -55,12 +57,12 @@ def insertion_moves(key: str, length_mm: float, speeds: Speeds, sheath: Sheath) 
     )
 
 
-def roll_move(rig: RigDescription, key: str, farthest_rad: float) -> PlannedMove:
+def plan_roll_move(rig: RigDescription, key: str, farthest_rad: float) -> PlannedMove:
     """Return the turn of the bevel that is farthest from where it stands at first, at half the axis' speed."""
     return PlannedMove(key, "rotation", 0.0, farthest_rad, rig.axes.rotation.max_speed / 2)
 
 
-def sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
+def count_sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
     """Return how many pictures and operator steps the graph paper before and after a run takes."""
     return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
 
@@ -73,7 +75,7 @@ def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
         yield Problem(f"rig {key}", problem.message, problem.hint)
 
 
-def _picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
+def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
     """Yield recorded pictures where pictures decide how real drives move."""
     if protocol.pictures_decide_motion and rig.camera.recorded and rig.kind == "bench":
         yield Problem(
@@ -100,7 +102,7 @@ def find_move_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
     """Return what a rig cannot do of an experiment that moves; it may measure in pixels, without a calibration."""
-    problems = [*find_rig_file_problems(rig), *_picture_problems(protocol, rig)]
+    problems = [*find_rig_file_problems(rig), *_find_picture_problems(protocol, rig)]
     for move in moves:
         try:
             check_axis_move(rig, move.axis, move.position, move.speed)

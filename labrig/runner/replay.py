@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labrig.devices.replayed.comparison import Comparison, ReplayDifference
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
-from labrig.devices.replayed.recording import Recording, read_recordings, recording_without_rig
+from labrig.devices.replayed.recording import Recording, make_recording_without_rig, read_recordings
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
@@ -104,7 +104,7 @@ class _Replayed:
 
 def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None:
     """Replay a run that moved nothing: only how it begins and ends is compared."""
-    recording = recording_without_rig(run)
+    recording = make_recording_without_rig(run)
     comparison = Comparison(recording)
     try:
         conduct_without_rig(experiment, ReplayedJournal(run, recording, comparison), comparison.clock)
@@ -129,9 +129,9 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
         found.first_difference = comparison.found
     except RecordEndsError as error:
         found.ended_early = error.message
-        left = None if journal is None else journal.left(besides=RunStop.kind)
+        left = None if journal is None else journal.find_next_line(besides=RunStop.kind)
         if left is not None:
-            found.first_difference = comparison.difference(left[0], left[1], "nothing")
+            found.first_difference = comparison.make_difference(left[0], left[1], "nothing")
     exact = journal is not None and journal.can_frames_are_exact()
     found.bit_exact = found.bit_exact and found.identical and recording.exact and exact
     for what, count in comparison.counts.items():
@@ -151,7 +151,7 @@ def _require_nothing_left(
     hardware: ReplayedHardware, journal: "ReplayedJournal", comparison: Comparison
 ) -> None:
     """Raise `ReplayDiffersError` where the record goes on and the procedure has ended."""
-    command, line = hardware.bus.left(), journal.left()
+    command, line = hardware.bus.find_next_command(), journal.find_next_line()
     if command is not None:
         comparison.raise_difference("command", command, "nothing")
     if line is not None:
@@ -170,9 +170,9 @@ class ReplayedJournal:
         self._t0_s = recording.span.t0_s
         self._frame = recording.first_frame
         self._can: list[tuple[float, int, bytes, str]] = []
-        self._expected = {stream: deque(self._lines_of(run, stream)) for stream in _STREAMS}
+        self._expected = {stream: deque(self._select_lines(run, stream)) for stream in _STREAMS}
 
-    def _lines_of(self, run: Run, stream: str) -> Iterable[Mapping[str, Any]]:
+    def _select_lines(self, run: Run, stream: str) -> Iterable[Mapping[str, Any]]:
         if stream == "truth":
             return [line for line in run.lines(stream) if line.get("trial") in self._recording.trials]
         return self._recording.span.of(run.lines(stream))
@@ -214,9 +214,9 @@ class ReplayedJournal:
 
     def can_frames_are_exact(self) -> bool:
         """Return whether the same CAN frames passed at the same times as in the record."""
-        return _in_microseconds(self._can) == _in_microseconds(self._recording.can_frames)
+        return _convert_to_microseconds(self._can) == _convert_to_microseconds(self._recording.can_frames)
 
-    def left(self, besides: str | None = None) -> tuple[str, str] | None:
+    def find_next_line(self, besides: str | None = None) -> tuple[str, str] | None:
         """Return the stream and the text of the next line of the record, an event of kind `besides` left out."""
         for stream, lines in self._expected.items():
             for line in lines:
@@ -241,6 +241,8 @@ class ReplayedJournal:
         self._comparison.count_same(f"{what}s" if what != "truth" else what)
 
 
-def _in_microseconds(frames: Iterable[tuple[float, int, bytes, str]]) -> list[tuple[int, int, bytes, str]]:
+def _convert_to_microseconds(
+    frames: Iterable[tuple[float, int, bytes, str]],
+) -> list[tuple[int, int, bytes, str]]:
     """Return CAN frames with times as can.log has them."""
     return [(round(t_s * 1e6), can_id, data, way) for t_s, can_id, data, way in frames]

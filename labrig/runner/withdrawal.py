@@ -37,7 +37,7 @@ SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
 """The speed of each axis at which a needle is withdrawn unless somebody says otherwise [mm/s or rad/s]."""
 
 
-def recorded_path(run: Run) -> tuple[AxisPositions, ...]:
+def read_needle_path(run: Run) -> tuple[AxisPositions, ...]:
     """Return the states of the trial in which a run ended, first to last; none when its needle was out by then.
 
     A withdrawal that did not come to its end has a record of its own; its states follow those of the run whose
@@ -49,24 +49,24 @@ def recorded_path(run: Run) -> tuple[AxisPositions, ...]:
         When a record is damaged or missing.
     """
     if run.withdraws is not None:
-        return (*recorded_path(open_run(run.path.parent / run.withdraws)), *_positions_of(run.states))
+        return (*read_needle_path(open_run(run.path.parent / run.withdraws)), *_read_positions(run.states))
     trials = run.read_trials(TrialStart, TrialStop)
     if not trials:
         # The roll zero is found before any trial. What the needle went back is not gone in again.
-        return _positions_of(run.states)
+        return _read_positions(run.states)
     if trials[-1].exit_status == "success":
         return ()
-    return _positions_of(run.states[run.states["t_s"] >= trials[-1].start.t_s])
+    return _read_positions(run.states[run.states["t_s"] >= trials[-1].start.t_s])
 
 
-def _positions_of(states: pd.DataFrame) -> tuple[AxisPositions, ...]:
+def _read_positions(states: pd.DataFrame) -> tuple[AxisPositions, ...]:
     if states.empty:
         return ()
     columns = (states["insertion_mm"], states["rotation_rad"], states["linear_mm"])
     return tuple(AxisPositions(*map(float, row)) for row in zip(*columns, strict=True))
 
 
-def reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]:
+def plan_reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]:
     """Return the moves that take needle and sheath out along the path by which they came.
 
     Parameters
@@ -80,13 +80,13 @@ def reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]:
         The needle never goes deeper. It ends flush with the sheath (0 mm), then the sheath goes to 0 mm; the bevel
         is left as it was where the needle went in.
     """
-    return tuple(_joined(_moves(path))) if path else ()
+    return tuple(_join_moves(_plan_moves(path))) if path else ()
 
 
-def _moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
+def _plan_moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
     here = path[-1]
     depth_mm, roll_rad = here.insertion_mm, here.rotation_rad
-    for positions in reversed(_in_tissue(path)):
+    for positions in reversed(_find_path_in_tissue(path)):
         if abs(positions.rotation_rad - roll_rad) <= _SAME_ROLL_RAD:
             continue
         if depth_mm - positions.insertion_mm > _SAME_DEPTH_MM:
@@ -100,7 +100,7 @@ def _moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
         yield ReverseMove("linear", 0.0)
 
 
-def _in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
+def _find_path_in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
     """Return the part of the path that the needle still lies in, its depths rising, from where it left the sheath."""
     lying: list[AxisPositions] = []
     for positions in path:
@@ -112,7 +112,7 @@ def _in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
     return lying[outside[-1] if outside else 0 :]
 
 
-def _joined(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
+def _join_moves(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
     """Make one move of those that follow each other on one axis."""
     joined: list[ReverseMove] = []
     for move in moves:
@@ -133,7 +133,7 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
     session : Session
         Every axis of its rig has a reference, or a position that a person has confirmed.
     path : sequence of Stance
-        The path so far, as `recorded_path` or the states of this trial give it.
+        The path so far, as `read_needle_path` or the states of this trial give it.
     speeds : mapping of str to float
         How fast each axis moves [mm/s or rad/s]; rounded down to what the motor's integer rpm allow.
 
@@ -145,7 +145,7 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
         The needle still counts as in tissue.
     """
     rig = session.rig
-    moves = reverse_moves((*path, axis_positions_of(rig.read_states())))
+    moves = plan_reverse_moves((*path, axis_positions_of(rig.read_states())))
     session.record(WithdrawalStart(moves=len(moves)))
     for move in moves:
         axis = rig.axis(move.axis)
@@ -166,7 +166,7 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
     run_name : str
         The run that left it.
     path : sequence of Stance
-        Its path, as `recorded_path` gives it.
+        Its path, as `read_needle_path` gives it.
     standing : Stance
         Where axes that have lost their positions are believed to stand.
 
@@ -189,12 +189,12 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
         rig.assume_positions({name: believed[name] for name in lost})
-    moves = reverse_moves((*path, axis_positions_of(rig.read_states())))
-    session.ask(ConfirmWithdrawal(tuple(_sentence(move) for move in moves)))
+    moves = plan_reverse_moves((*path, axis_positions_of(rig.read_states())))
+    session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
     rig.needle.mark_in_tissue(session.recorder.run_name)
     withdraw(session, path)
 
 
-def _sentence(move: ReverseMove) -> str:
+def _describe_move(move: ReverseMove) -> str:
     unit = "rad" if move.axis == "rotation" else "mm"
     return f"{move.axis} to {move.position:.1f} {unit}"

@@ -159,7 +159,7 @@ class CurvatureMeasurement:
             },
             "arcs": [
                 {
-                    "radius_mm": _finite(arc.radius),
+                    "radius_mm": _none_unless_finite(arc.radius),
                     "bend": "+y" if arc.curvature > 0.0 else "-y",
                     "length_mm": arc.length,
                     "curvature_per_mm": arc.curvature,
@@ -210,7 +210,7 @@ def measure_curvature(
         return CurvatureMeasurement(
             found=False,
             accepted=False,
-            reason=_sentence(refusal.message),
+            reason=_end_with_period(refusal.message),
             centre_line_mm=np.empty((0, 2)),
             centre_line_px=np.empty((0, 2)),
         )
@@ -254,7 +254,9 @@ def _fit_circle(
         length_mm = np.ptp(shaft.arc_mm[rows])
         return replace(
             located,
-            reason=_sentence(f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"),
+            reason=_end_with_period(
+                f"no circle fits the {length_mm:.1f} mm in the window: {refusal.message}"
+            ),
         )
     reason = _judge_circle(circle, points, sigma, settings)
     return replace(
@@ -393,7 +395,7 @@ def _find_bend(points: FloatArray, circle: Circle) -> Bend:
     return "+y" if ahead[1] * aside[0] - ahead[0] * aside[1] > 0.0 else "-y"
 
 
-def _sentence(message: str) -> str:
+def _end_with_period(message: str) -> str:
     return message[:1].upper() + message[1:].rstrip(".") + "."
 
 
@@ -401,5 +403,5 @@ def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _finite(value: float) -> float | None:
+def _none_unless_finite(value: float) -> float | None:
     return value if np.isfinite(value) else None

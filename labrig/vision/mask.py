@@ -66,7 +66,7 @@ class Mask:
         """Return the name under which a result keeps the file."""
         return "mask.json" if self.picture is None else f"mask{Path(self.source).suffix.lower()}"
 
-    def masked(self, name: str, image: Picture) -> BoolArray | None:
+    def find_masked(self, name: str, image: Picture) -> BoolArray | None:
         """Return which pixels (H, W) of the picture of this name are masked; None if the mask has no polygon for it.
 
         Raises
@@ -112,24 +112,24 @@ def load_mask(path: Path) -> Mask:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}", "check the path") from error
     except (ValueError, ValidationError) as error:
-        raise _malformed(path, str(error).splitlines()[0]) from error
+        raise _make_format_error(path, str(error).splitlines()[0]) from error
     for name, polygons in found.items():
         for polygon in polygons:
             if len(polygon) < _LEAST_CORNERS or not np.isfinite(polygon).all():
-                raise _malformed(
+                raise _make_format_error(
                     path,
                     f"{name!r} has a polygon of {len(polygon)} corners, or with a corner that is not finite",
                 )
             if np.abs(polygon).max() > _FARTHEST_PX:
-                raise _malformed(
+                raise _make_format_error(
                     path, f"{name!r} has a corner more than {_FARTHEST_PX} px from the picture's"
                 )
             if np.abs(polygon).max() > _FARTHEST_PX:
-                raise _malformed(path, f"{name!r} has a corner farther out than {_FARTHEST_PX} px")
+                raise _make_format_error(path, f"{name!r} has a corner farther out than {_FARTHEST_PX} px")
     return Mask(None, found, path.name, data)
 
 
-def _malformed(path: Path, what: str) -> FileFormatError:
+def _make_format_error(path: Path, what: str) -> FileFormatError:
     hint = 'polygons by picture, "*" for all: {"*": [[[0, 0], [100, 0], [100, 50]]]}'
     return FileFormatError((Problem(str(path), f"holds no polygons: {what}", hint),))
 

@@ -102,9 +102,9 @@ def load_template(path: Path) -> TipTemplate:
         found = _Document.model_validate_json(read_file(json_file))
     except FileNotFoundError as error:
         message = f"does not exist, and says where in {picture_file.name} the tip is"
-        raise _malformed(json_file, message) from error
+        raise _make_format_error(json_file, message) from error
     except OSError as error:
-        raise _malformed(json_file, f"cannot be read: {error.strerror}") from error
+        raise _make_format_error(json_file, f"cannot be read: {error.strerror}") from error
     except ValidationError as error:
         faults = tuple(
             Problem(" ".join((str(json_file), *map(str, fault["loc"]))), fault["msg"], _AGAIN)
@@ -116,8 +116,8 @@ def load_template(path: Path) -> TipTemplate:
     except PictureError as error:
         raise error.reword(f"{picture_file}: {error.message}") from error
     except InputError as error:
-        raise _malformed(json_file, error.message) from error
+        raise _make_format_error(json_file, error.message) from error
 
 
-def _malformed(file: Path, message: str) -> FileFormatError:
+def _make_format_error(file: Path, message: str) -> FileFormatError:
     return FileFormatError((Problem(str(file), message, _AGAIN),))

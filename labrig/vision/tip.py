@@ -157,7 +157,7 @@ def locate_tip(
     headings = _HEADINGS_RAD if heading_rad is None else (heading_rad,)
     views = [
         _TurnedTemplate(side, wrap_angle(heading - side.heading_rad))
-        for side in _sides(template, roll_rad)
+        for side in _list_sides(template, roll_rad)
         for heading in headings
     ]
     places = _find_places(region, views)
@@ -169,11 +169,11 @@ def locate_tip(
     # Which of several views fits best is known only after fitting all of them.
     several = len(views) > 1
     tried = [(place, _refine(region, place)) for place in (places if several else places[:1])]
-    best, fit = max(tried, key=_fitted_score)
-    others = map(_fitted_score, tried) if several else (place.score for place in places)
+    best, fit = max(tried, key=_get_fitted_score)
+    others = map(_get_fitted_score, tried) if several else (place.score for place in places)
     apart = (_is_apart(place, best) for place in places)
     rival = max((score for score, far in zip(others, apart, strict=True) if far), default=0.0)
-    reached = _fitted_score((best, fit)) if several else best.score
+    reached = _get_fitted_score((best, fit)) if several else best.score
     reason = _judge(fit, best, reached - rival, rules, predicted=heading_rad is not None)
     score, distinctness = best.score if fit is None else fit.score, reached - rival
     if fit is None or reason is not None:
@@ -201,8 +201,8 @@ class _TurnedTemplate:
         # A square keeps its size; a quarter turn exchanges the sides of an oblong.
         size = np.array([width * c + height * s, width * s + height * c]) / ((c + s) * times_smaller)
         columns, rows = (int(n) for n in np.maximum(1, np.rint(size)))
-        forth = Similarity(_middle(columns, rows), self.turn_rad, 1.0 / times_smaller).warp(
-            _middle(width, height)
+        forth = Similarity(_find_middle(columns, rows), self.turn_rad, 1.0 / times_smaller).warp(
+            _find_middle(width, height)
         )
         picture = source if times_smaller == 1 else cv2.blur(source, (times_smaller, times_smaller))
         turned = cv2.warpAffine(
@@ -378,7 +378,7 @@ def _refine(region: _Region, place: _Place) -> _RefinedPlace | None:
     )
 
 
-def _fitted_score(tried: tuple[_Place, _RefinedPlace | None]) -> float:
+def _get_fitted_score(tried: tuple[_Place, _RefinedPlace | None]) -> float:
     return 0.0 if tried[1] is None else tried[1].score
 
 
@@ -424,7 +424,7 @@ def _is_apart(place: _Place, other: _Place) -> bool:
     return math.dist(place.tip_px, other.tip_px) > reach_px
 
 
-def _sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
+def _list_sides(template: TipTemplate, roll_rad: float | None) -> tuple[TipTemplate, ...]:
     if roll_rad is None:
         return (template, template.mirrored)
     return (template if template.has_same_side(roll_rad) else template.mirrored,)
@@ -435,7 +435,7 @@ def _to_full_px(px: _Point, times: int) -> _Point:
     return (px[0] + 0.5) * times - 0.5, (px[1] + 0.5) * times - 0.5
 
 
-def _middle(columns: int, rows: int) -> _Point:
+def _find_middle(columns: int, rows: int) -> _Point:
     return (columns - 1) / 2, (rows - 1) / 2
 
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.aim import aim_of
+from labrig.experiments.insertion.aim import make_aim
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.protocol.load import load_protocol
 from labrig.simulation.description import LensDescription, WorldDescription
 from labrig.simulation.gel import Ball
@@ -75,8 +75,8 @@ def _time_cycles(seed: int) -> list[tuple[float, float, float]]:
     protocol = load_protocol(PROTOCOL, PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
     view = _make_view()
-    aim = aim_of(protocol, view.plane)
-    settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    aim = make_aim(protocol, view.plane)
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     world = _make_world(
         seed, tuple(Ball(obstacle.position_mm, obstacle.radius_mm) for obstacle in aim.obstacles)
     )

@@ -9,7 +9,7 @@ import pytest
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import open_can
 from labrig.devices.camera import Camera, Exposure, PictureSource
-from labrig.devices.camera_kind import rate_result
+from labrig.devices.camera_kind import check_rate
 from labrig.devices.can_description import CanDescription
 from labrig.devices.check import check_calibration, check_rig
 from labrig.devices.check_result import CheckResult, CheckStatus
@@ -325,7 +325,7 @@ def test_the_rate_of_the_camera_is_measured(exposure_s: float, status: CheckStat
         source = _SlowSource(opened.hardware.open_source(), opened.hardware.clock, exposure_s)
         measured = Camera(source, simulated_rig().camera, opened.hardware.clock).measure_rate_hz(3)
         assert measured == pytest.approx(1 / exposure_s, rel=1e-3)
-        assert rate_result(measured, 30.0).status is status
+        assert check_rate(measured, 30.0).status is status
 
 
 def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:

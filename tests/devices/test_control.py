@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from labrig.devices.check import check_rig
-from labrig.devices.control import acquire_rig, ask_to_stop, find_owner, lock_paths
+from labrig.devices.control import acquire_rig, ask_to_stop, find_lock_paths, find_owner
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Rig, open_rig
 from labrig.devices.rig_file import RigDescription, load_rig
@@ -55,7 +55,7 @@ def test_the_lock_of_a_killed_labrig_is_stale(tmp_path: Path) -> None:
     """A process that was killed with the rig open does not keep others out."""
     code = (
         "import os,sys;from pathlib import Path;from labrig.record.lock import FileLock\n"
-        f"FileLock(Path({str(lock_paths(_make_rig(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
+        f"FileLock(Path({str(find_lock_paths(_make_rig(tmp_path))[0])!r})).acquire('labrig run dead.yaml');os._exit(9)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
     with open_rig(_make_rig(tmp_path), seed=1, person=Person(), interrupted=Signal()):
@@ -70,9 +70,9 @@ def test_rig_files_with_the_same_bus_exclude_each_other(tmp_path: Path) -> None:
     ]
     third = load_rig(BENCH, ["state_file=third.json", "can.options.receive_own_messages=false", *others])
     elsewhere = load_rig(BENCH, ["state_file=other.json", "can.channel=can1"])
-    assert len(set(lock_paths(first)) & set(lock_paths(second)) & set(lock_paths(third))) == 1
-    assert not set(lock_paths(first)) & set(lock_paths(elsewhere))
-    assert lock_paths(simulated_rig()) == ()
+    assert len(set(find_lock_paths(first)) & set(find_lock_paths(second)) & set(find_lock_paths(third))) == 1
+    assert not set(find_lock_paths(first)) & set(find_lock_paths(elsewhere))
+    assert find_lock_paths(simulated_rig()) == ()
 
 
 def test_a_link_to_a_serial_port_is_the_same_bus(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_a_link_to_a_serial_port_is_the_same_bus(tmp_path: Path) -> None:
     (tmp_path / "ttyACM0").touch()
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
     found = [
-        lock_paths(load_rig(BENCH, ["can.interface=slcan", f"can.channel={tmp_path / name}"]))[-1]
+        find_lock_paths(load_rig(BENCH, ["can.interface=slcan", f"can.channel={tmp_path / name}"]))[-1]
         for name in ("ttyACM0", "by-id")
     ]
     assert found[0] == found[1]

@@ -68,7 +68,7 @@ def test_bus_off_is_named_and_the_drives_stop_by_themselves() -> None:
     """Nothing can be sent, so the drives miss the heartbeat."""
     with opened_rig() as opened:
         _moving(opened)
-        opened.hardware.wire.bus_off()
+        opened.hardware.wire.enter_bus_off()
         with pytest.raises(BusOffError, match="bus is off"):
             opened.rig.wait(1.0)
         drive, clock = opened.hardware.drives["insertion"], opened.hardware.clock

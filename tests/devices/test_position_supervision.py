@@ -17,13 +17,13 @@ from labrig.devices.position_supervision import (
     supervise_position,
 )
 from labrig.devices.rig import Guards
-from labrig.devices.trapezoid import Limits, move_profile
+from labrig.devices.trapezoid import Limits, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayedError
 from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
 
 AXIS = epos2_axis()
 WINDOW, LAG = AXIS.position_window, AXIS.max_following_error
-PROFILE = move_profile(1.0, 0.0, 0.0, 24.0, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
+PROFILE = make_move_profile(1.0, 0.0, 0.0, 24.0, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
 MOVE = InMotion(PROFILE, ahead_s=0.0)
 
 
@@ -121,7 +121,7 @@ def test_a_move_that_replaces_another_goes_on_from_where_the_axis_is() -> None:
     for target in (30.0, 0.0):
         here = on_profile(3.0)
         replaced = expect_move(AXIS, MOVE, here, (target, 5.0), (2.99, 3.0))
-        went = move_profile(2.995, here, 5.0, target, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
+        went = make_move_profile(2.995, here, 5.0, target, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
         for t_s in (3.0, 3.05, 3.1, 3.2, 3.5, 5.0, 20.0):
             assert judge(replaced, went.at(t_s)[0], start_s=t_s) is None
     assert replaced.profile.end_position == 0.0

@@ -77,7 +77,7 @@ def test_recorded_commands_get_recorded_answers_and_times() -> None:
     assert (bus.ask(READ_POSITION), bus.ask(TARGET)) == (POSITION, TAKEN)
     bus.clock.sleep(1.0)
     assert bus.beats == [0.15, 0.5]
-    assert bus.bus.left() is None
+    assert bus.bus.find_next_command() is None
     assert bus.comparison.counts == {"commands": 1}
 
 
@@ -118,7 +118,10 @@ def test_a_missing_command_is_a_difference() -> None:
     """A recorded command that the replay did not send is named."""
     bus = Bus()
     bus.ask(READ_STATUS)
-    assert bus.bus.left() == "insertion: target position (0x607A:00) = 320000 quadcounts, 80.0000 mm"
+    assert (
+        bus.bus.find_next_command()
+        == "insertion: target position (0x607A:00) = 320000 quadcounts, 80.0000 mm"
+    )
 
 
 @pytest.mark.parametrize(("to_the_end", "error"), [(True, ReplayDiffersError), (False, RecordEndsError)])

@@ -290,7 +290,7 @@ def test_the_wire_loses_repeats_and_delays_frames(bench: Bench) -> None:
     assert bench.frames(0x585) == []
     bench.clock.sleep(0.06)
     assert len(bench.frames(0x585)) == 1
-    bench.wire.bus_off()
+    bench.wire.enter_bus_off()
     bench.send(0x605, ask)
     assert bench.frames(0x585) == []
     bench.wire.restore()

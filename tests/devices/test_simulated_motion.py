@@ -14,7 +14,7 @@ from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import METHODS, SimulatedDrive
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.trapezoid import Limits, run_profile
+from labrig.devices.trapezoid import Limits, make_run_profile
 
 COUNTS_PER_RPM = 2000 / 60
 MECHANICS = Mechanics(
@@ -270,6 +270,6 @@ def test_the_drive_never_leaves_its_limits_by_more_than_braking(
 @given(st.floats(-1e5, 1e5), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
 def test_a_velocity_profile_attains_its_velocity(position: float, velocity: float, speed: float) -> None:
     """It starts from the present motion, keeps the acceleration limit, and holds the velocity."""
-    profile = run_profile(2.0, position, velocity, speed, Limits(1e5, 1000.0, 500.0))
+    profile = make_run_profile(2.0, position, velocity, speed, Limits(1e5, 1000.0, 500.0))
     assert profile.at(2.0)[0] == pytest.approx(position)
     assert profile.at(1e4)[1] == pytest.approx(speed, abs=1e-6)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from labrig.devices.trapezoid import Limits, brake_profile, move_profile, rest_profile
+from labrig.devices.trapezoid import Limits, make_brake_profile, make_move_profile, make_rest_profile
 
 positions = st.floats(-1e6, 1e6)
 limits = st.builds(
@@ -17,7 +17,7 @@ def test_a_profile_comes_to_rest_at_its_target(
     start: float, velocity: float, target: float, bounds: Limits
 ) -> None:
     """It ends at rest at the target, from any start."""
-    profile = move_profile(1.0, start, velocity, target, bounds)
+    profile = make_move_profile(1.0, start, velocity, target, bounds)
     assert profile.at(profile.end_s) == (target, 0.0)
     assert profile.end_s >= 1.0
 
@@ -26,7 +26,7 @@ def test_a_profile_comes_to_rest_at_its_target(
 @example(0.0, 65536.0, 0.0, Limits(1.0, 439_351.0, 1.0))
 def test_position_never_jumps(start: float, velocity: float, target: float, bounds: Limits) -> None:
     """Each segment begins where the one before it ends."""
-    profile = move_profile(0.0, start, velocity, target, bounds)
+    profile = make_move_profile(0.0, start, velocity, target, bounds)
     scale = 1 + abs(start) + abs(target) + velocity**2 / bounds.deceleration
     here = (start, velocity)
     for segment in profile.segments:
@@ -38,7 +38,7 @@ def test_position_never_jumps(start: float, velocity: float, target: float, boun
 @given(positions, positions, limits, st.floats(0, 1))
 def test_limits_hold_from_rest(start: float, target: float, bounds: Limits, part: float) -> None:
     """A motion from rest exceeds neither the speed nor the range from start to target."""
-    profile = move_profile(0.0, start, 0.0, target, bounds)
+    profile = make_move_profile(0.0, start, 0.0, target, bounds)
     position, velocity = profile.at(part * profile.end_s)
     slack = 1e-6 * (1 + abs(start) + abs(target))
     assert abs(velocity) <= bounds.speed * (1 + 1e-9)
@@ -47,7 +47,7 @@ def test_limits_hold_from_rest(start: float, target: float, bounds: Limits, part
 
 def test_a_long_move_cruises() -> None:
     """10 at speed 1 and acceleration 1 takes 1 s up, 9 s of cruise and 1 s down."""
-    profile = move_profile(0.0, 0.0, 0.0, 10.0, Limits(1.0, 1.0, 1.0))
+    profile = make_move_profile(0.0, 0.0, 0.0, 10.0, Limits(1.0, 1.0, 1.0))
     assert profile.end_s == pytest.approx(11.0)
     assert profile.at(0.5) == pytest.approx((0.125, 0.5))
     assert profile.at(5.5) == pytest.approx((5.0, 1.0))
@@ -55,10 +55,10 @@ def test_a_long_move_cruises() -> None:
 
 def test_braking_takes_the_distance_that_physics_says() -> None:
     """The distance is v^2 / 2a, in the time v / a."""
-    profile = brake_profile(2.0, 5.0, -4.0, 8.0)
+    profile = make_brake_profile(2.0, 5.0, -4.0, 8.0)
     assert (profile.end_s, profile.end_position) == pytest.approx((2.5, 4.0))
 
 
 def test_standing_still_is_a_profile() -> None:
     """A profile at rest stays at rest."""
-    assert rest_profile(3.0, 7.0).at(3.0) == rest_profile(3.0, 7.0).at(1e9) == (7.0, 0.0)
+    assert make_rest_profile(3.0, 7.0).at(3.0) == make_rest_profile(3.0, 7.0).at(1e9) == (7.0, 0.0)

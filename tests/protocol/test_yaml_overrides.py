@@ -20,7 +20,7 @@ def steerability(*overrides: str, seed: int | None = None) -> SteerabilityProtoc
     return protocol
 
 
-def problem_of(*overrides: str) -> Problem:
+def make_problem(*overrides: str) -> Problem:
     """Return the one problem that overrides make."""
     with pytest.raises(FileFormatError) as caught:
         load_protocol(STEERABILITY, PROTOCOL_MODELS, overrides)
@@ -83,7 +83,7 @@ def test_quotes_brackets_and_braces_are_yaml():
 )
 def test_a_wrong_override_is_told_like_a_wrong_file(override: str, where: str, message: str, hint: str):
     """The place is the option and its key."""
-    problem = problem_of(override)
+    problem = make_problem(override)
     assert problem.where == where
     assert message in problem.message
     assert hint in problem.hint

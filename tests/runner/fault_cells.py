@@ -33,7 +33,7 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import recorded_path
+from labrig.runner.withdrawal import read_needle_path
 from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
@@ -529,7 +529,7 @@ def _withdrawal_differences(cell: Cell, rig: Rig, run_name: str) -> Iterator[str
     recorder = Recorder.create(
         cell.folder.parent, "withdrawal", manifest, run.protocol_path.read_text(encoding="utf-8"), None, {}
     )
-    path = recorded_path(run)
+    path = read_needle_path(run)
     outcome = conduct_withdrawal(Session(rig, recorder, Told()), run_name, path, path[-1])
     if outcome.exit_status != "success" or rig.state.needle_in_tissue is not False:
         yield f"withdrawal: {outcome.reason}"

@@ -9,7 +9,7 @@ import pytest
 
 from labrig.devices.check import check_rig
 from labrig.devices.epos2 import objects as od
-from labrig.devices.motion_log import last_motion
+from labrig.devices.motion_log import read_last_motion
 from labrig.devices.operator import ConfirmFaultReset, ConfirmFree, ConfirmHere
 from labrig.devices.rig import Opening, Rig, open_rig
 from labrig.devices.rig_file import RigDescription
@@ -270,7 +270,7 @@ def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         jog(opened.rig, "linear", 2.0)
         home_axes(opened.rig, None, needle_mounted=True)
-        last = last_motion(tmp_path / "state.json")
+        last = read_last_motion(tmp_path / "state.json")
     lines = _read_log(tmp_path)
     assert [(line["kind"], line["axis"]) for line in lines] == [
         (kind, axis) for axis in ("linear", "linear", "insertion", "rotation") for kind in ("start", "end")

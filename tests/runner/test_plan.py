@@ -4,7 +4,7 @@ from pathlib import Path
 
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.steerability.procedure import trial_moves
+from labrig.experiments.steerability.procedure import list_trial_moves
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from tests.devices.rigs import BENCH, simulated_rig
@@ -59,4 +59,9 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
     assert len(run.frames) == plan.pictures
     assert abs(took_s - plan.duration_s) < 0.05 * plan.duration_s
     assert plan.trials == 1
-    assert [move.axis for move in trial_moves(protocol)] == ["linear", "insertion", "insertion", "linear"]
+    assert [move.axis for move in list_trial_moves(protocol)] == [
+        "linear",
+        "insertion",
+        "insertion",
+        "linear",
+    ]

@@ -19,7 +19,7 @@ from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
 from labrig.runner.axis_positions import AxisPositions, axis_positions_of
-from labrig.runner.withdrawal import ReverseMove, recorded_path, reverse_moves, withdraw
+from labrig.runner.withdrawal import ReverseMove, plan_reverse_moves, read_needle_path, withdraw
 from tests.runner.sessions import Bench, Watched, bench, sweep
 
 TURNED = (
@@ -34,7 +34,7 @@ TURNED = (
 
 def test_a_turn_is_undone_where_it_was_made() -> None:
     """Back to the depth of the turn, the bevel back, out, then the sheath."""
-    assert [replace(move, position=round(move.position, 2)) for move in reverse_moves(TURNED)] == [
+    assert [replace(move, position=round(move.position, 2)) for move in plan_reverse_moves(TURNED)] == [
         ReverseMove("insertion", 10),
         ReverseMove("rotation", 0),
         ReverseMove("insertion", 0),
@@ -45,18 +45,20 @@ def test_a_turn_is_undone_where_it_was_made() -> None:
 def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
     """A needle that stopped on its way out, beyond its turn, is only drawn out."""
     on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))
-    assert reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
+    assert plan_reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
 
 
 def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:
     """No path, or one that never left zero, gives no moves."""
-    assert reverse_moves(()) == reverse_moves((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0))) == ()
+    assert (
+        plan_reverse_moves(()) == plan_reverse_moves((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0))) == ()
+    )
 
 
 def test_a_turn_in_the_sheath_is_left() -> None:
     """The bevel's roll from before the needle left its sheath stays."""
     path = (AxisPositions(0, 0, 0), AxisPositions(0, 3, 0), AxisPositions(0, 3, 10), AxisPositions(20, 3, 10))
-    assert [move.axis for move in reverse_moves(path)] == ["insertion", "linear"]
+    assert [move.axis for move in plan_reverse_moves(path)] == ["insertion", "linear"]
 
 
 stances = st.builds(
@@ -70,7 +72,7 @@ stances = st.builds(
 @given(st.lists(stances, max_size=30))
 def test_a_withdrawal_never_goes_deeper(path: list[AxisPositions]) -> None:
     """Whatever the path: each insertion move goes up, the sheath moves last, and both end at zero or before it."""
-    moves = reverse_moves(path)
+    moves = plan_reverse_moves(path)
     depths = [path[-1].insertion_mm, *(m.position for m in moves if m.axis == "insertion")] if path else [0]
     assert all(after < before for before, after in pairwise(depths))
     assert depths[-1] <= 0
@@ -88,7 +90,7 @@ def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[
             AxisPositions(deeper, path[-1].rotation_rad + turn_rad, 0),
         ]
     depth_mm, roll_rad = path[-1].insertion_mm, path[-1].rotation_rad
-    for move in reverse_moves(path):
+    for move in plan_reverse_moves(path):
         if move.axis == "rotation":
             roll_rad = move.position
             continue
@@ -115,7 +117,7 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
     """The path that the record holds takes the needle out, and then it counts as out."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
-        path = recorded_path(open_run(rig.recorder.path))
+        path = read_needle_path(open_run(rig.recorder.path))
         assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
         withdraw(rig.session, path)
         positions = axis_positions_of(rig.opened.rig.read_states())

@@ -8,9 +8,9 @@ import numpy as np
 
 from labrig.devices.rig_file import load_rig
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.aim import aim_of
+from labrig.experiments.insertion.aim import make_aim
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.experiments.shared.rig_view import load_tip_view
 from labrig.protocol.load import load_protocol
 from labrig.steering.step import start_steering
@@ -25,8 +25,8 @@ def _search(off_rad: float, misses: int) -> TipSearched:
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS)
     assert isinstance(protocol, InsertionProtocol)
     view = load_tip_view(load_rig(SIMULATED))
-    aim = aim_of(protocol, view.plane)
-    state, _ = start_steering(insertion_settings(protocol, aim.target_mm, aim.obstacles))
+    aim = make_aim(protocol, view.plane)
+    state, _ = start_steering(make_insertion_settings(protocol, aim.target_mm, aim.obstacles))
     image, (y_mm, z_mm) = _picture(view)
     heading_rad = view.template.heading_rad + off_rad
     expected = np.eye(4)

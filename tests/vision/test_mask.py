@@ -36,7 +36,7 @@ def test_polygons_take_a_second_needle_away(two_needles, tmp_path, names):
     picture, polygon = two_needles
     mask = load_mask(write_json(tmp_path / "mask.json", {name: [polygon] for name in names}))
     assert "Two shafts" in measure_curvature(picture, LENS.plane_map(), SETTINGS).reason
-    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("a.png", picture))
+    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.find_masked("a.png", picture))
     assert found.accepted == (names != ["other.png"])
     if found.accepted:
         assert found.radius_mm == pytest.approx(28.0, abs=0.1)
@@ -48,12 +48,14 @@ def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
     drawn = cv2.fillPoly(np.zeros(picture.shape, np.uint8), [np.array(polygon, np.int32)], 255)
     cv2.imwrite(str(tmp_path / "mask.png"), drawn)
     mask = load_mask(tmp_path / "mask.png")
-    found = measure_curvature(picture, LENS.plane_map(), SETTINGS, masked=mask.masked("any.png", picture))
+    found = measure_curvature(
+        picture, LENS.plane_map(), SETTINGS, masked=mask.find_masked("any.png", picture)
+    )
     assert found.accepted
     assert mask.kept_name == "mask.png"
     assert mask.content == (tmp_path / "mask.png").read_bytes()
     with pytest.raises(PictureError, match=r"the mask mask\.png is for 1280 x 720"):
-        mask.masked("any.png", picture[:100])
+        mask.find_masked("any.png", picture[:100])
 
 
 def test_masked_stretch_of_the_needle_does_not_count():

@@ -111,7 +111,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         super().tick()
         if (
             self._state is DriveState.QUICK_STOP_ACTIVE
-            and self._at_rest()
+            and self._is_at_rest()
             and self._option(od.QUICK_STOP_OPTION, 2) < _STAYS_IN_QUICK_STOP
         ):
             self._change_state(0)
@@ -131,5 +131,5 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         """Return the objects whose value is computed when it is read."""
         return super().live_objects() | {
             od.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
-            od.DIGITAL_INPUTS: self._switches,
+            od.DIGITAL_INPUTS: self._read_inputs,
         }

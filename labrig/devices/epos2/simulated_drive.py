@@ -119,6 +119,6 @@ class SimulatedDrive(SimulatedCia402Drive):
                 -32768, min(32767, round(self._shaft.demand - self._shaft.actual))
             ),
             od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFF,
-            od.INPUT_STATE: self._switches,
+            od.INPUT_STATE: self._read_inputs,
             od.VELOCITY_AVERAGE: self._velocity_rpm,
         }

@@ -105,7 +105,7 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
         raise CameraError(f"{file}:1: the columns are {header}", f"expected {','.join(_COLUMNS)}")
     times_s: dict[str, float] = {}
     for number, row in enumerate(rows, start=2):
-        name, time_s = _sidecar_line(f"{file}:{number}", row)
+        name, time_s = _parse_sidecar_line(f"{file}:{number}", row)
         if name not in names or name in times_s:
             says = "is named twice" if name in times_s else "is not in the folder"
             raise CameraError(f"{file}:{number}: picture {name!r} {says}", "one line for each picture")
@@ -115,7 +115,7 @@ def read_sidecar(folder: Path, paths: Sequence[Path]) -> list[float]:
     return [times_s[path.name] for path in paths]
 
 
-def _sidecar_line(where: str, row: Sequence[str]) -> tuple[str, float]:
+def _parse_sidecar_line(where: str, row: Sequence[str]) -> tuple[str, float]:
     try:
         name, text = row
         time_s = float(text)

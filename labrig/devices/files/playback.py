@@ -89,7 +89,7 @@ class PlaybackSource:
         taken = self._pictures.take(from_s)
         if taken is None:
             raise CameraError(
-                f"the pictures have ended: {self.description}, {self.exposures} taken or skipped{self._until()}",
+                f"the pictures have ended: {self.description}, {self.exposures} taken or skipped{self._format_end()}",
                 "record more pictures, or take fewer: labrig check PROTOCOL says how many a run takes",
             )
         image, self._last_s = taken
@@ -102,7 +102,7 @@ class PlaybackSource:
             )
         return Exposure(image, self._zero_s + self._last_s, t_bound_s=0.0)
 
-    def _until(self) -> str:
+    def _format_end(self) -> str:
         return "" if self._last_s is None else f", the last one taken at {self._last_s:.3f} s"
 
     def close(self) -> None:

@@ -127,9 +127,9 @@ class StreamSource:
         asked_s, asked_rig_s = self._monotonic_s(), self._clock.now_s()
         with self._changed:
             self._changed.wait_for(
-                lambda: self._is_over or self._newest_since(asked_s) is not None, self._timeout_s
+                lambda: self._is_over or self._find_newest_since(asked_s) is not None, self._timeout_s
             )
-            found, is_over = self._newest_since(asked_s), self._is_over
+            found, is_over = self._find_newest_since(asked_s), self._is_over
         if found is None:
             how = "has ended" if is_over else f"gave no picture within {self._timeout_s:g} s"
             raise CameraError(f"{self.description}: it {how}, after {self.exposures}", "check the sender")
@@ -138,7 +138,7 @@ class StreamSource:
         # Simulated time does not pass during the wait.
         return Exposure(image, max(self._clock.now_s() - age_s, asked_rig_s), self._latency_s)
 
-    def _newest_since(self, asked_s: float) -> tuple[float, Picture] | None:
+    def _find_newest_since(self, asked_s: float) -> tuple[float, Picture] | None:
         return next((picture for picture in self._queue if picture[0] >= asked_s + self._latency_s), None)
 
     def _receive(self) -> None:

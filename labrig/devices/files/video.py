@@ -51,14 +51,14 @@ class VideoFile:
     def take(self, from_s: float) -> tuple[Picture, float | None] | None:
         """Return the next picture at `from_s` or later, and its time; None after the last."""
         while self._capture.grab():
-            time_s = self._time_s()
+            time_s = self._read_time_s()
             self.passed += 1
             if time_s >= from_s:
                 ok, image = self._capture.retrieve()
                 return (np.asarray(image, np.uint8), time_s) if ok else None
         return None
 
-    def _time_s(self) -> float:
+    def _read_time_s(self) -> float:
         if self._rate_hz is not None:
             return self.passed / self._rate_hz
         time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000

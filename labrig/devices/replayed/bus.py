@@ -81,7 +81,7 @@ class RecordedBus:
         self._next = 0
         self._answers: dict[tuple[int, bytes], bytes] = {}
         self._reports: dict[int, bytes] = {}
-        clock.on_sleep(self._pass_until if passes_reads else self._arrive_until)
+        clock.on_sleep(self._pass_until if passes_reads else self._deliver_until)
 
     # What the driver sends
 
@@ -106,7 +106,7 @@ class RecordedBus:
         self._consume(place)
         if not now.is_read:
             self._comparison.count_same("commands")
-        self._arrive_until(self._clock.now_us)
+        self._deliver_until(self._clock.now_us)
 
     def _place_of(self, now: _Entry) -> int | None:
         """Return where the record has this frame; None for a read that it does not have before its next command."""
@@ -144,7 +144,7 @@ class RecordedBus:
 
     # What arrives
 
-    def arrive_next(self, until_us: int) -> bool:
+    def deliver_next(self, until_us: int) -> bool:
         """Deliver the next frame that arrived by then, before anything else was sent; tell whether there was one."""
         entry = self._entries[self._next] if self._next < len(self._entries) else None
         if entry is None or entry.sent or entry.t_us > until_us:
@@ -153,18 +153,18 @@ class RecordedBus:
         self._deliver(entry)
         return True
 
-    def _arrive_until(self, until_us: int) -> None:
-        while self.arrive_next(until_us):
+    def _deliver_until(self, until_us: int) -> None:
+        while self.deliver_next(until_us):
             pass
 
     def _pass_until(self, until_us: int) -> None:
         """Deliver what arrived by then, also behind reads that the record has before it."""
-        self._arrive_until(until_us)
+        self._deliver_until(until_us)
         while self._next < len(self._entries) and self._entries[self._next].is_read:
             if self._entries[self._next].t_us >= until_us:
                 return
             self._next += 1
-            self._arrive_until(until_us)
+            self._deliver_until(until_us)
 
     def _deliver(self, entry: _Entry) -> None:
         self._clock.reach(entry.t_us)
@@ -176,7 +176,7 @@ class RecordedBus:
 
     # The position in the record
 
-    def next_is_halt(self, within_us: int) -> bool:
+    def is_halt_next(self, within_us: int) -> bool:
         """Return whether the next frame that the record sends is a halt, as after a signal, at this time."""
         for entry in self._entries[self._next :]:
             if entry.sent:
@@ -186,7 +186,7 @@ class RecordedBus:
                 return not entry.is_read and is_halt and entry.t_us <= self._clock.now_us + within_us
         return False
 
-    def left(self) -> str | None:
+    def find_next_command(self) -> str | None:
         """Return the next command of the record in words; None at its end."""
         for entry in self._entries[self._next :]:
             if entry.sent and not entry.is_read:
@@ -213,7 +213,7 @@ class ReplayedLink(CanLink):
             try:
                 return answers.get_nowait()
             except Empty:
-                if not bus.arrive_next(until_us):
+                if not bus.deliver_next(until_us):
                     clock.reach(until_us)
                     return None
 

@@ -72,7 +72,7 @@ class Comparison:
         if self._over is not None:
             raise self._over
 
-    def difference(self, what: str, recorded: str, now: str) -> ReplayDifference:
+    def make_difference(self, what: str, recorded: str, now: str) -> ReplayDifference:
         """Return a difference at the present position."""
         t_s = self._recording.span.t0_s + self.clock.now_s()
         return ReplayDifference(what, recorded, now, t_s, self.frame, self.trial)
@@ -80,7 +80,7 @@ class Comparison:
     def raise_difference(self, what: str, recorded: str, now: str) -> NoReturn:
         """End the replay with `ReplayDiffersError`, which carries the difference."""
         self.require_ongoing()
-        self.found = self.difference(what, recorded, now)
+        self.found = self.make_difference(what, recorded, now)
         self._over = ReplayDiffersError(f"{what}: the record has {recorded}; the replay has {now}")
         raise self._over
 

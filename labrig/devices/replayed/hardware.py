@@ -66,10 +66,10 @@ class ReplayedHardware:
     def close(self) -> None:
         """Nothing to release."""
 
-    def interrupted(self) -> str | None:
+    def find_signal(self) -> str | None:
         """Return the signal that ended the session once the record holds nothing more than stopping."""
         slack_us = 0 if self._recording.exact else _REAL_SLACK_US
-        stops = self._recording.stopped_by is not None and self.bus.next_is_halt(slack_us)
+        stops = self._recording.stopped_by is not None and self.bus.is_halt_next(slack_us)
         return self._recording.stopped_by if stops else None
 
 
@@ -121,9 +121,9 @@ class ReplayedOperator:
         question = next(self._questions, None)
         if question is None:
             self._comparison.raise_end("question", now)
-        if (question.request, _plain(question.details)) != (
+        if (question.request, _to_plain(question.details)) != (
             type(request).__name__,
-            _plain(request_details(request, self._run)),
+            _to_plain(request_details(request, self._run)),
         ):
             self._comparison.raise_difference("question", f"{question.request} {dict(question.details)}", now)
         self._comparison.count_same("questions")
@@ -131,10 +131,10 @@ class ReplayedOperator:
         return question.answer
 
 
-def _plain(value: object) -> object:
+def _to_plain(value: object) -> object:
     """Return a value as a record holds it: tuples become lists."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_to_plain(item) for item in value]
     return value

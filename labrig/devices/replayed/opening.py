@@ -66,7 +66,7 @@ def open_replayed(
             link=link,
             source=hardware.open_source(),
             person=hardware.operator,
-            interrupted=hardware.interrupted,
+            interrupted=hardware.find_signal,
             needle=NeedleState(None, recording.state),
             # What a bench answered cannot be asked again at other instants.
             guards=Guards(dead_man=recording.guards > 0, watch=recording.guards > 0 and recording.exact),

@@ -108,20 +108,20 @@ def read_recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
     starts_s = [0.0, *(float(session["t0_s"]) for session in run.sessions)]
     frames = tuple(run.can_frames)
     return tuple(
-        _session(run, session, Span(start_s, end_s), frames, exact=exact)
+        _read_session(run, session, Span(start_s, end_s), frames, exact=exact)
         for session, start_s, end_s in zip(sessions, starts_s, [*starts_s[1:], math.inf], strict=True)
     )
 
 
-def recording_without_rig(run: Run) -> Recording:
+def make_recording_without_rig(run: Run) -> Recording:
     """Return the one session of a run that moved nothing."""
-    return _of_devices(run, run.manifest, Span(0.0, math.inf), (), _NO_DEVICES, exact=True)
+    return _make_recording(run, run.manifest, Span(0.0, math.inf), (), _NO_DEVICES, exact=True)
 
 
 _NO_DEVICES: dict[str, Any] = {"camera": {"readback": {}}}
 
 
-def _session(
+def _read_session(
     run: Run, session: Mapping[str, Any], span: Span, frames: tuple[CanFrame, ...], *, exact: bool
 ) -> Recording:
     devices = session.get("devices")
@@ -129,10 +129,10 @@ def _session(
         raise RecordError(
             f"the manifest of {run.path} does not say what devices it had", "it cannot be replayed"
         )
-    return _of_devices(run, session, span, frames, devices, exact=exact)
+    return _make_recording(run, session, span, frames, devices, exact=exact)
 
 
-def _of_devices(
+def _make_recording(
     run: Run,
     session: Mapping[str, Any],
     span: Span,
@@ -152,14 +152,14 @@ def _of_devices(
         span=span,
         can_frames=tuple(frame._replace(t_s=frame.t_s - span.t0_s) for frame in frames if frame.t_s in span),
         questions=tuple(
-            _question(event, span.t0_s) for event in events if event["kind"] == OperatorQuestion.kind
+            _read_question(event, span.t0_s) for event in events if event["kind"] == OperatorQuestion.kind
         ),
-        truth=tuple(_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
-        pictures=((int(line["frame"]), _exposure(run, line, span.t0_s)) for line in seen),
+        truth=tuple(_read_truth(line) for line in run.lines("truth") if line.get("trial") in trials),
+        pictures=((int(line["frame"]), _read_exposure(run, line, span.t0_s)) for line in seen),
         first_frame=int(lines[0]["frame"]) if lines else 0,
         camera=dict(devices["camera"]["readback"]),
-        state=_state(devices.get("state")),
-        stopped_by=_signal(str(ending.get("reason", ""))),
+        state=_read_state(devices.get("state")),
+        stopped_by=_find_signal(str(ending.get("reason", ""))),
         exact=exact,
         to_the_end=ending.get("exit_status") == "success",
         is_first=session is run.manifest,
@@ -168,7 +168,7 @@ def _of_devices(
     )
 
 
-def _exposure(run: Run, line: Mapping[str, Any], t0_s: float) -> Exposure:
+def _read_exposure(run: Run, line: Mapping[str, Any], t0_s: float) -> Exposure:
     """Return a picture with the time that its camera gave; without one if the time was that of the call."""
     image, bound_s = run.read_frame(int(line["frame"])), line.get("t_bound_s")
     if bound_s is None:
@@ -176,7 +176,7 @@ def _exposure(run: Run, line: Mapping[str, Any], t0_s: float) -> Exposure:
     return Exposure(image, float(line["t_s"]) - t0_s, float(bound_s), line.get("fraction"))
 
 
-def _question(event: Mapping[str, Any], t0_s: float) -> Question:
+def _read_question(event: Mapping[str, Any], t0_s: float) -> Question:
     pixel = event.get("pixel")
     answer = Answer(
         confirmed=bool(event["confirmed"]),
@@ -187,12 +187,12 @@ def _question(event: Mapping[str, Any], t0_s: float) -> Question:
     return Question(str(event["request"]), event["details"], answer, event["t_s"] - t0_s)
 
 
-def _truth(line: Mapping[str, Any]) -> dict[str, object]:
+def _read_truth(line: Mapping[str, Any]) -> dict[str, object]:
     """Return what the world wrote; the procedure added the trial."""
     return {key: value for key, value in line.items() if key != "trial"}
 
 
-def _state(recorded: object) -> RigState:
+def _read_state(recorded: object) -> RigState:
     if not isinstance(recorded, Mapping):
         return NEW
     roll_zero = recorded.get("roll_zero")
@@ -205,6 +205,6 @@ def _state(recorded: object) -> RigState:
     )
 
 
-def _signal(reason: str) -> str | None:
+def _find_signal(reason: str) -> str | None:
     found = re.match(r"interrupted by (\w+)", reason)
     return None if found is None else found.group(1)

@@ -36,12 +36,12 @@ class InProcessWire:
         """Delay the next frames, possibly behind later ones."""
         self._delays, self._delay_s = self._delays + frames, delay_s
 
-    def bus_off(self) -> None:
+    def enter_bus_off(self) -> None:
         """Block every frame from now on; the adapter reports it by an error frame."""
         self._dead = True
         self._tell_adapters(_BUS_OFF_ID, bytes(8))
 
-    def bus_passive(self) -> None:
+    def enter_error_passive(self) -> None:
         """Let the adapter report error passive; frames still pass."""
         self._tell_adapters(_CONTROLLER_ID, _PASSIVE)
 

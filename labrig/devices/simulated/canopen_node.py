@@ -202,13 +202,13 @@ class CanopenNode(ABC):
         if self._ignored:
             self._ignored -= 1
             return
-        response = self._scripted_abort(request) or self._sdo.answer(request)
+        response = self._take_scripted_abort(request) or self._sdo.answer(request)
         if response is not None:
             self.send(0x580 + self.node_id, response)
         if self.nmt_state is NmtState.OPERATIONAL:
             self.pdo.send_changes(self._clock.now_s())
 
-    def _scripted_abort(self, request: bytes) -> bytes | None:
+    def _take_scripted_abort(self, request: bytes) -> bytes | None:
         if not self._aborts or len(request) != 8:
             return None
         code, index = self._aborts[0]

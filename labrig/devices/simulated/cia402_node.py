@@ -148,7 +148,7 @@ class SimulatedCia402Drive(CanopenNode):
     @property
     def is_moving(self) -> bool:
         """Whether a profile is under way."""
-        return not self._at_rest()
+        return not self._is_at_rest()
 
     @property
     def is_homing(self) -> bool:
@@ -286,14 +286,14 @@ class SimulatedCia402Drive(CanopenNode):
             self._watch(now_s)
         self._shaft.tick(now_s)
         if self._homing:
-            self._go_on_homing(now_s)
+            self._continue_homing(now_s)
         if self._moving:
             self._come_to_rest(now_s)
         self._read_switches(seeks_switch=seeks_switch)
         self.send_due(now_s)
 
     def _come_to_rest(self, now_s: float) -> None:
-        if not self._at_rest() or self._homing:
+        if not self._is_at_rest() or self._homing:
             return
         self._note_stillness(self._shaft.profile.end_s)
         if self._state is DriveState.FAULT_REACTION:
@@ -301,7 +301,7 @@ class SimulatedCia402Drive(CanopenNode):
             self._set_state(DriveState.FAULT)
         elif self._waiting_target is not None:
             self._target, self._waiting_target = self._waiting_target, None
-            self._go(now_s)
+            self._start_move(now_s)
 
     def _note_stillness(self, t_s: float) -> None:
         if self._moving:
@@ -314,16 +314,18 @@ class SimulatedCia402Drive(CanopenNode):
         demand, actual = shaft.at(now_s)
         low, high = self.position_limits()
         if not (low <= demand <= high and low <= actual <= high):
-            passed_s = shaft.first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
+            passed_s = shaft.find_first_time(lambda d, a: not (low <= d <= high and low <= a <= high), now_s)
             self._raise_error(self.position_limit_error, passed_s)
             return
         window = objects[co.MAX_FOLLOWING_ERROR]
         seeks_stop = self._homing and bool(self._stretches) and self._stretches[0].to_stop
         if abs(demand - actual) > window != _FOLLOWING_ERROR_OFF and not seeks_stop:
-            self._raise_error(_FOLLOWING_ERROR, shaft.first_time(lambda d, a: abs(d - a) > window, now_s))
+            self._raise_error(
+                _FOLLOWING_ERROR, shaft.find_first_time(lambda d, a: abs(d - a) > window, now_s)
+            )
 
     def _read_switches(self, *, seeks_switch: bool) -> None:
-        before, self._inputs = self._inputs, self._switches()
+        before, self._inputs = self._inputs, self._read_inputs()
         pressed = self._inputs & ~before & self.watched_switches()
         if not pressed or seeks_switch or self._state not in _POWERED:
             return
@@ -331,7 +333,7 @@ class SimulatedCia402Drive(CanopenNode):
             if pressed & bit:
                 self.fail(code)
 
-    def _switches(self) -> int:
+    def _read_inputs(self) -> int:
         mechanics, place, word = self._shaft.mechanics, self._shaft.position, self.forced_inputs
         if mechanics.negative_switch is not None and place <= mechanics.negative_switch:
             word |= _NEGATIVE_SWITCH
@@ -351,8 +353,8 @@ class SimulatedCia402Drive(CanopenNode):
         """Return the objects whose value is made when it is read; a kind adds its own."""
         return {
             co.STATUSWORD: self._statusword,
-            co.POSITION_ACTUAL: lambda: _int32(self._shaft.actual),
-            co.POSITION_DEMAND: lambda: _int32(self._shaft.demand),
+            co.POSITION_ACTUAL: lambda: _clip_to_int32(self._shaft.actual),
+            co.POSITION_DEMAND: lambda: _clip_to_int32(self._shaft.demand),
             co.MODE_DISPLAY: lambda: self._values(co.MODE),
             co.VELOCITY_ACTUAL: self._velocity_rpm,
             co.VELOCITY_SENSOR: self._velocity_rpm,
@@ -415,17 +417,17 @@ class SimulatedCia402Drive(CanopenNode):
         word = self.state_bits[self._state]
         word |= REMOTE if self.nmt_state is NmtState.OPERATIONAL else 0
         word |= REFERENCED if self._referenced else 0
-        word |= TARGET_REACHED if self._arrived() else 0
+        word |= TARGET_REACHED if self._has_arrived() else 0
         mode = self._values(co.MODE)
         if mode == _HOMING:
             word |= HOMING_ATTAINED if self._attained else 0
             return word | (_MODE_SPECIFIC if self._homing_failed else 0)
         word |= _MODE_SPECIFIC if _FOLLOWING_ERROR in self._errors else 0
         if mode == _PROFILE_VELOCITY:
-            return word | (SETPOINT_ACKNOWLEDGED if self._at_rest() else 0)
+            return word | (SETPOINT_ACKNOWLEDGED if self._is_at_rest() else 0)
         return word | (SETPOINT_ACKNOWLEDGED if self._acknowledged else 0)
 
-    def _arrived(self) -> bool:
+    def _has_arrived(self) -> bool:
         """Tell bit 10: the profile is over, and inside the window if there is one for as long as its time."""
         now_s, profile = self._clock.now_s(), self._shaft.profile
         if self._homing or self._homing_failed:
@@ -439,8 +441,8 @@ class SimulatedCia402Drive(CanopenNode):
             due_s += self._values(co.POSITION_WINDOW_TIME) / 1000
         return now_s >= due_s
 
-    def _at_rest(self) -> bool:
-        return self._shaft.at_rest(self._clock.now_s())
+    def _is_at_rest(self) -> bool:
+        return self._shaft.is_at_rest(self._clock.now_s())
 
     def _set_state(self, state: DriveState) -> None:
         if state is not self._state:
@@ -493,15 +495,15 @@ class SimulatedCia402Drive(CanopenNode):
     def _operate(self, word: int, before: int) -> None:
         mode = self._values(co.MODE)
         if mode == _HOMING:
-            self._homing_mode(word, before)
+            self._obey_homing_mode(word, before)
         elif mode == _PROFILE_POSITION:
-            self._position_mode(word, before)
+            self._obey_position_mode(word, before)
         elif mode == _PROFILE_VELOCITY:
             self._run(word)
 
     # Modes
 
-    def _position_mode(self, word: int, before: int) -> None:
+    def _obey_position_mode(self, word: int, before: int) -> None:
         if not word & NEW_SETPOINT:
             self._acknowledged = self._waiting_target is not None
         elif not before & NEW_SETPOINT:
@@ -509,19 +511,19 @@ class SimulatedCia402Drive(CanopenNode):
         if word & HALT and not before & HALT:
             self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
         elif before & HALT and not word & HALT:
-            self._go(self._clock.now_s())
+            self._start_move(self._clock.now_s())
 
     def _take_set_point(self, word: int) -> None:
         start = round(self._shaft.demand) if word & RELATIVE else 0
         target = float(start + self._values(co.TARGET_POSITION))
         self._acknowledged = True
-        if not (word & CHANGE_IMMEDIATELY or self._at_rest()):
+        if not (word & CHANGE_IMMEDIATELY or self._is_at_rest()):
             self._waiting_target = target
             return
         self._target, self._waiting_target = target, None
         self._note("set-point", f"{target:.0f}")
         if not word & HALT:
-            self._go(self._clock.now_s())
+            self._start_move(self._clock.now_s())
 
     def _run(self, word: int) -> None:
         """Profile velocity mode: run at the target velocity, or brake while Halt is set."""
@@ -531,11 +533,11 @@ class SimulatedCia402Drive(CanopenNode):
             return
         highest = self._values(co.MAX_PROFILE_VELOCITY)
         rpm = max(-highest, min(highest, self._values(co.TARGET_VELOCITY)))
-        self._shaft.run(now_s, rpm * self.counts_per_speed_unit(), self._limits(co.PROFILE_VELOCITY))
+        self._shaft.run(now_s, rpm * self.counts_per_speed_unit(), self._read_limits(co.PROFILE_VELOCITY))
         self._moving = True
         self._note("set-point", f"{rpm} rpm")
 
-    def _homing_mode(self, word: int, before: int) -> None:
+    def _obey_homing_mode(self, word: int, before: int) -> None:
         if word & HALT:
             if self._homing:
                 self._stop_homing()
@@ -556,26 +558,26 @@ class SimulatedCia402Drive(CanopenNode):
         self._stretches = list(stretches)
         self._homing = True
         if self._stretches:
-            self._go_stretch(self._clock.now_s())
+            self._start_homing_move(self._clock.now_s())
         else:
             self._finish_homing(self._clock.now_s())
 
-    def _go_stretch(self, t_s: float) -> None:
+    def _start_homing_move(self, t_s: float) -> None:
         stretch = self._stretches[0]
         speed = co.HOMING_SPEED_INDEX if stretch.slow else co.HOMING_SPEED_SWITCH
         self._moving = True
-        self._shaft.go(t_s, stretch.target, self._limits(speed, co.HOMING_ACCELERATION))
+        self._shaft.go(t_s, stretch.target, self._read_limits(speed, co.HOMING_ACCELERATION))
 
-    def _go_on_homing(self, now_s: float) -> None:
+    def _continue_homing(self, now_s: float) -> None:
         while self._stretches:
             if self._stretches[0].to_stop and self._shaft.stuck:
                 self._shaft.hold(now_s)
-            elif not self._at_rest():
+            elif not self._is_at_rest():
                 return
             start_s = min(now_s, self._shaft.profile.end_s)
             self._stretches.pop(0)
             if self._stretches:
-                self._go_stretch(start_s)
+                self._start_homing_move(start_s)
                 self._shaft.tick(now_s)
         self._finish_homing(now_s)
 
@@ -597,7 +599,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     # Motion
 
-    def _limits(self, speed: Entry, acceleration: Entry | None = None) -> Limits:
+    def _read_limits(self, speed: Entry, acceleration: Entry | None = None) -> Limits:
         highest = self._values(co.MAX_ACCELERATION)
         up = min(highest, self._values(acceleration or co.PROFILE_ACCELERATION))
         down = min(highest, self._values(acceleration or co.PROFILE_DECELERATION))
@@ -605,9 +607,9 @@ class SimulatedCia402Drive(CanopenNode):
         scale = self.counts_per_acceleration_unit()
         return Limits(speed_units * self.counts_per_speed_unit(), up * scale, down * scale)
 
-    def _go(self, t_s: float) -> None:
-        self._shaft.go(t_s, self._target, self._limits(co.PROFILE_VELOCITY))
-        self._moving = self._moving or not self._at_rest()
+    def _start_move(self, t_s: float) -> None:
+        self._shaft.go(t_s, self._target, self._read_limits(co.PROFILE_VELOCITY))
+        self._moving = self._moving or not self._is_at_rest()
 
     def _brake(self, entry: Entry, t_s: float) -> None:
         self._waiting_target = None
@@ -652,5 +654,5 @@ class SimulatedCia402Drive(CanopenNode):
         self.send_emergency(0, 0)
 
 
-def _int32(value: float) -> int:
+def _clip_to_int32(value: float) -> int:
     return max(-(2**31), min(2**31 - 1, round(value)))

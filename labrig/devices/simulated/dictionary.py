@@ -129,14 +129,14 @@ class ObjectDictionary:
             return entry.pack(self.value(entry))
         if subindex == 0 and self._highest_subindex.get(index, 0):
             return bytes([self._highest_subindex[index]])
-        raise self._missing(index)
+        raise self._make_missing_error(index)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object, after all checks. Raises `SdoAbortError`."""
         entry = self.find(index, subindex)
         if entry is None:
             known = (index, subindex) == _DEVICE_NAME or (subindex == 0 and index in self._highest_subindex)
-            raise SdoAbortError(sdo_server.READ_ONLY) if known else self._missing(index)
+            raise SdoAbortError(sdo_server.READ_ONLY) if known else self._make_missing_error(index)
         if entry.access == "ro":
             raise SdoAbortError(sdo_server.READ_ONLY)
         if len(data) != entry.size:
@@ -212,7 +212,7 @@ class ObjectDictionary:
         """Return the numeric entry at a place, or None."""
         return self._entries.get((index, subindex))
 
-    def _missing(self, index: int) -> SdoAbortError:
+    def _make_missing_error(self, index: int) -> SdoAbortError:
         known = index in self._highest_subindex or index == _DEVICE_NAME[0]
         return SdoAbortError(sdo_server.NO_SUBINDEX if known else sdo_server.NO_OBJECT)
 

@@ -69,8 +69,8 @@ class FaultScript:
     def _bus_actions(self, fault: FaultDescription) -> dict[str, Callable[[], object]]:
         wire = self._wire
         return {
-            "bus-off": wire.bus_off,
-            "bus-passive": wire.bus_passive,
+            "bus-off": wire.enter_bus_off,
+            "bus-passive": wire.enter_error_passive,
             "lost-frames": lambda: wire.lose(fault.count),
             "duplicated-frames": lambda: wire.duplicate(fault.count),
             "late-frames": lambda: wire.delay(fault.count, fault.delay_s),

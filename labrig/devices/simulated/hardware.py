@@ -51,7 +51,7 @@ class SimulatedHardware:
         self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
         self.drives = {
             name: find_drive_kind(axis.driver).simulate(
-                axis, self.wire, self.clock, _mechanics(axis, self._scales[name])
+                axis, self.wire, self.clock, _make_mechanics(axis, self._scales[name])
             )
             for name, axis in rig.axes.items()
         }
@@ -103,7 +103,7 @@ class SimulatedHardware:
         }
 
 
-def _mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
+def _make_mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
     """Return the stops and switches of an axis, whose shaft is at zero in a new rig; none for a rotating axis."""
     if axis.unit == "rad":
         return Mechanics()

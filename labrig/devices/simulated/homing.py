@@ -39,20 +39,20 @@ def plan_homing(
     if method in {0, 35, 37}:
         return ()
     if method in {33, 34}:
-        index = _next_index(shaft.actual, 1 if method == 34 else -1, shaft.zero, quadcounts_per_turn)
+        index = _find_next_index(shaft.actual, 1 if method == 34 else -1, shaft.zero, quadcounts_per_turn)
         return (HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
-    place, direction, back = _end_of(method, shaft)
+    place, direction, back = _find_end(method, shaft)
     if place is None:
         return (HomingMove(direction * _FOR_EVER, to_stop=method < 0),)
     end = place - shaft.zero
     first = HomingMove(direction * _FOR_EVER if method < 0 else end, to_stop=method < 0)
     if method not in _TO_INDEX:
         return (first, HomingMove(end + offset, slow=True))
-    index = _next_index(end, back, shaft.zero, quadcounts_per_turn)
+    index = _find_next_index(end, back, shaft.zero, quadcounts_per_turn)
     return (first, HomingMove(index, slow=True), HomingMove(index + offset, slow=True))
 
 
-def _end_of(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
+def _find_end(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
     """Return (place of the stop or switch, direction towards it, direction in which the index is sought)."""
     mechanics = shaft.mechanics
     ends = {
@@ -67,7 +67,7 @@ def _end_of(method: int, shaft: MotorShaft) -> tuple[float | None, int, int]:
     return place, direction, -direction
 
 
-def _next_index(counter: float, direction: int, zero: float, per_turn: int) -> float:
+def _find_next_index(counter: float, direction: int, zero: float, per_turn: int) -> float:
     turns = (counter + zero) / per_turn
     turn = math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1
     return turn * per_turn - zero

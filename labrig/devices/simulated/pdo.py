@@ -44,9 +44,9 @@ class PdoEngine:
         self._receive_ids = {
             values[entry] & 0x7FF: n
             for n, entry in enumerate(co.RECEIVE_PDO_COB_IDS)
-            if _valid(values[entry])
+            if _is_valid(values[entry])
         }
-        valid = [n for n, entry in enumerate(co.TRANSMIT_PDO_COB_IDS) if _valid(values[entry])]
+        valid = [n for n, entry in enumerate(co.TRANSMIT_PDO_COB_IDS) if _is_valid(values[entry])]
         self._request_ids = {
             values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF: n
             for n in valid
@@ -66,7 +66,7 @@ class PdoEngine:
     def take(self, can_id: int, data: bytes) -> None:
         """Take a receive PDO."""
         n = self._receive_ids[can_id]
-        if len(data) < sum(entry.size for entry in self._mapped(co.RPDO_MAPS[n])):
+        if len(data) < sum(entry.size for entry in self._find_mapped(co.RPDO_MAPS[n])):
             self._fail(_WRONG_LENGTH_ERROR)
         elif self._objects.values[co.RPDO_TYPES[n]] == _SYNCHRONOUS:
             self._waiting[n] = data
@@ -85,7 +85,7 @@ class PdoEngine:
         for n, data in waiting.items():
             self._apply(n, data)
         for n, entry in enumerate(co.TPDO_TYPES):
-            valid = _valid(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]])
+            valid = _is_valid(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]])
             if valid and self._objects.values[entry] == _SYNCHRONOUS:
                 self._transmit(n)
 
@@ -96,18 +96,20 @@ class PdoEngine:
             inhibit_s = max(_WATCH_EVERY_S, self._objects.values[co.TPDO_INHIBITS[n]] * 1e-4)
             if now_s - sent_s < inhibit_s and last:
                 continue
-            data = self._content(n)
+            data = self._pack_content(n)
             if data != last:
                 self._sent[n] = (data, now_s)
                 self._transmit(n)
 
     def _transmit(self, n: int) -> None:
-        self._send(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._content(n))
+        self._send(self._objects.values[co.TRANSMIT_PDO_COB_IDS[n]] & 0x7FF, self._pack_content(n))
 
-    def _content(self, n: int) -> bytes:
-        return b"".join(entry.pack(self._objects.value(entry)) for entry in self._mapped(co.TPDO_MAPS[n]))
+    def _pack_content(self, n: int) -> bytes:
+        return b"".join(
+            entry.pack(self._objects.value(entry)) for entry in self._find_mapped(co.TPDO_MAPS[n])
+        )
 
-    def _mapped(self, mapping: tuple[Entry, ...]) -> list[Entry]:
+    def _find_mapped(self, mapping: tuple[Entry, ...]) -> list[Entry]:
         values = self._objects.values
         places = [values[place] for place in mapping[1 : values[mapping[0]] + 1]]
         found = [self._objects.find(place >> 16, place >> 8 & 0xFF) for place in places]
@@ -115,10 +117,10 @@ class PdoEngine:
 
     def _apply(self, n: int, data: bytes) -> None:
         start = 0
-        for entry in self._mapped(co.RPDO_MAPS[n]):
+        for entry in self._find_mapped(co.RPDO_MAPS[n]):
             self._objects.put_checked(entry, data[start : start + entry.size])
             start += entry.size
 
 
-def _valid(cob_id: int) -> bool:
+def _is_valid(cob_id: int) -> bool:
     return not cob_id & co.PDO_INVALID

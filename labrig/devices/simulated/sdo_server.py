@@ -101,13 +101,13 @@ class SdoServer:
 
     def _download(self, command: int, request: bytes) -> bytes:
         if command & 0x02:
-            size = 4 - (command >> 2 & 0x3) if command & 0x01 else self._size()
+            size = 4 - (command >> 2 & 0x3) if command & 0x01 else self._read_size()
             self._write(*self._place, bytes(request[4 : 4 + size]))
         else:
             self._taken, self._toggle = bytearray(), 0
         return _HEAD.pack(0x60, *self._place) + b"\0\0\0\0"
 
-    def _size(self) -> int:
+    def _read_size(self) -> int:
         """Return the length of the object, for a client that did not state how much it sends."""
         return min(4, len(self._read(*self._place)))
 

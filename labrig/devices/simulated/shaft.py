@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from labrig.devices.trapezoid import (
     Limits,
     Profile,
-    brake_profile,
-    move_profile,
-    rest_profile,
-    run_profile,
+    make_brake_profile,
+    make_move_profile,
+    make_rest_profile,
+    make_run_profile,
 )
 
 _HALVINGS = 40
@@ -50,7 +50,7 @@ class MotorShaft:
     def __init__(self, mechanics: Mechanics, now_s: float, position: float) -> None:
         self.mechanics = mechanics
         self.zero = position
-        self.profile: Profile = rest_profile(now_s, 0.0)
+        self.profile: Profile = make_rest_profile(now_s, 0.0)
         self.demand = self.actual = self.velocity = 0.0
         self.ticked_s = now_s
         self._jam: float | None = None
@@ -73,22 +73,22 @@ class MotorShaft:
         """Take the blockage away."""
         self._jam = None
 
-    def at_rest(self, now_s: float) -> bool:
+    def is_at_rest(self, now_s: float) -> bool:
         """Tell whether the profile has ended."""
         return now_s >= self.profile.end_s
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Return (demanded, actual) counter at a time within the present profile."""
         demand = self.profile.at(t_s)[0]
-        return demand, self._held(demand)
+        return demand, self._clip_to_stops(demand)
 
     def tick(self, now_s: float) -> None:
         """Follow the profile to this time."""
         self.demand, self.velocity = self.profile.at(now_s)
-        self.actual = self._held(self.demand)
+        self.actual = self._clip_to_stops(self.demand)
         self.ticked_s = now_s
 
-    def _held(self, counter: float) -> float:
+    def _clip_to_stops(self, counter: float) -> float:
         if self._jam is not None:
             return self._jam - self.zero
         low, high = self.mechanics.lower_stop, self.mechanics.upper_stop
@@ -98,7 +98,7 @@ class MotorShaft:
             return high - self.zero
         return counter
 
-    def first_time(self, is_past: Callable[[float, float], bool], now_s: float) -> float:
+    def find_first_time(self, is_past: Callable[[float, float], bool], now_s: float) -> float:
         """Return the instant since the last tick at which (demand, actual) passed a condition."""
         before_s, after_s = self.ticked_s, now_s
         for _ in range(_HALVINGS):
@@ -112,28 +112,28 @@ class MotorShaft:
     def go(self, t_s: float, target: float, limits: Limits) -> None:
         """Start a profile to a target."""
         position, velocity = self.profile.at(t_s)
-        self.profile = move_profile(t_s, position, velocity, target, limits)
+        self.profile = make_move_profile(t_s, position, velocity, target, limits)
 
     def run(self, t_s: float, speed: float, limits: Limits) -> None:
         """Start a profile to a velocity."""
         position, velocity = self.profile.at(t_s)
-        self.profile = run_profile(t_s, position, velocity, speed, limits)
+        self.profile = make_run_profile(t_s, position, velocity, speed, limits)
 
     def brake(self, t_s: float, deceleration: float) -> None:
         """Come to rest."""
         position, velocity = self.profile.at(t_s)
-        self.profile = brake_profile(t_s, position, velocity, deceleration)
+        self.profile = make_brake_profile(t_s, position, velocity, deceleration)
 
     def hold(self, t_s: float) -> None:
         """Stand still where the shaft is: power was switched, and friction holds it."""
         actual = self.at(t_s)[1]
-        self.profile = rest_profile(t_s, actual)
+        self.profile = make_rest_profile(t_s, actual)
         self.tick(max(t_s, self.ticked_s))
 
     def count_from(self, t_s: float, counter: float) -> None:
         """Set the counter at the present position."""
         self.zero = self.position - counter
-        self.profile = rest_profile(t_s, counter)
+        self.profile = make_rest_profile(t_s, counter)
         self.tick(max(t_s, self.ticked_s))
 
     def shift_counter(self, t_s: float, counts: float) -> None:

@@ -129,7 +129,7 @@ class UvcSource:
             if not self._capture.grab():
                 return None
             self.exposures += 1
-            stamp_s = self._stamp_s()
+            stamp_s = self._read_stamp_s()
             if stamp_s is not None and stamp_s - self._exposure_s >= asked_s:
                 break
         ok, image = self._capture.retrieve()
@@ -141,7 +141,7 @@ class UvcSource:
         half_s = 0.5 * (now_s - asked_s)
         return Exposure(picture, self._clock.now_s() - half_s, half_s)
 
-    def _stamp_s(self) -> float | None:
+    def _read_stamp_s(self) -> float | None:
         """Return the kernel's time of the picture that was taken; None once one cannot be of the monotonic clock."""
         stamp_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
         self._is_stamped = self._is_stamped and self._last_stamp_s < stamp_s <= self._monotonic_s()

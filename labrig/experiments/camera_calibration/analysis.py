@@ -29,7 +29,7 @@ Named = tuple[str, Picture]
 
 @dataclass(frozen=True)
 class _Pictures:
-    """What the run has: photographs of the board and of the graph paper, and which are damaged and how."""
+    """The photographs of the board and of the graph paper, and what is wrong with each damaged one."""
 
     boards: tuple[Named, ...]
     papers: tuple[Named, ...]
@@ -39,9 +39,9 @@ class _Pictures:
 def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequest) -> Findings:
     """Calibrate the lens from the photographs of the board, then the plane from that of the graph paper.
 
-    What was found is saved as `intrinsics.json` and `plane.json`; a refused one says so itself.
+    The calibrations are saved as `intrinsics.json` and `plane.json`; a refused one is marked in its file.
     """
-    pictures = _read(run, request.progress)
+    pictures = _read_pictures(run, request.progress)
     lens, lens_reasons = _calibrate_lens(pictures.boards, protocol)
     plane, plane_reasons = _calibrate_plane(pictures.papers, lens, protocol)
     stamp = request.stamp
@@ -53,13 +53,13 @@ def analyze(run: Run, protocol: CameraCalibrationProtocol, request: AnalysisRequ
         reasons=(*pictures.damaged.values(), *lens_reasons, *plane_reasons),
         intrinsics=None if lens is None else lens.to_json(),
         plane=None if plane is None else plane.to_json(),
-        corners=_corners(pictures.boards, lens, protocol),
+        corners=_find_corners(pictures.boards, lens, protocol),
     )
     made_from = {"run": run.path.name, "created": stamp.created, "inputs": dict(stamp.inputs)}
-    return Findings(content, partial(_save, lens, plane, {**stamp.provenance, **made_from}))
+    return Findings(content, partial(_save_calibration, lens, plane, {**stamp.provenance, **made_from}))
 
 
-def _save(
+def _save_calibration(
     lens: Intrinsics | None, plane: PlaneMap | None, provenance: Mapping[str, Any], folder: Path
 ) -> None:
     if lens is not None:
@@ -68,15 +68,15 @@ def _save(
         save_plane(folder / PLANE_FILE, plane, dict(provenance))
 
 
-def _read(run: Run, progress: Progress | None) -> _Pictures:
-    """Read the pictures; one that is missing or was changed is named and left out."""
+def _read_pictures(run: Run, progress: Progress | None) -> _Pictures:
+    """Read the pictures. A picture that is missing or was changed is left out and listed as damaged."""
     found: dict[str, list[Named]] = {role: [] for role in CalibrationRole}
     damaged: dict[str, str] = {}
     for number, line in enumerate(run.frame_lines, start=1):
         try:
             found.get(line.role or "", []).append((line.file, run.read_frame(line.frame)))
         except RecordError as error:
-            # Where the run lies on this computer is no part of a result.
+            # The folder on this computer is no part of a result.
             damaged[line.file] = error.message.replace(f"{run.path}/", "")
         if progress is not None:
             progress(number, len(run.frame_lines))
@@ -119,16 +119,16 @@ def _is_accepted(found: Intrinsics | PlaneMap | None) -> bool:
     return found is not None and found.accepted
 
 
-def _corners(
+def _find_corners(
     boards: Sequence[Named], lens: Intrinsics | None, protocol: CameraCalibrationProtocol
 ) -> dict[str, tuple[Point, ...]]:
     used = {view.image for view in lens.views if view.used} if lens is not None else set()
     return {
-        name: tuple(map(_rounded, find_board(image, protocol.board.columns, protocol.board.rows).pixels))
+        name: tuple(map(_round_pixel, find_board(image, protocol.board.columns, protocol.board.rows).pixels))
         for name, image in boards
         if name in used
     }
 
 
-def _rounded(pixel: Any) -> Point:
+def _round_pixel(pixel: Any) -> Point:
     return round(float(pixel[0]), 2), round(float(pixel[1]), 2)

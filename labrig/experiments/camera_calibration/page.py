@@ -19,7 +19,7 @@ TEMPLATE = Path(__file__).with_name("page.html.jinja")
 def make_page(
     run: Run, protocol: CameraCalibrationProtocol, result: AnalysisResult[CalibrationResult] | None
 ) -> Page:
-    """Return the page of a calibration: what was found, how well the board covered the picture, and the paper."""
+    """Return the page of a calibration: lens and plane, how well the board covered the picture, and the paper."""
     board = protocol.board
     facts = (
         ("Board", f"{board.columns} x {board.rows} inner corners, squares of {board.square_mm:g} mm"),
@@ -27,10 +27,12 @@ def make_page(
     )
     if result is None:
         return Page(facts)
-    return Page(facts, TEMPLATE, _verdict(result.content), shown=_shown(run, result, result.content))
+    return Page(
+        facts, TEMPLATE, _write_verdict(result.content), shown=_collect_content(run, result, result.content)
+    )
 
 
-def _shown(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str, object]:
+def _collect_content(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str, object]:
     lens = content.intrinsics
     corners = {name: np.asarray(pixels) for name, pixels in content.corners.items()}
     used = [] if lens is None else [view for view in lens["views"] if view["used"]]
@@ -44,13 +46,13 @@ def _shown(run: Run, result: AnyResult, content: CalibrationResult) -> dict[str,
         "residuals": None
         if lens is None or not used
         else draw_residual_figure(
-            [(_short(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
+            [(_shorten_name(view["image"]), view["rms_px"]) for view in used], lens["rms_px"], "residuals"
         ),
-        "paper": _paper_picture(run),
+        "paper": _encode_paper_picture(run),
     }
 
 
-def _verdict(content: CalibrationResult) -> list[str]:
+def _write_verdict(content: CalibrationResult) -> list[str]:
     """Return the page in a sentence or two."""
     lens, plane = content.intrinsics, content.plane
     if lens is None or plane is None:
@@ -64,11 +66,11 @@ def _verdict(content: CalibrationResult) -> list[str]:
     return [sentence, *content.reasons]
 
 
-def _short(image: str) -> str:
+def _shorten_name(image: str) -> str:
     """Return the number of a picture from its file name."""
     return image.rpartition("/")[2].partition(".")[0].lstrip("0") or "0"
 
 
-def _paper_picture(run: Run) -> str | None:
+def _encode_paper_picture(run: Run) -> str | None:
     papers = [line.frame for line in run.frame_lines if line.role == CalibrationRole.GRAPH_PAPER]
     return data_uri(jpeg(run.read_frame(papers[-1]), PLATE), "image/jpeg") if papers else None

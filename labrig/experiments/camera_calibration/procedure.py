@@ -10,7 +10,7 @@ from labrig.runner.session import Session
 
 
 def plan(protocol: CameraCalibrationProtocol, rig: RigDescription) -> RunPlan:
-    """Return what the protocol is going to ask of a rig: pictures of the board, and one of the graph paper."""
+    """Return the plan of a run: the pictures of the board, and one of the graph paper."""
     views = protocol.views
     return RunPlan(pictures=views + 1, operator_steps=views + 2, problems=tuple(find_rig_file_problems(rig)))
 

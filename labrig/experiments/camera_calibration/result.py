@@ -8,7 +8,7 @@ from labrig.analysis.summary import Summary
 
 
 class CalibrationResult(Result):
-    """Of camera calibration runs; `intrinsics` and `plane` are what was found, None where nothing was.
+    """The result of a camera calibration; `intrinsics` and `plane` are None if they could not be found.
 
     `corners` holds the pixels (u, v) of the board's corners in each picture that was used, for the map of
     coverage.

@@ -29,8 +29,8 @@ _SEARCHED, _FITTED, _PAPER = "#000000", "#0072b2", "#d55e00"
 _MARKERS = "osD^vPX"
 
 
-def hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, picture_format: str) -> bytes:
-    """Return figure 3: the searched rotations with both planes, and what our plane leaves.
+def draw_hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, picture_format: str) -> bytes:
+    """Return figure 3: the searched rotations with both planes, and the residuals of our plane.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ def hinge_figure(cells: Sequence[GridPoint], plane: RotationPlane, picture_forma
         _draw_rotations(rotations, cells, plane)
         _draw_residuals(figure.add_subplot(grid[1]), cells, plane)
         buffer = io.BytesIO()
-        figure.savefig(buffer, format=picture_format, dpi=160, metadata=_no_date(picture_format))
+        figure.savefig(buffer, format=picture_format, dpi=160, metadata=_omit_date(picture_format))
         return buffer.getvalue()
 
 
-def _no_date(picture_format: str) -> dict[str, None]:
-    """Return metadata without the time, so that the same data give the same bytes."""
+def _omit_date(picture_format: str) -> dict[str, None]:
+    """Return metadata that leaves out the date, so that the same data give the same bytes."""
     return {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(picture_format, {})
 
 
@@ -66,7 +66,7 @@ def _draw_rotations(axes: Any, cells: Sequence[GridPoint], plane: RotationPlane)
     for colour, shown, name in ((_FITTED, plane, "our contour"), (_PAPER, EQUATION_3, "equation (3)")):
         heights_deg = shown.a * cuts_deg + shown.b * clearances_mm + shown.c
         axes.plot_wireframe(clearances_mm, cuts_deg, heights_deg, color=colour, linewidth=0.8)
-        axes.plot([], [], [], color=colour, label=f"{name}: {_formula(shown)}")
+        axes.plot([], [], [], color=colour, label=f"{name}: {_format_formula(shown)}")
     axes.scatter(
         [cell.clearance_mm for cell in cells],
         [cell.beta_cut_deg for cell in cells],
@@ -84,7 +84,7 @@ def _draw_rotations(axes: Any, cells: Sequence[GridPoint], plane: RotationPlane)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.02))
 
 
-def _formula(plane: RotationPlane) -> str:
+def _format_formula(plane: RotationPlane) -> str:
     sign = "-" if plane.c < 0 else "+"
     return f"{plane.a:.2f} β_cut + {plane.b:.0f} d {sign} {abs(plane.c):.3f}, RMSE {plane.rmse_deg:.3f}°"
 
@@ -97,7 +97,7 @@ def _draw_residuals(axes: Axes, cells: Sequence[GridPoint], plane: RotationPlane
         row = [cell for cell in cells if cell.clearance_mm == clearance_mm]
         axes.plot(
             [cell.beta_cut_deg for cell in row],
-            [_residual_deg(cell, plane) for cell in row],
+            [_find_residual_deg(cell, plane) for cell in row],
             color=colour,
             marker=marker,
             markersize=4.5,
@@ -110,5 +110,5 @@ def _draw_residuals(axes: Axes, cells: Sequence[GridPoint], plane: RotationPlane
     axes.legend(title="clearance d", loc="upper center", ncols=2)
 
 
-def _residual_deg(cell: GridPoint, plane: RotationPlane) -> float:
+def _find_residual_deg(cell: GridPoint, plane: RotationPlane) -> float:
     return cell.beta_rot_deg - plane.beta_rot_deg(cell.beta_cut_deg, cell.clearance_mm)

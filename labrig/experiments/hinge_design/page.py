@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from labrig.analysis.result import AnalysisResult, AnyResult
-from labrig.experiments.hinge_design.figure import hinge_figure
+from labrig.experiments.hinge_design.figure import draw_hinge_figure
 from labrig.experiments.hinge_design.protocol import DesignProtocol
 from labrig.experiments.hinge_design.result import DesignResult
-from labrig.experiments.hinge_design.study import design_basis
+from labrig.experiments.hinge_design.study import find_design_basis
 from labrig.needle.design_search import STEEPEST_CUT_DEG, GridPoint
 from labrig.needle.equations import RotationPlane
 from labrig.record.reader import Run
@@ -18,7 +18,7 @@ from labrig.report.pictures import data_uri
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
-# Where our contour has no answer.
+# The tolerance if our contour has no answer.
 _NO_TOLERANCE: dict[str, Any] = {
     "radius_mm": [None, None],
     "radius_mm_per_clearance_mm": None,
@@ -28,13 +28,15 @@ _NO_TOLERANCE: dict[str, Any] = {
 
 def make_page(_run: Run, protocol: DesignProtocol, result: AnalysisResult[DesignResult] | None) -> Page:
     """Return the page of a design: both answers, figure 3, and the searched grid."""
-    facts = _facts(protocol)
+    facts = _list_facts(protocol)
     if result is None:
         return Page(facts)
-    return Page(facts, TEMPLATE, _verdict(result.content), shown=_shown(result, result.content))
+    return Page(
+        facts, TEMPLATE, _write_verdict(result.content), shown=_collect_content(result, result.content)
+    )
 
 
-def _facts(protocol: DesignProtocol) -> Rows:
+def _list_facts(protocol: DesignProtocol) -> Rows:
     tube, tolerances = protocol.tube, protocol.tolerances
     diameters = f"{tube.outer_diameter_mm:g} / {tube.inner_diameter_mm:g} mm"
     return (
@@ -45,23 +47,23 @@ def _facts(protocol: DesignProtocol) -> Rows:
     )
 
 
-def _shown(result: AnyResult, content: DesignResult) -> dict[str, Any]:
+def _collect_content(result: AnyResult, content: DesignResult) -> dict[str, Any]:
     fit = RotationPlane(**content.search["fit"])
     cells = content.cells
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",
-        "figure": data_uri(hinge_figure(cells, fit, "svg"), "image/svg+xml"),
-        "answers": _answers(content),
+        "figure": data_uri(draw_hinge_figure(cells, fit, "svg"), "image/svg+xml"),
+        "answers": _list_answers(content),
         "planes": (
             ("degrees per degree of inclination", "a", 3),
             ("degrees per mm of clearance", "b", 1),
             ("constant, degrees", "c", 3),
             ("RMSE, degrees", "rmse_deg", 4),
         ),
-        "basis": design_basis(content.model_dump()),
+        "basis": find_design_basis(content.model_dump()),
         "clearances_mm": sorted({cell.clearance_mm for cell in cells}),
-        "rows": _grid_rows(cells),
+        "rows": _group_cells(cells),
         "steepest_deg": STEEPEST_CUT_DEG,
         "shifts": {
             "b_percent": 100 * (content.search["fit"]["b"] / content.equation_3["b"] - 1),
@@ -72,7 +74,7 @@ def _shown(result: AnyResult, content: DesignResult) -> dict[str, Any]:
     }
 
 
-def _verdict(content: DesignResult) -> list[str]:
+def _write_verdict(content: DesignResult) -> list[str]:
     """Return the page in a sentence or two."""
     reason = content.search.get("reason")
     ours = f"our own contour for {number(content.search['beta_cut_deg'])}" if reason is None else reason
@@ -90,31 +92,35 @@ def _verdict(content: DesignResult) -> list[str]:
     return [sentence, printed]
 
 
-def _answers(content: DesignResult) -> list[tuple[str, str, str]]:
-    """Return the rows of the table of answers: what, by equation (3), by our contour."""
+def _list_answers(content: DesignResult) -> list[tuple[str, str, str]]:
+    """Return the rows of the table of answers: the quantity, its value by equation (3), and by our contour."""
     search = content.search
     both: list[tuple[str, Mapping[str, Any]]] = [("paper", content.model_dump()), ("ours", search)]
     tolerances = [answer["tolerance"] or _NO_TOLERANCE for _, answer in both]
-    low_to_high = [_radius_interval(tolerance["radius_mm"]) for tolerance in tolerances]
+    low_to_high = [_format_radius_interval(tolerance["radius_mm"]) for tolerance in tolerances]
     rows = [
         ("Inclination to cut [degrees]", *(number(answer["beta_cut_deg"]) for _, answer in both)),
         ("Two hinges turn [degrees]", *(number(answer["beta_rot_deg"]) for _, answer in both)),
-        ("of it hinge a, hinge b [degrees]", number(None), _pair(search["beta_a_deg"], search["beta_b_deg"])),
+        (
+            "of it hinge a, hinge b [degrees]",
+            number(None),
+            _format_pair(search["beta_a_deg"], search["beta_b_deg"]),
+        ),
         ("Radius [mm]", *(number(answer["radius_mm"]) for _, answer in both)),
         ("Radius within the tolerances [mm]", *low_to_high),
         (
             "Change of radius for 0.001 mm of clearance [mm]",
-            *(_slope(tolerance["radius_mm_per_clearance_mm"], 0.001) for tolerance in tolerances),
+            *(_format_slope(tolerance["radius_mm_per_clearance_mm"], 0.001) for tolerance in tolerances),
         ),
         (
             "Change of radius for 0.1 degrees of inclination [mm]",
-            *(_slope(tolerance["radius_mm_per_cut_deg"], 0.1) for tolerance in tolerances),
+            *(_format_slope(tolerance["radius_mm_per_cut_deg"], 0.1) for tolerance in tolerances),
         ),
     ]
-    return [(label, paper, ours) for label, paper, ours in rows] + _optional_answers(content)
+    return [(label, paper, ours) for label, paper, ours in rows] + _list_optional_answers(content)
 
 
-def _optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
+def _list_optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
     rows = []
     if content.measured is not None:
         measured = content.measured
@@ -129,11 +135,11 @@ def _optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _slope(slope_mm: float | None, change: float) -> str:
+def _format_slope(slope_mm: float | None, change: float) -> str:
     return number(None if slope_mm is None else slope_mm * change, 3)
 
 
-def _radius_interval(low_high: list[float | None]) -> str:
+def _format_radius_interval(low_high: list[float | None]) -> str:
     low_mm, high_mm = low_high
     if low_mm is None:
         return number(None)
@@ -142,12 +148,12 @@ def _radius_interval(low_high: list[float | None]) -> str:
     return interval((low_mm, high_mm))
 
 
-def _pair(first: float | None, second: float | None) -> str:
+def _format_pair(first: float | None, second: float | None) -> str:
     return f"{number(first)}, {number(second)}"
 
 
-def _grid_rows(cells: tuple[GridPoint, ...]) -> list[tuple[float, list[GridPoint]]]:
-    """Return a row for each inclination, its cells by rising clearance."""
+def _group_cells(cells: tuple[GridPoint, ...]) -> list[tuple[float, list[GridPoint]]]:
+    """Return a row for each inclination, with its cells in order of clearance."""
     cuts_deg = sorted({cell.beta_cut_deg for cell in cells})
     by_clearance = sorted(cells, key=lambda cell: cell.clearance_mm)
     return [(cut, [cell for cell in by_clearance if cell.beta_cut_deg == cut]) for cut in cuts_deg]

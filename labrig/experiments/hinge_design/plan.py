@@ -1,4 +1,4 @@
-"""What cannot be designed of a design protocol, known before anything is searched."""
+"""Checks of a design protocol that need no search."""
 
 from collections.abc import Callable, Iterator
 
@@ -15,13 +15,13 @@ Check = tuple[str, Callable[[], object]]
 
 
 def plan(protocol: DesignProtocol, _rig: RigDescription | None) -> RunPlan:
-    """Return a plan that moves nothing, with what cannot be designed."""
-    return RunPlan(problems=design_problems(protocol))
+    """Return a plan that moves nothing, with the problems of the design."""
+    return RunPlan(problems=find_design_problems(protocol))
 
 
-def design_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
-    """Return the first refusal of the equations and of the contour's limits, at its key; none for a sound design."""
-    for key, check in _checks(protocol):
+def find_design_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
+    """Return the first problem of the equations or of the contour's limits, at its key; empty for a valid design."""
+    for key, check in _list_checks(protocol):
         try:
             check()
         except (InputError, AnswerIsNoError) as error:
@@ -29,8 +29,8 @@ def design_problems(protocol: DesignProtocol) -> tuple[Problem, ...]:
     return ()
 
 
-def _checks(protocol: DesignProtocol) -> Iterator[Check]:
-    """Yield key and check, the later ones resting on the earlier ones."""
+def _list_checks(protocol: DesignProtocol) -> Iterator[Check]:
+    """Yield each key with its check; later checks assume that the earlier ones passed."""
     yield "tube", lambda: Tube(**protocol.tube.model_dump())
     tube = Tube(**protocol.tube.model_dump())
     yield "clearance_mm", lambda: Hinge(tube, protocol.clearance_mm, 0.0)
@@ -39,7 +39,7 @@ def _checks(protocol: DesignProtocol) -> Iterator[Check]:
     if (tip_length_mm := protocol.tip_length_mm) is not None:
         yield "tip_length_mm", lambda: count_links(tip_length_mm, tube.link_length_mm)
     if protocol.measured is not None:
-        yield "measured", lambda: _effective_clearance_mm(protocol, tube)
+        yield "measured", lambda: _find_effective_clearance_mm(protocol, tube)
 
 
 def _require_bounded_radius(protocol: DesignProtocol, tube: Tube) -> None:
@@ -58,7 +58,7 @@ def _require_bounded_radius(protocol: DesignProtocol, tube: Tube) -> None:
         )
 
 
-def _effective_clearance_mm(protocol: DesignProtocol, tube: Tube) -> float | None:
+def _find_effective_clearance_mm(protocol: DesignProtocol, tube: Tube) -> float | None:
     measured = protocol.measured
     if measured is None:
         return None

@@ -10,7 +10,7 @@ from labrig.protocol.sections import ExperimentProtocol
 
 
 class DesignTolerances(Model):
-    """How sure the laser is."""
+    """The tolerances of laser cutting."""
 
     clearance_mm: float = Field(
         ge=0, le=0.05, description="How sure the width of the cut is, plus or minus [mm]."
@@ -19,7 +19,7 @@ class DesignTolerances(Model):
 
 
 class MeasuredNeedle(Model):
-    """A needle of this tube that was measured: its radius tells its effective clearance."""
+    """A measured needle of the same tube; its radius gives its effective clearance."""
 
     radius_mm: PositiveMm = Field(description="Radius that was measured [mm].")
     beta_cut_deg: float | None = Field(
@@ -30,8 +30,7 @@ class MeasuredNeedle(Model):
 class DesignProtocol(ExperimentProtocol):
     """Section III of the paper: what to cut for a steering radius. It moves no rig.
 
-    What the contour's limits and the equations refuse is told by `labrig.experiments.find_problems`: only `needle`
-    knows them.
+    The limits of the contour and of the equations are checked by `plan`, because only `needle` knows them.
     """
 
     experiment: Literal["design"] = Field(description="Which experiment this file describes.")
@@ -39,7 +38,7 @@ class DesignProtocol(ExperimentProtocol):
     tube: TubeSection = Field(description="The tube that the needle's tip is cut from.")
     radius_mm: PositiveMm = Field(description="Steering radius wanted [mm].")
     clearance_mm: float = Field(gt=0, le=1, description="Width that the laser cuts [mm].")
-    tolerances: DesignTolerances = Field(description="How sure the laser is.")
+    tolerances: DesignTolerances = Field(description="The tolerances of laser cutting.")
     grid_points: int = Field(
         7, ge=3, le=25, description="Points of the searched grid, along each of its two sides."
     )

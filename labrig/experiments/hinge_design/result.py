@@ -1,4 +1,4 @@
-"""What is to be cut for a steering radius."""
+"""The result of a design: what to cut for a steering radius."""
 
 from typing import Any, Literal
 
@@ -7,11 +7,11 @@ from labrig.needle.design_search import GridPoint
 
 
 class DesignResult(Result):
-    """Of design runs: the document that `labrig design --json` prints too, and the searched grid.
+    """The result of a design run: the document that `labrig design --json` prints too, and the searched grid.
 
-    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds what our own contour says, or the reason
-    why it cannot give the radius. `accepted`: there is something to cut, by the one or, for a tube that equation (3)
-    does not speak of, by the other.
+    `beta_cut_deg` and `tolerance` are those of equation (3); `search` holds the answer of our own contour, or the
+    reason why it cannot give the radius. `accepted`: there is something to cut, by equation (3) or, for a tube that it
+    does not cover, by our contour.
     """
 
     kind: Literal["design"] = "design"

@@ -1,4 +1,4 @@
-"""The study of a design: what to cut by equation (3), what by our own search, and figure 3 behind it.
+"""The study of a design: what to cut by equation (3) and by our own search, with the data of figure 3.
 
 `labrig design` and runs of the experiment design both come through `study_design`; the numbers are the same.
 """
@@ -77,7 +77,7 @@ class MeasuredRadius:
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """What is asked; the tolerances say how sure the laser is."""
+    """The question of a study; the tolerances are those of the laser."""
 
     tube: Tube
     radius_mm: float
@@ -91,7 +91,7 @@ class DesignOrder:
 
     @classmethod
     def of(cls, protocol: DesignProtocol) -> "DesignOrder":
-        """Return what a protocol asks."""
+        """Return the order of a protocol."""
         measured = protocol.measured
         return cls(
             tube=Tube(**protocol.tube.model_dump()),
@@ -108,7 +108,7 @@ class DesignOrder:
 
 @dataclass(frozen=True)
 class DesignStudy:
-    """What was found: both answers as a document, the searched grid, and the plane through it."""
+    """Both answers as a document, the searched grid, and the plane fitted to it."""
 
     document: Document
     cells: tuple[GridPoint, ...]
@@ -122,7 +122,7 @@ class DesignStudy:
         DiskError
             When a file cannot be written.
         """
-        write_atomically(folder / GRID_FILE, hinge_table(self.cells, self.plane))
+        write_atomically(folder / GRID_FILE, encode_hinge_table(self.cells, self.plane))
         if self.document["accepted"]:
             write_atomically(folder / DESIGN_FILE, design_file(self.document, provenance))
 
@@ -145,12 +145,12 @@ def analyze(_run: Run, protocol: DesignProtocol, request: AnalysisRequest) -> Fi
 def study_design(
     order: DesignOrder, workers: int = DEFAULT_WORKERS, progress: Progress | None = None
 ) -> DesignStudy:
-    """Answer by equation (3), then by the search; where our contour cannot give the radius, its answer says why.
+    """Answer by equation (3), then by the search; if our contour cannot give the radius, its answer holds the reason.
 
     Parameters
     ----------
     progress : callable or None
-        Called with how many hinges are searched, and how many there are.
+        Called with the number of hinges searched so far, and of all.
 
     Raises
     ------
@@ -161,37 +161,39 @@ def study_design(
     MachineError
         When a process that searches dies.
     """
-    document = _by_equations(order)
+    document = _solve_equations(order)
     hinges = make_hinge_grid(order.tube, order.clearance_mm, order.grid_points)
     with worker_processes(workers, "searched rotations") as pool:
         cells = search_grid(hinges, pool, progress, order.seed)
     plane = fit_plane(cells)
-    document["search"] = _by_search(order, cells, plane)
-    # Equation (3) always answers for a tube of the paper's section; for any other only our contour speaks.
-    document["accepted"] = design_basis(document) == "equation (3)" or document["search"]["reason"] is None
+    document["search"] = _search_answer(order, cells, plane)
+    # Equation (3) always has an answer for a tube of the paper's section; any other tube has only our contour.
+    document["accepted"] = (
+        find_design_basis(document) == "equation (3)" or document["search"]["reason"] is None
+    )
     if document["measured"] is not None:
-        document["measured"]["search_clearance_mm"] = _clearance_or_none(plane, document["measured"])
+        document["measured"]["search_clearance_mm"] = _find_clearance_mm(plane, document["measured"])
     return DesignStudy(document, cells, plane)
 
 
-def design_basis(document: Mapping[str, Any]) -> Basis:
-    """Return what a design goes by: equation (3) where it speaks of the tube, else our contour."""
+def find_design_basis(document: Mapping[str, Any]) -> Basis:
+    """Return what a design is based on: equation (3) if it covers the tube, otherwise our contour."""
     return "equation (3)" if document["equation_3"]["same_tube"] else "our contour"
 
 
 def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> bytes:
-    """Return the design file of a study, for protocols to name.
+    """Return the design file of a study, which protocols can name.
 
     Raises
     ------
     AnswerIsNoError
         When nothing was found to cut.
     InputError
-        When the tolerances are so wide that the hinges might not turn at all: no radius can be promised.
+        When the tolerances are so wide that the hinges may not turn at all, so that no radius can be guaranteed.
     """
     if not document["accepted"]:
         raise AnswerIsNoError(document["search"]["reason"], _NO_DESIGN_HINT)
-    basis = design_basis(document)
+    basis = find_design_basis(document)
     answer = document if basis == "equation (3)" else document["search"]
     low_mm, high_mm = answer["tolerance"]["radius_mm"]
     if high_mm is None:
@@ -214,8 +216,8 @@ def design_file(document: Mapping[str, Any], provenance: Mapping[str, Any]) -> b
     return encode_document(design.model_dump(mode="json"))
 
 
-def hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
-    """Return the searched grid as CSV, one line a cell, both planes beside it."""
+def encode_hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
+    """Return the searched grid as CSV: a line for each cell, with the values of both planes."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
@@ -234,8 +236,8 @@ def hinge_table(cells: tuple[GridPoint, ...], plane: RotationPlane) -> bytes:
     return text.getvalue().encode("utf-8")
 
 
-def _by_equations(order: DesignOrder) -> Document:
-    """Return the answer of equations (1) to (3); everything that can be refused is refused here."""
+def _solve_equations(order: DesignOrder) -> Document:
+    """Return the answer of equations (1) to (3). All checks of the order are made here."""
     tube = order.tube
     beta_rot_deg = rotation_for_radius_deg(order.radius_mm, tube.link_length_mm)
     beta_cut_deg = design_by_equations(tube, order.radius_mm, order.clearance_mm).beta_cut_deg
@@ -250,8 +252,8 @@ def _by_equations(order: DesignOrder) -> Document:
         "radius_mm": order.radius_mm,
         "clearance_mm": order.clearance_mm,
         "tube": asdict(tube),
-        "equation_3": {**asdict(EQUATION_3), "same_tube": _same_section(tube)},
-        "tolerance": _tolerance(order, EQUATION_3, beta_rot_deg),
+        "equation_3": {**asdict(EQUATION_3), "same_tube": _has_section_of_paper(tube)},
+        "tolerance": _find_tolerance(order, EQUATION_3, beta_rot_deg),
         "table_1": {"beta_cut_deg": TABLE_1.beta_cut_deg, "beta_rot_deg": TABLE_1.beta_rot_deg}
         if is_table_1
         else None,
@@ -260,12 +262,14 @@ def _by_equations(order: DesignOrder) -> Document:
         else count_links(order.tip_length_mm, tube.link_length_mm),
         "measured": None
         if order.measured is None
-        else _measured(order, order.measured, TABLE_1.beta_cut_deg if is_table_1 else beta_cut_deg),
+        else _describe_measured_needle(
+            order, order.measured, TABLE_1.beta_cut_deg if is_table_1 else beta_cut_deg
+        ),
     }
 
 
-def _same_section(tube: Tube) -> bool:
-    """Return whether equation (3), which was fitted to one tube, speaks of this one; it holds for any link length."""
+def _has_section_of_paper(tube: Tube) -> bool:
+    """Return whether equation (3), which was fitted to one tube, covers this one; it holds for any link length."""
     paper = TABLE_1.tube
     return (tube.outer_diameter_mm, tube.inner_diameter_mm) == (
         paper.outer_diameter_mm,
@@ -273,7 +277,7 @@ def _same_section(tube: Tube) -> bool:
     )
 
 
-def _tolerance(order: DesignOrder, plane: RotationPlane, beta_rot_deg: float) -> Document:
+def _find_tolerance(order: DesignOrder, plane: RotationPlane, beta_rot_deg: float) -> Document:
     found = radius_tolerance(
         plane,
         beta_rot_deg,
@@ -290,7 +294,9 @@ def _tolerance(order: DesignOrder, plane: RotationPlane, beta_rot_deg: float) ->
     }
 
 
-def _measured(order: DesignOrder, measured: MeasuredRadius, designed_cut_deg: float) -> Document:
+def _describe_measured_needle(
+    order: DesignOrder, measured: MeasuredRadius, designed_cut_deg: float
+) -> Document:
     beta_rot_deg = rotation_for_radius_deg(measured.radius_mm, order.tube.link_length_mm)
     beta_cut_deg = designed_cut_deg if measured.beta_cut_deg is None else measured.beta_cut_deg
     Hinge(order.tube, order.clearance_mm, beta_cut_deg)
@@ -303,16 +309,16 @@ def _measured(order: DesignOrder, measured: MeasuredRadius, designed_cut_deg: fl
     }
 
 
-def _clearance_or_none(plane: RotationPlane, measured: Document) -> float | None:
-    """Return the clearance by our own plane; None where it would be negative."""
+def _find_clearance_mm(plane: RotationPlane, measured: Document) -> float | None:
+    """Return the clearance by our own plane; None if it would be negative."""
     try:
         return plane.clearance_mm(measured["beta_rot_deg"], measured["beta_cut_deg"])
     except AnswerIsNoError:
         return None
 
 
-def _by_search(order: DesignOrder, cells: tuple[GridPoint, ...], plane: RotationPlane) -> Document:
-    """Return the searched answer, its numbers None and `reason` a sentence where our contour has none."""
+def _search_answer(order: DesignOrder, cells: tuple[GridPoint, ...], plane: RotationPlane) -> Document:
+    """Return the answer of the search; if our contour has none, its numbers are None and `reason` is a sentence."""
     answer: Document = {
         "beta_cut_deg": None,
         "beta_rot_deg": None,
@@ -341,6 +347,6 @@ def _by_search(order: DesignOrder, cells: tuple[GridPoint, ...], plane: Rotation
         "beta_a_deg": found.rotation.hinge_a.rotation_deg,
         "beta_b_deg": found.rotation.hinge_b.rotation_deg,
         "radius_mm": radius_mm(found.rotation.beta_rot_deg, order.tube.link_length_mm),
-        "tolerance": _tolerance(order, plane, found.rotation.beta_rot_deg),
+        "tolerance": _find_tolerance(order, plane, found.rotation.beta_rot_deg),
         "inside_grid": beta_cut_deg <= STEEPEST_CUT_DEG,
     }

@@ -11,10 +11,10 @@ Document = Mapping[str, Any]
 
 
 def summarise(document: Document) -> Summary:
-    """Return both answers, side by side, and what is to be known of them."""
+    """Return both answers side by side, with warnings about their limits."""
     search = document["search"]
     return Summary(
-        tuple(_lines(document)),
+        tuple(_list_lines(document)),
         {
             "inclination by equation (3), degrees": document["beta_cut_deg"],
             "inclination on our contour, degrees": search["beta_cut_deg"],
@@ -23,12 +23,12 @@ def summarise(document: Document) -> Summary:
     )
 
 
-def _lines(document: Document) -> Iterator[str | TextTable]:
+def _list_lines(document: Document) -> Iterator[str | TextTable]:
     yield (
         f"A radius of {number(document['radius_mm'], 2)} mm at a clearance of {document['clearance_mm']:g} mm: "
         f"two hinges turn {number(document['beta_rot_deg'], 2)} degrees."
     )
-    yield TextTable(("", "equation (3)", "our contour"), _rows(document, document["search"]))
+    yield TextTable(("", "equation (3)", "our contour"), _list_rows(document, document["search"]))
     if document["table_1"] is not None:
         yield (
             f"Table I prints {document['table_1']['beta_cut_deg']} degrees; "
@@ -37,11 +37,11 @@ def _lines(document: Document) -> Iterator[str | TextTable]:
     if document["links"] is not None:
         yield f"The tip takes {document['links']} links."
     if document["measured"] is not None:
-        yield _measured_line(document["measured"])
-    yield from _warnings(document)
+        yield _describe_measured_needle(document["measured"])
+    yield from _list_warnings(document)
 
 
-def _rows(document: Document, search: Document) -> tuple[tuple[str, ...], ...]:
+def _list_rows(document: Document, search: Document) -> tuple[tuple[str, ...], ...]:
     paper_fit, own_fit = document["equation_3"], search["fit"]
     rows = [
         [
@@ -71,7 +71,7 @@ def _rows(document: Document, search: Document) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(row) for row in rows)
 
 
-def _measured_line(measured: Document) -> str:
+def _describe_measured_needle(measured: Document) -> str:
     own = measured["search_clearance_mm"]
     return (
         f"Measured {number(measured['radius_mm'], 2)} mm means {number(measured['beta_rot_deg'], 2)} degrees; cut at "
@@ -80,7 +80,7 @@ def _measured_line(measured: Document) -> str:
     )
 
 
-def _warnings(document: Document) -> Iterator[str]:
+def _list_warnings(document: Document) -> Iterator[str]:
     if not document["equation_3"]["same_tube"]:
         yield "Equation (3) was fitted to a tube of 1.2 and 0.7 mm; for this one only our contour was searched."
     if document["search"]["reason"] is not None:

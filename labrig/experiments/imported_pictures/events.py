@@ -1,4 +1,4 @@
-"""What `labrig import` writes beside the pictures."""
+"""The events that `labrig import` records."""
 
 from typing import ClassVar
 

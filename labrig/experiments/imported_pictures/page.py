@@ -2,7 +2,7 @@
 
 from labrig.analysis.result import AnalysisResult
 from labrig.experiments.imported_pictures.protocol import ImportProtocol
-from labrig.experiments.shared.curvature_page import curvature_page
+from labrig.experiments.shared.curvature_page import make_curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run
 from labrig.report.formatting import count_of
@@ -10,14 +10,16 @@ from labrig.report.page import Page
 
 
 def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[CurvatureResult] | None) -> Page:
-    """Return the page of imported pictures: each of them, with what was found in it."""
+    """Return the page of imported pictures: each picture with its measurement."""
     facts = (("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),)
     if result is None:
         return Page(facts)
-    return curvature_page(run, result, result.content, facts=facts, verdict=_verdict(result.content))
+    return make_curvature_page(
+        run, result, result.content, facts=facts, verdict=_write_verdict(result.content)
+    )
 
 
-def _verdict(content: CurvatureResult) -> list[str]:
+def _write_verdict(content: CurvatureResult) -> list[str]:
     found = sum(measurement.found for measurement in content.measurements)
     accepted = sum(measurement.accepted for measurement in content.measurements)
     pictures = count_of(len(content.measurements), "picture")

@@ -1,4 +1,4 @@
-"""Imported pictures are recorded already: nothing runs them."""
+"""Imported pictures are already recorded, so their protocol cannot be run."""
 
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
@@ -7,7 +7,7 @@ from labrig.runner.experiment import RunPlan
 
 
 def plan(_protocol: ImportProtocol, _rig: RigDescription | None) -> RunPlan:
-    """Return why such a protocol cannot be run."""
+    """Return a plan whose problem says why this protocol cannot be run."""
     problem = Problem(
         "experiment",
         "a protocol of imported pictures moves no rig",

@@ -26,12 +26,12 @@ class ImportedNeedle(Model):
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a radius that the needle's own thickness rules out."""
+        """Yield a radius that is not larger than the needle's diameter."""
         yield from check_radius(self.diameter_mm, self.design_radius_mm)
 
 
 class ImportProtocol(ExperimentProtocol):
-    """Loose recorded pictures made into a run; `labrig import` writes it."""
+    """The protocol of a run made from loose pictures; `labrig import` writes it."""
 
     experiment: Literal["import"] = Field(description="Which experiment this file describes.")
     title: Line = Field("Imported pictures", description="Heading of the report.")
@@ -50,6 +50,6 @@ class ImportProtocol(ExperimentProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath_diameter_mm)
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a sheath that the needle does not fit through."""
+        """Yield a sheath that is too narrow for the needle."""
         if self.sheath_diameter_mm is not None:
             yield from check_sheath("sheath_diameter_mm", self.sheath_diameter_mm, self.needle.diameter_mm)

@@ -1,4 +1,4 @@
-"""What an insertion is aimed at: places of the protocol in mm, the problem for the planner, and what rules it out."""
+"""The aim of an insertion: target and obstacles of the protocol in mm, and what rules them out."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ import numpy as np
 
 from labrig.errors import InputError, Problem
 from labrig.experiments.insertion.protocol import InsertionProtocol, Place
-from labrig.experiments.insertion.settings import insertion_settings
+from labrig.experiments.insertion.settings import make_insertion_settings
 from labrig.steering.problem import Obstacle
 from labrig.vision.plane import PlaneMap
 
 _RIM_PX = 25.0
-"""A tip nearer to the rim of the picture than this is not found any more."""
+"""A tip closer to the rim of the picture than this is not found."""
 
 Point = tuple[float, float, float]
 
@@ -25,36 +25,38 @@ class Aim:
     obstacles: tuple[Obstacle, ...]
 
 
-def aim_of(protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float, float] | None = None) -> Aim:
-    """Return where the insertion goes, and what it keeps off.
+def make_aim(
+    protocol: InsertionProtocol, plane: PlaneMap, picked_px: tuple[float, float] | None = None
+) -> Aim:
+    """Return the target of an insertion and the obstacles that it avoids.
 
     Parameters
     ----------
     protocol : InsertionProtocol
     plane : PlaneMap
-        Turns pixels of the protocol, and the one that was picked, into mm.
+        Maps pixels of the protocol, and the picked pixel, to mm.
     picked_px : (float, float), optional
-        The target's pixel where the protocol asks for it.
+        The target's pixel if the protocol asks for it.
 
     Raises
     ------
     InputError
-        When the protocol asks for the target and none was picked.
+        When the protocol asks for the target and no pixel was picked.
     """
     target = protocol.target
     if target.ask and picked_px is None:
         raise InputError("the target was asked for and not named", "name its pixel")
     place = Place(pixel=picked_px) if target.ask else target
-    return Aim(_point(place, plane), obstacles_of(protocol, plane))
+    return Aim(_locate(place, plane), locate_obstacles(protocol, plane))
 
 
-def obstacles_of(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
+def locate_obstacles(protocol: InsertionProtocol, plane: PlaneMap) -> tuple[Obstacle, ...]:
     """Return the obstacles in mm."""
-    return tuple(Obstacle(_point(obstacle, plane), obstacle.radius_mm) for obstacle in protocol.obstacles)
+    return tuple(Obstacle(_locate(obstacle, plane), obstacle.radius_mm) for obstacle in protocol.obstacles)
 
 
-def pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
-    """Yield pixels that are none of the camera's picture."""
+def find_pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield pixels that lie outside the camera's picture."""
     places = [
         ("target", protocol.target),
         *((f"obstacles.{n}", obstacle) for n, obstacle in enumerate(protocol.obstacles)),
@@ -68,44 +70,44 @@ def pixel_problems(protocol: InsertionProtocol, plane: PlaneMap) -> Iterator[Pro
             yield Problem(f"{where}.pixel", message, "u counts to the right, v down, both from 0")
 
 
-def aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
-    """Yield why this cannot be aimed at: a target out of tissue or view, or inside an obstacle; obstacles astray."""
-    yield from _outside_tissue(protocol, aim.target_mm)
-    yield from _out_of_view(aim.target_mm, plane)
+def find_aim_problems(protocol: InsertionProtocol, aim: Aim, plane: PlaneMap) -> Iterator[Problem]:
+    """Yield the problems of an aim: a target out of tissue, out of view or inside an obstacle, and stray obstacles."""
+    yield from _find_target_outside_tissue(protocol, aim.target_mm)
+    yield from _find_target_out_of_view(aim.target_mm, plane)
     for number, obstacle in enumerate(aim.obstacles):
-        yield from _stray_obstacle(protocol, f"obstacles.{number}", obstacle, plane)
+        yield from _find_stray_obstacle(protocol, f"obstacles.{number}", obstacle, plane)
     try:
-        insertion_settings(protocol, aim.target_mm, aim.obstacles)
+        make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     except InputError as error:
         yield Problem("target", error.message, error.hint)
 
 
-def _point(place: Place, plane: PlaneMap) -> Point:
+def _locate(place: Place, plane: PlaneMap) -> Point:
     if place.position_mm is not None:
         return place.position_mm
     y_mm, z_mm = plane.to_mm(np.array([place.pixel], dtype=float))[0].tolist()
     return 0.0, y_mm, z_mm
 
 
-def _outside_tissue(protocol: InsertionProtocol, target_mm: Point) -> Iterator[Problem]:
+def _find_target_outside_tissue(protocol: InsertionProtocol, target_mm: Point) -> Iterator[Problem]:
     y_mm, z_mm = target_mm[1:]
-    if _in_tissue(protocol, target_mm, reach_mm=0.0):
+    if _is_in_tissue(protocol, target_mm, reach_mm=0.0):
         return
-    message = f"the target at y {y_mm:.1f}, z {z_mm:.1f} mm lies outside of the tissue, {_tissue(protocol)}"
+    message = f"the target at y {y_mm:.1f}, z {z_mm:.1f} mm lies outside of the tissue, {_describe_tissue(protocol)}"
     yield Problem(
         "target", message, "aim at a point of the block, or correct specimen length_mm and width_mm"
     )
 
 
-def _in_tissue(protocol: InsertionProtocol, position_mm: Point, reach_mm: float) -> bool:
-    """Tell whether what reaches so far around a position lies in the block, at least in part."""
+def _is_in_tissue(protocol: InsertionProtocol, position_mm: Point, reach_mm: float) -> bool:
+    """Return whether a sphere of radius `reach_mm` at a position lies in the block, at least in part."""
     _, y_mm, z_mm = position_mm
     depth_mm = protocol.sheath.depth_mm
     far_mm, half_mm = protocol.specimen.length_mm - depth_mm, protocol.specimen.width_mm / 2
     return -depth_mm - reach_mm <= z_mm <= far_mm + reach_mm and abs(y_mm) <= half_mm + reach_mm
 
 
-def _tissue(protocol: InsertionProtocol) -> str:
+def _describe_tissue(protocol: InsertionProtocol) -> str:
     block, depth_mm = protocol.specimen, protocol.sheath.depth_mm
     return (
         f"which reaches from z {-depth_mm:g} to {block.length_mm - depth_mm:g} mm and to "
@@ -113,15 +115,15 @@ def _tissue(protocol: InsertionProtocol) -> str:
     )
 
 
-def _stray_obstacle(
+def _find_stray_obstacle(
     protocol: InsertionProtocol, where: str, obstacle: Obstacle, plane: PlaneMap
 ) -> Iterator[Problem]:
-    """Yield an obstacle that no path could touch: all of it outside of the tissue, or of what the camera sees."""
+    """Yield an obstacle that no path could touch, because it lies wholly outside the tissue or the camera's view."""
     _, y_mm, z_mm = obstacle.position_mm
     place = f"the obstacle at y {y_mm:.1f}, z {z_mm:.1f} mm, radius {obstacle.radius_mm:g} mm"
     hint = "correct its position (mm, or a pixel of the picture), or leave it out"
-    if not _in_tissue(protocol, obstacle.position_mm, reach_mm=obstacle.radius_mm):
-        yield Problem(where, f"{place}, lies outside of the tissue, {_tissue(protocol)}", hint)
+    if not _is_in_tissue(protocol, obstacle.position_mm, reach_mm=obstacle.radius_mm):
+        yield Problem(where, f"{place}, lies outside of the tissue, {_describe_tissue(protocol)}", hint)
     elif plane.image_size is not None:
         width, height = plane.image_size
         u, v = plane.to_px(np.array([[y_mm, z_mm]]))[0].tolist()
@@ -131,7 +133,7 @@ def _stray_obstacle(
             yield Problem(where, f"{place}, lies outside of the camera's view: {seen}", hint)
 
 
-def _out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Problem]:
+def _find_target_out_of_view(target_mm: Point, plane: PlaneMap) -> Iterator[Problem]:
     if plane.image_size is None:
         return
     width, height = plane.image_size

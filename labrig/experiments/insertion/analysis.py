@@ -1,10 +1,10 @@
-"""How near to their targets the insertions of a run ended, and what was known of the tip on the way.
+"""Measure how close to their targets the insertions of a run ended, and estimate the tip along the way again.
 
-Errors are measured on the final pictures by the end of the shaft. The way there is gone again over the recorded
-pictures by the step that steered: the tip is found anew, its pose estimated with the turns that were made, and what the
-step says then is written down. With the settings of the protocol it comes out as it was, to the last digit; with others
-(`labrig reanalyze --set planner.radius_mm=32`) each command is what would have been told there. The needle went where
-the run sent it all the same: it is a comparison picture by picture, and no forecast of another path.
+Errors are measured in the final pictures, at the end of the shaft. The steering step then runs again over the recorded
+pictures: it finds the tip, estimates its pose with the recorded turns, and its commands are stored. With the settings
+of the protocol the commands are those of the run, to the last digit. With other settings
+(`labrig reanalyze --set planner.radius_mm=32`) they are the commands that the step would have given at each picture.
+The needle still followed the commands of the run: this compares commands picture by picture and predicts no other path.
 """
 
 import math
@@ -42,7 +42,7 @@ from labrig.experiments.insertion.result import (
     InsertionStep,
     InsertionTrial,
 )
-from labrig.experiments.insertion.settings import insertion_settings, settings_from_events
+from labrig.experiments.insertion.settings import make_insertion_settings, restore_settings
 from labrig.record.reader import Run
 from labrig.steering.planner import Plan, sample_path
 from labrig.steering.policy import SteeringCommand, SteeringSettings, TipSighting
@@ -55,17 +55,17 @@ from labrig.vision.tip import TipFix
 FloatArray = NDArray[np.float64]
 
 TEMPLATE_FILE = "template.png"
-# Paths are drawn, and never computed with: so many points, to a thousandth of a millimetre.
+# Paths are only drawn, never computed with: this many points, rounded to a thousandth of a millimetre.
 _PATH_POINTS, _DECIMALS = 60, 3
-# How sure the end of a shaft is read, in pixels: what `python -m tests.benchmarks insertion` measures and what is true
-# differs by 0.1 mm rms, which is a pixel there.
+# Standard deviation of a shaft's end in the picture [px]: in `python -m tests.benchmarks insertion` measured and true
+# ends differ by 0.1 mm rms, which is a pixel there.
 _READ_PX = 1.0
 _NO_POINTS = np.empty((0, 2))
 
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """The run that is analysed: what its pictures are seen with, and what its grid pictures say."""
+    """The run that is analysed: how its pictures are read, and the result of its grid pictures."""
 
     run: Run
     view: TipView
@@ -75,7 +75,7 @@ class _Source:
 
 @dataclass(frozen=True)
 class _Events:
-    """What a run says of one of its insertions."""
+    """The recorded events of one insertion."""
 
     start: InsertionStart
     stop: InsertionStop | None
@@ -91,14 +91,14 @@ class _Events:
 
 
 @dataclass(frozen=True, eq=False)
-class _True:
-    """The path that the world says the needle took, (N, 2) as (y, z), with the arc length at each point."""
+class _TruePath:
+    """The needle's true path in the simulated world, (N, 2) as (y, z), with the arc length at each point."""
 
     arc_mm: FloatArray
     path_mm: FloatArray
 
     def at(self, depth_mm: float) -> tuple[Point | None, float | None]:
-        """Return place and heading at an insertion length."""
+        """Return position and heading at an insertion length; None for both without a path."""
         if len(self.path_mm) < 2:
             return None, None
         y, z = (float(np.interp(depth_mm, self.arc_mm, along)) for along in self.path_mm.T)
@@ -109,16 +109,16 @@ class _True:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Where the tip was predicted and where it was seen (3,), among which obstacles, and what is true of it."""
+    """The predicted and the observed tip (3,), the settings with their obstacles, and the true path."""
 
     predicted: FloatArray
     seen: FloatArray | None
     settings: SteeringSettings
-    true: _True
+    true: _TruePath
 
 
 def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> Findings:
-    """Measure where each insertion ended, and estimate the way to it again.
+    """Measure where each insertion ended, and estimate its path again.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
     trials = _read_trials(run)
     insertions = []
     for number, trial in enumerate(trials, start=1):
-        insertions.append(_trial(trial, source))
+        insertions.append(_analyze_trial(trial, source))
         if request.progress is not None:
             request.progress(number, len(trials))
     scenes = [line for line in run.frame_lines if line.role == InsertionRole.SCENE]
@@ -147,11 +147,11 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
         arrived=sum(trial.reached for trial in insertions),
         causes=dict(Counter(trial.stop for trial in insertions if not trial.reached)),
         reached=bool(insertions) and all(trial.reached for trial in insertions),
-        target_error_mm=_worst([trial.target_error_mm for trial in insertions]),
-        true_target_error_mm=_worst([trial.true_target_error_mm for trial in insertions]),
-        true_min_clearance_mm=_least([trial.true_min_clearance_mm for trial in insertions]),
+        target_error_mm=_find_largest([trial.target_error_mm for trial in insertions]),
+        true_target_error_mm=_find_largest([trial.true_target_error_mm for trial in insertions]),
+        true_min_clearance_mm=_find_least([trial.true_min_clearance_mm for trial in insertions]),
         replans=sum(trial.replans for trial in insertions),
-        length_mm=_worst([trial.length_mm for trial in insertions]),
+        length_mm=_find_largest([trial.length_mm for trial in insertions]),
         insertions=tuple(insertions),
         origins=find_origins(run.read_frame, scenes, plane, protocol.sheath),
         sentinel=sentinel,
@@ -160,7 +160,7 @@ def analyze(run: Run, protocol: InsertionProtocol, request: AnalysisRequest) -> 
 
 
 def _read_trials(run: Run) -> list[_Events]:
-    """Return what a run says of its insertions, one by one."""
+    """Return the recorded events of each insertion."""
     trials = run.read_trials(InsertionStart, InsertionStop)
     sheaths = {event.origin.trial: event.origin for event in run.read_events(InsertionSheath)}
     plans = run.read_events(PathSought)
@@ -179,48 +179,48 @@ def _read_trials(run: Run) -> list[_Events]:
     ]
 
 
-def _trial(events: _Events, source: _Source) -> InsertionTrial:
+def _analyze_trial(events: _Events, source: _Source) -> InsertionTrial:
     start, stop, truth = events.start, events.stop, events.true
-    asked = insertion_settings(source.protocol, start.target_mm, start.obstacles)
-    settings = settings_from_events(asked, events.sheath)
+    asked = make_insertion_settings(source.protocol, start.target_mm, start.obstacles)
+    settings = restore_settings(asked, events.sheath)
     target_mm, tolerance_mm = start.target_mm[1:], settings.problem.tolerance_mm
-    true = _true_path(truth)
+    true = _read_true_path(truth)
     steps, commands = _retrace(events, settings, source, true)
-    end, unmeasured = _end(stop, source)
+    end, unmeasured = _measure_end(stop, source)
     error_mm = None if end is None else math.dist(end.tip_mm, target_mm)
     recorded = [event.estimate.position_mm[1:] for event in events.observations]
     return InsertionTrial(
         trial=start.trial,
         start_t_s=start.t_s,
-        **_verdict(stop, error_mm, tolerance_mm, source.sentinel),
+        **_decide_outcome(stop, error_mm, tolerance_mm, source.sentinel),
         target_mm=start.target_mm,
         tolerance_mm=tolerance_mm,
         obstacles=start.obstacles,
         final_frame=None if stop is None else stop.final_frame,
         tip_mm=None if end is None else end.tip_mm,
-        shaft_mm=() if end is None else _points(end.centre_line_mm),
+        shaft_mm=() if end is None else _thin_path(end.centre_line_mm),
         target_error_mm=error_mm,
-        sigma_target_error_mm=None if end is None else _sigma_mm(end, target_mm, source),
+        sigma_target_error_mm=None if end is None else _find_sigma_mm(end, target_mm, source),
         unmeasured=unmeasured,
         template_error_mm=math.dist(steps[-1].estimate_mm, target_mm) if steps else None,
         true_target_error_mm=None if truth is None else truth.true_target_error_mm,
         true_min_clearance_mm=None if truth is None else truth.true_min_clearance_mm,
-        true_path_mm=_points(true.path_mm),
+        true_path_mm=_thin_path(true.path_mm),
         replans=0 if stop is None else stop.replans,
         length_mm=None if stop is None else stop.depth_mm,
         missed_sightings=sum(not step.believed for step in steps),
-        mean_nis=_mean([step.nis for step in steps if step.believed]),
+        mean_nis=_average([step.nis for step in steps if step.believed]),
         steps=tuple(steps),
-        plans=tuple(_plan(event, settings) for event in events.plans),
+        plans=tuple(_describe_plan(event, settings) for event in events.plans),
         as_recorded=[step.estimate_mm for step in steps] == recorded,
         commands=tuple(commands),
     )
 
 
-def _verdict(
+def _decide_outcome(
     stop: InsertionStop | None, error_mm: float | None, tolerance_mm: float, sentinel: Sentinel | None
 ) -> dict[str, Any]:
-    """Return how an insertion ended: as it was steered, unless the shaft says that it missed, or a bump hides it."""
+    """Return how an insertion ended: as steered, unless the shaft shows a miss or the camera was bumped."""
     if stop is None:
         cause = "the run ended before the insertion did"
         return {"outcome": "stopped", "stop": "interrupted", "cause": cause, "reached": False}
@@ -235,14 +235,14 @@ def _verdict(
 
 
 def _retrace(
-    events: _Events, settings: SteeringSettings, source: _Source, true: _True
+    events: _Events, settings: SteeringSettings, source: _Source, true: _TruePath
 ) -> tuple[list[InsertionStep], list[InsertionCommand]]:
-    """Take the step that steered at each picture, with the turns that were made and not those that it would have made.
+    """Run the steering step again at each picture, with the recorded turns instead of the turns that it commands.
 
-    A turn that it asks for and that was made is its own, so that the same settings give the same digits.
+    A commanded turn that was also made counts as the step's own, so that the same settings give the same digits.
     """
     state, command = start_steering(settings)
-    steps, commands = list[InsertionStep](), [_command(None, state, command)]
+    steps, commands = list[InsertionStep](), [_describe_command(None, state, command)]
     for event in events.way:
         if isinstance(event, BevelTurn):
             if command.roll_rad == 0.0:
@@ -256,15 +256,15 @@ def _retrace(
             sighting = TipSighting(event.depth_mm, position_mm)
             if command.stop is None:
                 state, command = step_steering(state, sighting, settings)
-                commands.append(_command(event.frame, state, command))
+                commands.append(_describe_command(event.frame, state, command))
             else:
                 state = take_in_sighting(state, sighting, settings)
             places = _Places(predicted[:3, 3], sighting.position_mm, settings, true)
-            steps.append(_step(event, fix, state, places))
+            steps.append(_describe_step(event, fix, state, places))
     return steps, commands
 
 
-def _command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
+def _describe_command(frame: int | None, state: SteeringState, command: SteeringCommand) -> InsertionCommand:
     return InsertionCommand(
         frame=frame,
         depth_mm=state.insertion_mm,
@@ -290,32 +290,32 @@ def _find_tip_again(
     return found.fix, found.position_mm
 
 
-def _step(event: TipObserved, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
+def _describe_step(event: TipObserved, fix: TipFix, state: SteeringState, place: _Places) -> InsertionStep:
     tip, seen = state.tip, place.seen
     true_mm, true_heading_rad = place.true.at(state.insertion_mm)
     return InsertionStep(
         frame=event.frame,
         t_s=event.t_s,
         depth_mm=state.insertion_mm,
-        tip_mm=None if seen is None else _point2(seen[1:]),
+        tip_mm=None if seen is None else _to_point(seen[1:]),
         reason=fix.reason,
         score=fix.score,
-        estimate_mm=_point2(tip.position_mm[1:]),
+        estimate_mm=_to_point(tip.position_mm[1:]),
         position_sd_mm=tip.position_sd_mm,
         heading_rad=tip.heading_rad,
         heading_sd_rad=tip.heading_sd_rad,
         radius_mm=1.0 / tip.curvature if tip.curvature > 0.0 else None,
         believed=tip.accepted,
         nis=tip.nis,
-        innovation_mm=None if seen is None else _point2((seen - place.predicted)[1:]),
-        clearance_mm=_clearance_mm(tip.position_mm, place.settings),
+        innovation_mm=None if seen is None else _to_point((seen - place.predicted)[1:]),
+        clearance_mm=_find_clearance_mm(tip.position_mm, place.settings),
         true_mm=true_mm,
         true_heading_rad=true_heading_rad,
     )
 
 
-def _clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
-    """Return how far the needle's surface is from the nearest obstacle's, at the tip."""
+def _find_clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float | None:
+    """Return the distance from the needle's surface at the tip to the surface of the nearest obstacle."""
     problem = settings.problem
     apart = [
         math.dist(position_mm, obstacle.position_mm) - obstacle.radius_mm for obstacle in problem.obstacles
@@ -323,7 +323,7 @@ def _clearance_mm(position_mm: FloatArray, settings: SteeringSettings) -> float 
     return min(apart) - problem.diameter_mm / 2 if apart else None
 
 
-def _plan(event: PathSought, settings: SteeringSettings) -> InsertionPlan:
+def _describe_plan(event: PathSought, settings: SteeringSettings) -> InsertionPlan:
     return InsertionPlan(
         depth_mm=event.depth_mm,
         t_s=event.t_s,
@@ -334,11 +334,11 @@ def _plan(event: PathSought, settings: SteeringSettings) -> InsertionPlan:
         arcs=len(event.arcs) if event.found else 0,
         length_mm=event.length_mm,
         clearance_mm=event.clearance_mm,
-        path_mm=_points(_planned_path(event, settings)[:, 1:]),
+        path_mm=_thin_path(_sample_plan(event, settings)[:, 1:]),
     )
 
 
-def _planned_path(event: PathSought, settings: SteeringSettings) -> FloatArray:
+def _sample_plan(event: PathSought, settings: SteeringSettings) -> FloatArray:
     """Return the points (N, 3) of a recorded plan."""
     bent = [arc for arc in event.arcs if arc.angle_rad > 0.0]
     if not event.found or not bent:
@@ -350,8 +350,8 @@ def _planned_path(event: PathSought, settings: SteeringSettings) -> FloatArray:
     return sample_path(problem, Plan(found=True, reason=None, arcs=event.arcs))
 
 
-def _end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, str | None]:
-    """Measure the shaft in the final picture, or say why that cannot be done."""
+def _measure_end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, str | None]:
+    """Measure the shaft in the final picture; without a measurement, return the reason."""
     if stop is None:
         return None, "there is no final picture"
     if source.sentinel is not None and not source.sentinel.accepted:
@@ -360,7 +360,7 @@ def _end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, 
     picture = source.run.pictures[stop.final_frame]
     try:
         image = picture.read()
-        masked = None if mask is None else mask.masked(Path(picture.file).name, image)
+        masked = None if mask is None else mask.find_masked(Path(picture.file).name, image)
         return measure_shaft_tip(
             image, source.view.plane, needle.diameter_mm, sheath.diameter_mm, masked=masked
         ), None
@@ -368,12 +368,11 @@ def _end(stop: InsertionStop | None, source: _Source) -> tuple[ShaftTip | None, 
         return None, error.message.replace(f"{source.run.path}/", "")
 
 
-def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> float:
+def _find_sigma_mm(end: ShaftTip, target_mm: tuple[float, float], source: _Source) -> float:
     """Return the standard deviation of the distance from the target to the end of the shaft.
 
-    What is uncertain in lens and plane map moves the end along each of its axes; the end is read to a pixel, a
-    bevel having no edge square to the shaft; what the grid pictures say of drift counts over the length from the
-    origin.
+    The uncertainty of lens and plane map moves the end along each of its axes. The end is read to a pixel, because a
+    bevel has no edge square to the shaft. The drift between the grid pictures scales with the distance from the origin.
     """
     tip_mm = np.array(end.tip_mm)
     towards = tip_mm - target_mm
@@ -387,33 +386,33 @@ def _sigma_mm(end: ShaftTip, target_mm: tuple[float, float], source: _Source) ->
     return float(np.linalg.norm([*moved, reading_mm, drift * float(np.linalg.norm(tip_mm))]))
 
 
-def _true_path(truth: TrueInsertion | None) -> _True:
+def _read_true_path(truth: TrueInsertion | None) -> _TruePath:
     if truth is None or not truth.path_mm:
-        return _True(np.empty(0), _NO_POINTS)
+        return _TruePath(np.empty(0), _NO_POINTS)
     path = np.asarray(truth.path_mm, dtype=np.float64)
     arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
-    return _True(arc, path[:, 1:])
+    return _TruePath(arc, path[:, 1:])
 
 
-def _points(path: FloatArray) -> tuple[Point, ...]:
-    """Return a path (N, 2) thinned to what is worth drawing, both ends among it."""
+def _thin_path(path: FloatArray) -> tuple[Point, ...]:
+    """Return a path (N, 2) thinned for drawing, with both ends."""
     kept = np.unique(np.linspace(0, len(path) - 1, min(len(path), _PATH_POINTS)).round().astype(int))
-    return tuple(_point2(point) for point in np.round(path[kept], _DECIMALS)) if len(path) else ()
+    return tuple(_to_point(point) for point in np.round(path[kept], _DECIMALS)) if len(path) else ()
 
 
-def _point2(point: FloatArray) -> Point:
+def _to_point(point: FloatArray) -> Point:
     return float(point[0]), float(point[1])
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
+def _average(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
 
 
-def _worst(values: Sequence[float | None]) -> float | None:
-    """Return the largest value that is known."""
+def _find_largest(values: Sequence[float | None]) -> float | None:
+    """Return the largest of the known values; None if all are unknown."""
     return max((value for value in values if value is not None), default=None)
 
 
-def _least(values: Sequence[float | None]) -> float | None:
+def _find_least(values: Sequence[float | None]) -> float | None:
     return min((value for value in values if value is not None), default=None)

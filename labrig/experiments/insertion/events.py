@@ -1,4 +1,4 @@
-"""What an insertion to a target writes: what it aims at, what it sees and believes, which paths it finds."""
+"""The events of an insertion to a target: its aim, its observations and estimates, and the paths that it plans."""
 
 from typing import ClassVar
 
@@ -15,7 +15,7 @@ _Point = tuple[float, float, float]
 
 
 class InsertionRole(PictureRole):
-    """Pictures in which the target is named, the sheath is found, the plan is drawn; others are `NeedleRole`."""
+    """Pictures in which the target is picked, the sheath is found or the plan is drawn; others have a `NeedleRole`."""
 
     TARGET = "target"
     SCENE = "scene"
@@ -23,7 +23,7 @@ class InsertionRole(PictureRole):
 
 
 class InsertionStart(SpecimenTrialStart):
-    """An insertion begins: what is aimed at, what is kept off, and the roll zero that it goes by."""
+    """An insertion begins: its target, its obstacles, and the roll zero in use."""
 
     target_mm: _Point
     tolerance_mm: float
@@ -35,7 +35,7 @@ class InsertionStart(SpecimenTrialStart):
 
 
 class InsertionStop(TrialStop):
-    """An insertion has ended: `reached`, `missed` or `stopped`, on which command and why, and how deep."""
+    """An insertion has ended: `reached`, `missed` or `stopped`, by which stop command, why, and at which depth."""
 
     outcome: str
     stop: str | None
@@ -46,19 +46,19 @@ class InsertionStop(TrialStop):
 
 
 class InsertionSheath(SheathEvent):
-    """Where the sheath stands in a trial; the insertion starts there where it is accepted."""
+    """The sheath's pose in a trial; the insertion starts there if it is accepted."""
 
     kind: ClassVar[str] = "origin"
 
 
 class InsertionEvent(Event):
-    """Something that happened in a trial."""
+    """An event of a trial."""
 
     trial: int
 
 
 class BevelTurn(InsertionEvent):
-    """The bevel is turned, the needle standing."""
+    """The bevel is turned while the needle stands still."""
 
     kind: ClassVar[str] = "flip"
 
@@ -68,7 +68,7 @@ class BevelTurn(InsertionEvent):
 
 
 class NeedleHeld(InsertionEvent):
-    """The needle stands at its end before the last picture."""
+    """The needle stands still before the last picture."""
 
     kind: ClassVar[str] = "hold"
 
@@ -81,7 +81,7 @@ class _Part(BaseModel):
 
 
 class RecordedEstimate(_Part):
-    """The tip as the estimator believes it; `radius_mm` is None of a straight one."""
+    """The estimated tip; `radius_mm` is None for a straight needle."""
 
     position_mm: _Point
     heading_rad: float
@@ -91,7 +91,7 @@ class RecordedEstimate(_Part):
 
 
 class TipObserved(InsertionEvent):
-    """A picture on the way: where the tip was looked for and found, and what is believed of it since."""
+    """A picture on the way: where the tip was searched and found, and the estimate after it."""
 
     kind: ClassVar[str] = "observation"
 
@@ -125,7 +125,7 @@ class RecordedPose(_Part):
 
 
 class PathSought(InsertionEvent):
-    """A path was sought: on which occasion, from where, and what was found or why nothing was."""
+    """The planner ran: on which occasion, from where, and what it found or why it found nothing."""
 
     kind: ClassVar[str] = "plan"
 
@@ -148,7 +148,7 @@ class PathSought(InsertionEvent):
 
 
 class TrueInsertion(TruthLine):
-    """What the simulated world says of an insertion: its path [mm], and how near it came to target and obstacles."""
+    """The truth of an insertion in the simulated world: its path [mm], and its distances from target and obstacles."""
 
     path_mm: tuple[_Point, ...] = ()
     true_target_error_mm: float | None = None

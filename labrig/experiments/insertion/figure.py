@@ -1,4 +1,4 @@
-"""What was known of the tip, over the inserted length: error, clearance, NIS and heading."""
+"""Figures of the estimated tip over the inserted length: error, clearance, NIS and heading."""
 
 import math
 
@@ -14,12 +14,12 @@ from labrig.report.figures import SETTINGS, svg
 from labrig.report.palette import DESIGN, mark
 
 _SEEN, _TRUE = mark(0).colour, "#000000"
-# Of the NIS of two coordinates, 95 % lie below this.
+# The 95 % quantile of the NIS of two coordinates.
 _NIS_95 = float(chdtri(2, 0.05))
 
 
-def insertion_figure(trial: InsertionTrial, name: str) -> Markup:
-    """Return four curves of an insertion over the inserted length, with the places where it was planned anew."""
+def draw_insertion_figure(trial: InsertionTrial, name: str) -> Markup:
+    """Draw four curves of an insertion over the inserted length, with the places where the path was replanned."""
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(9.6, 7.2), layout="constrained")
         error, clearance, nis, heading = figure.subplots(4, 1, sharex=True)
@@ -40,15 +40,15 @@ def insertion_figure(trial: InsertionTrial, name: str) -> Markup:
 def _draw_error(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("Tip: error of the estimate" if trial.true_path_mm else "Tip: innovation")
     seen = [(step.depth_mm, math.hypot(*step.innovation_mm)) for step in trial.steps if step.innovation_mm]
-    axes.plot(*_columns(seen), ".", color=_SEEN, markersize=4, label="innovation")
+    axes.plot(*_split_columns(seen), ".", color=_SEEN, markersize=4, label="innovation")
     true = [
         (step.depth_mm, math.dist(step.estimate_mm, step.true_mm)) for step in trial.steps if step.true_mm
     ]
     if true:
-        axes.plot(*_columns(true), color=_TRUE, linewidth=1.3, label="estimate from truth")
+        axes.plot(*_split_columns(true), color=_TRUE, linewidth=1.3, label="estimate from truth")
     missed = [(step.depth_mm, 0.0) for step in trial.steps if not step.believed]
     if missed:
-        axes.plot(*_columns(missed), "x", color=mark(1).colour, markersize=5, label="tip not seen")
+        axes.plot(*_split_columns(missed), "x", color=mark(1).colour, markersize=5, label="tip not seen")
     axes.set_ylabel("mm")
     axes.set_ylim(bottom=0.0)
 
@@ -56,7 +56,7 @@ def _draw_error(axes: Axes, trial: InsertionTrial) -> None:
 def _draw_clearance(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("Clearance: needle's surface to the nearest obstacle's")
     known = [(step.depth_mm, step.clearance_mm) for step in trial.steps if step.clearance_mm is not None]
-    axes.plot(*_columns(known), color=mark(2).colour, linewidth=1.3, label="at the tip")
+    axes.plot(*_split_columns(known), color=mark(2).colour, linewidth=1.3, label="at the tip")
     axes.axhline(0.0, color=mark(1).colour, linewidth=1.0, label="touching")
     axes.set_ylabel("mm")
 
@@ -64,7 +64,7 @@ def _draw_clearance(axes: Axes, trial: InsertionTrial) -> None:
 def _draw_nis(axes: Axes, trial: InsertionTrial) -> None:
     axes.set_title("NIS: normalised innovation squared")
     known = [(step.depth_mm, max(step.nis, 1e-4)) for step in trial.steps if step.nis is not None]
-    axes.plot(*_columns(known), ".", color=_SEEN, markersize=4)
+    axes.plot(*_split_columns(known), ".", color=_SEEN, markersize=4)
     axes.axhline(_NIS_95, color=DESIGN, linewidth=1.0, linestyle=(0, (4, 2.5)), label="95 % lie below")
     if trial.mean_nis is not None:
         axes.axhline(
@@ -87,9 +87,9 @@ def _draw_heading(axes: Axes, trial: InsertionTrial) -> None:
         if step.true_heading_rad is not None
     ]
     if true:
-        axes.plot(*_columns(true), color=_TRUE, linewidth=1.0, linestyle=(0, (4, 2.5)), label="truth")
+        axes.plot(*_split_columns(true), color=_TRUE, linewidth=1.0, linestyle=(0, (4, 2.5)), label="truth")
     axes.set_ylabel("degrees")
 
 
-def _columns(rows: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
+def _split_columns(rows: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
     return [row[0] for row in rows], [row[1] for row in rows]

@@ -1,4 +1,4 @@
-"""What the page of an insertion run shows: figure 9 of the paper, and what was known of the tip on the way."""
+"""The page of an insertion run: figure 9 of the paper, and the estimated tip along the way."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from labrig.analysis.calibration import load_plane_map
 from labrig.analysis.result import AnalysisResult, AnyResult
 from labrig.errors import RecordError
 from labrig.experiments.insertion.events import InsertionRole
-from labrig.experiments.insertion.figure import insertion_figure
+from labrig.experiments.insertion.figure import draw_insertion_figure
 from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
 from labrig.record.reader import Run
@@ -26,7 +26,7 @@ from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
-# So many insertions are shown picture by picture: those that missed first.
+# At most this many insertions are shown picture by picture, misses first.
 _SHOWN = 4
 _MOST_PANELS = 8
 _OCCASIONS = {
@@ -61,7 +61,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class ShownInsertion:
-    """One insertion, picture by picture, and its curves over the inserted length."""
+    """One insertion: its pictures, and its curves over the inserted length."""
 
     trial: InsertionTrial
     panels: tuple[Panel, ...]
@@ -70,7 +70,7 @@ class ShownInsertion:
 
 @dataclass(frozen=True)
 class _Moment:
-    """A picture to be shown: which, when, how deep, on what occasion, and the plans up to then."""
+    """A picture to show: its frame, time, depth and occasion, and the plans up to then."""
 
     frame: int
     t_s: float
@@ -80,15 +80,21 @@ class _Moment:
 
 
 def make_page(run: Run, protocol: InsertionProtocol, result: AnalysisResult[InsertionResult] | None) -> Page:
-    """Return the page of an insertion: figure 9, the errors, and what was known of the tip on the way."""
-    facts = _facts(run, protocol)
+    """Return the page of an insertion: figure 9, the errors, and the estimated tip along the way."""
+    facts = _list_facts(run, protocol)
     if result is None:
         return Page(facts)
     content = result.content
-    return Page(facts, TEMPLATE, _verdict(content), describe_calibration(run), _content(run, result, content))
+    return Page(
+        facts,
+        TEMPLATE,
+        _write_verdict(content),
+        describe_calibration(run),
+        _collect_content(run, result, content),
+    )
 
 
-def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
+def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
     return (
         ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
         ("Gel", f"{protocol.specimen.gelatin_percent:g} %"),
@@ -100,21 +106,23 @@ def _facts(run: Run, protocol: InsertionProtocol) -> Rows:
     )
 
 
-def _content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
+def _collect_content(run: Run, result: AnyResult, content: InsertionResult) -> dict[str, Any]:
     plane = load_plane_map(run)
     shown = sorted(content.insertions, key=lambda trial: (trial.reached, trial.trial))[:_SHOWN]
     return {
         "content": content,
         "folder": f"analysis/{result.path.name}",
         "simulated": any(trial.true_target_error_mm is not None for trial in content.insertions),
-        "shown": [_shown(run, trial, plane) for trial in sorted(shown, key=lambda trial: trial.trial)],
+        "shown": [
+            _draw_insertion(run, trial, plane) for trial in sorted(shown, key=lambda trial: trial.trial)
+        ],
         "sheaths": draw_sheath_views(run, content.origins, plane, _SHOWN),
         "left_out": max(0, len(content.insertions) - _SHOWN),
         "causes": [(count, name.replace("_", " ")) for name, count in content.causes.items()],
     }
 
 
-def _verdict(content: InsertionResult) -> list[str]:
+def _write_verdict(content: InsertionResult) -> list[str]:
     """Return the page in a sentence or two."""
     if not content.made:
         return ["No insertion was begun."]
@@ -124,7 +132,7 @@ def _verdict(content: InsertionResult) -> list[str]:
         where = "is never further than" if several else "is"
         sentences.append(
             f"Measured by the shaft in the final picture, the needle's end {where} "
-            f"{number(content.target_error_mm)} mm from it{_uncertainty(content)}."
+            f"{number(content.target_error_mm)} mm from it{_format_uncertainty(content)}."
         )
     if content.true_target_error_mm is not None:
         most, least = ("at most ", "at least ") if several else ("", "")
@@ -135,24 +143,24 @@ def _verdict(content: InsertionResult) -> list[str]:
     return [" ".join(sentences)]
 
 
-def _uncertainty(content: InsertionResult) -> str:
-    """Return how sure a single error is, as words; nothing for several, whose table says it."""
+def _format_uncertainty(content: InsertionResult) -> str:
+    """Return the standard deviation of a single error as text; empty for several insertions, which have a table."""
     sigma_mm = content.insertions[0].sigma_target_error_mm if content.made == 1 else None
     return "" if sigma_mm is None else f" (standard deviation {number(sigma_mm)} mm)"
 
 
-def _shown(run: Run, trial: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
-    drawn = (_panel(run, moment, trial, plane) for moment in _moments(run, trial))
+def _draw_insertion(run: Run, trial: InsertionTrial, plane: PlaneMap) -> ShownInsertion:
+    drawn = (_draw_panel(run, moment, trial, plane) for moment in _list_moments(run, trial))
     panels = tuple(panel for panel in drawn if panel is not None)
-    figure = insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
+    figure = draw_insertion_figure(trial, f"trial{trial.trial}") if trial.steps else None
     return ShownInsertion(trial, panels, figure)
 
 
-def _moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
-    """Yield the pictures of figure 9: at each replan, but of those near the target the first, and at the end."""
-    for index in _worth_showing(trial.plans):
+def _list_moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
+    """Yield the pictures of figure 9: one at each replan, but only the first near the target, and one at the end."""
+    for index in _select_plans(trial.plans):
         plan = trial.plans[index]
-        frame = _scene(run, trial.trial) if plan.frame is None else plan.frame
+        frame = _find_scene(run, trial.trial) if plan.frame is None else plan.frame
         if frame is not None:
             occasion = _OCCASIONS.get(plan.because, plan.because)
             yield _Moment(
@@ -169,7 +177,7 @@ def _moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
         )
 
 
-def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
+def _select_plans(plans: Sequence[InsertionPlan]) -> list[int]:
     anew = any(plan.because == "origin" for plan in plans)
     found = [
         index for index, plan in enumerate(plans) if plan.found and not (anew and plan.because == "start")
@@ -182,14 +190,14 @@ def _worth_showing(plans: Sequence[InsertionPlan]) -> list[int]:
     return [sorted(kept)[place] for place in chosen]
 
 
-def _scene(run: Run, trial: int) -> int | None:
-    """Return the picture that was taken before the needle moved."""
+def _find_scene(run: Run, trial: int) -> int | None:
+    """Return the frame taken before the needle moved."""
     own = [line for line in run.frame_lines if (line.role, line.trial) == (InsertionRole.SCENE, trial)]
     return own[-1].frame if own else None
 
 
-def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) -> Panel | None:
-    """Return a picture with what was planned and done until then; None where it cannot be read."""
+def _draw_panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) -> Panel | None:
+    """Return a picture with plan and path up to then; None if it cannot be read."""
     try:
         image = run.read_frame(moment.frame)
     except RecordError:
@@ -206,10 +214,10 @@ def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) ->
         width=width,
         height=height,
         text_px=width / 40,
-        plan="" if last or not moment.plans else _drawn(moment.plans[-1].path_mm, plane),
-        former=tuple(_drawn(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
-        taken=_drawn(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
-        truth=_drawn(trial.true_path_mm, plane) if last else "",
+        plan="" if last or not moment.plans else _draw_path(moment.plans[-1].path_mm, plane),
+        former=tuple(_draw_path(plan.path_mm, plane) for plan in moment.plans[:-1] if plan.path_mm),
+        taken=_draw_path(trial.shaft_mm if last and trial.shaft_mm else taken, plane),
+        truth=_draw_path(trial.true_path_mm, plane) if last else "",
         obstacles=tuple(
             polyline(circle(ball.position_mm[1:], ball.radius_mm, plane)) for ball in trial.obstacles
         ),
@@ -220,5 +228,5 @@ def _panel(run: Run, moment: _Moment, trial: InsertionTrial, plane: PlaneMap) ->
     )
 
 
-def _drawn(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
+def _draw_path(points_mm: Sequence[tuple[float, float]], plane: PlaneMap) -> str:
     return polyline(plane.to_px(np.array(points_mm))) if len(points_mm) > 1 else ""

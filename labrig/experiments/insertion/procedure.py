@@ -1,13 +1,13 @@
-"""Section V-C of the paper: to a target between obstacles, the tip seen, its pose estimated, the path planned anew.
+"""Section V-C of the paper: steer to a target between obstacles; observe the tip, estimate its pose, replan the path.
 
-The needle advances at the set speed from one turn of the bevel to the next and is looked at on its way; gel relaxes
-around a needle that stops. For a turn it stands: half a turn takes most of a second, and a bevel that comes round while
-the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. So the lag of the
-bevel behind its drive, measured in the rig file (`axes.rotation.lag_s`), is waited for and not reckoned with: however
-long it is, the turn acts where it was planned.
+The needle advances at the set speed from one turn of the bevel to the next, and pictures are taken while it moves,
+because gel relaxes around a needle that stops. It stops for a turn: half a turn takes most of a second, and a bevel
+that turns while the needle advances at 1 mm/s leads it out of the plane by a degree, which one camera does not see. The
+bevel lags behind its drive by the time in the rig file (`axes.rotation.lag_s`). The procedure waits for that time, so
+that the turn acts where it was planned, however long the lag.
 
-The path starts where the sheath's tip is found once it is in, in its direction. A sheath that stands elsewhere than
-origin and linear encoder allow ends the insertion before the needle leaves it.
+The path starts at the sheath's tip, in the sheath's direction, as found in a picture once the sheath is in. If the
+sheath stands elsewhere than origin and linear encoder allow, the insertion ends before the needle leaves it.
 """
 
 import math
@@ -19,7 +19,7 @@ from labrig.analysis.sentinel import GridRole
 from labrig.devices.needle_state import RollZero
 from labrig.devices.operator import ConfirmPlan, ConfirmStopped, PickTarget, PlacePhantom
 from labrig.errors import FileFormatError, TargetMissedError
-from labrig.experiments.insertion.aim import Aim, aim_of, aim_problems, obstacles_of
+from labrig.experiments.insertion.aim import Aim, find_aim_problems, locate_obstacles, make_aim
 from labrig.experiments.insertion.events import (
     BevelTurn,
     InsertionRole,
@@ -32,9 +32,9 @@ from labrig.experiments.insertion.events import (
     RecordedPose,
     TipObserved,
 )
-from labrig.experiments.insertion.plan import roll_zero_order, roll_zero_s
+from labrig.experiments.insertion.plan import estimate_roll_zero_s, make_roll_zero_order
 from labrig.experiments.insertion.protocol import InsertionProtocol
-from labrig.experiments.insertion.settings import insertion_settings, with_start
+from labrig.experiments.insertion.settings import make_insertion_settings, with_start
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
@@ -61,13 +61,13 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
     Raises
     ------
     TargetMissedError
-        When one of them did not reach the target, after all of them have been made; or when there is no path.
+        When there is no path, or, after all repetitions, when one of them did not reach the target.
     CalibrationRefusedError
-        When grid pictures before and after them say that the camera was bumped.
+        When the grid pictures before and after show that the camera was bumped.
     """
     view = load_tip_view(session.rig.description)
     before = photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
-    roll_zero = _certified_roll_zero(protocol, session)
+    roll_zero = _obtain_roll_zero(protocol, session)
     missed: list[SteeringCommand] = []
     for trial in range(protocol.repetitions):
         command = _insert_once(protocol, session, view, roll_zero, trial)
@@ -84,13 +84,13 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
         )
 
 
-def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
-    """Return the roll zero of the needle, found first where there is none and the protocol says how."""
+def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
+    """Return the certified roll zero of the needle; without one, find it as the protocol's section says."""
     needle, rig = protocol.needle, session.rig
     known = rig.needle.roll_zero_of(needle.needle_id)
     if known is not None and all(axis.referenced for axis in rig.axes):
         confirm_needle_out(session)
-        _go_to_the_start(protocol, session)
+        _move_to_start(protocol, session)
         return known
     if protocol.roll_zero is None:
         raise TargetMissedError(
@@ -98,11 +98,11 @@ def _certified_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZ
             "labrig run protocols/roll-zero.yaml finds it; or say how under roll_zero: in the protocol",
             reason="no_roll_zero",
         )
-    return find_roll_zero(roll_zero_order(protocol, protocol.roll_zero), session)
+    return find_roll_zero(make_roll_zero_order(protocol, protocol.roll_zero), session)
 
 
-def _go_to_the_start(protocol: InsertionProtocol, session: Session) -> None:
-    """Draw needle and sheath back to zero where they stand elsewhere; no needle is in tissue."""
+def _move_to_start(protocol: InsertionProtocol, session: Session) -> None:
+    """Move needle and sheath back to zero if they are elsewhere; no needle is in tissue."""
     states = session.rig.read_states()
     for axis, speed in (("insertion", protocol.insertion.speed_mm_s), ("linear", protocol.sheath.speed_mm_s)):
         if abs(states[axis].position) > _OFF_ZERO_MM:
@@ -112,11 +112,13 @@ def _go_to_the_start(protocol: InsertionProtocol, session: Session) -> None:
 def _insert_once(
     protocol: InsertionProtocol, session: Session, view: TipView, roll_zero: RollZero, trial: int
 ) -> SteeringCommand:
-    """Place the block, plan, let the operator look at it, insert, hold, withdraw; return the last command."""
+    """Place the block, plan, have the operator confirm the plan, insert, hold, withdraw; return the last command."""
     rig, sheath = session.rig, protocol.sheath
-    session.progress(_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}")
-    aim = _aim(protocol, session, view, trial)
-    settings = insertion_settings(protocol, aim.target_mm, aim.obstacles)
+    session.progress(
+        _estimate_done_s(protocol, trial, 0.0), f"insertion {trial + 1} of {protocol.repetitions}"
+    )
+    aim = _find_aim(protocol, session, view, trial)
+    settings = make_insertion_settings(protocol, aim.target_mm, aim.obstacles)
     state, command = start_steering(settings)
     insertion = _Insertion(protocol, session, view, roll_zero, trial, settings)
     insertion.record_start(aim, state)
@@ -143,7 +145,7 @@ def _insert_once(
 def _steer(
     insertion: "_Insertion", state: SteeringState, command: SteeringCommand
 ) -> tuple[SteeringState, SteeringCommand]:
-    """Turn, advance, look, find the tip, estimate and plan, until the step says stop: the whole closed loop."""
+    """Run the closed loop until a stop: turn, advance, take a picture, find the tip, estimate and plan."""
     while command.stop is None:
         insertion.turn_bevel(command.roll_rad)
         picture = insertion.advance(command)
@@ -151,16 +153,16 @@ def _steer(
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         before = state
         state, command = step_steering(state, TipSighting(inserted_mm, seen.position_mm), insertion.settings)
-        insertion.tell(picture, seen, before, state)
+        insertion.record_sighting(picture, seen, before, state)
     return state, command
 
 
-def _aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: int) -> Aim:
-    """Have the block placed, and return target and obstacles, the target asked for where the protocol says so."""
+def _find_aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: int) -> Aim:
+    """Have the block placed, ask for the target if the protocol requires it, and return target and obstacles."""
     specimen = protocol.specimen
     obstacles = tuple(
         (view.pixel_of(obstacle.position_mm), obstacle.radius_mm)
-        for obstacle in obstacles_of(protocol, view.plane)
+        for obstacle in locate_obstacles(protocol, view.plane)
     )
     name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
     session.ask(PlacePhantom(name, specimen.gelatin_percent, obstacles))
@@ -168,21 +170,23 @@ def _aim(protocol: InsertionProtocol, session: Session, view: TipView, trial: in
     if protocol.target.ask:
         picture = session.take_picture(InsertionRole.TARGET, trial)
         picked_px = session.ask(PickTarget(str(session.picture_path(picture.frame)))).pixel
-    aim = aim_of(protocol, view.plane, picked_px)
-    if problems := tuple(aim_problems(protocol, aim, view.plane)):
+    aim = make_aim(protocol, view.plane, picked_px)
+    if problems := tuple(find_aim_problems(protocol, aim, view.plane)):
         raise FileFormatError(problems)
     return aim
 
 
-def _done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:
-    """Return how much of the estimate is behind [s]."""
+def _estimate_done_s(protocol: InsertionProtocol, trial: int, inserted_mm: float) -> float:
+    """Return how much of the estimated duration has passed [s]."""
     speed_mm_s = protocol.insertion.speed_mm_s
-    return roll_zero_s(protocol) + (trial * protocol.insertion.max_length_mm + inserted_mm) / speed_mm_s
+    return (
+        estimate_roll_zero_s(protocol) + (trial * protocol.insertion.max_length_mm + inserted_mm) / speed_mm_s
+    )
 
 
 @dataclass
 class _Insertion:
-    """One insertion while it goes on: what it is made of, and where the needle has been."""
+    """One insertion in progress: its parts, and the path of the needle so far."""
 
     protocol: InsertionProtocol
     session: Session
@@ -195,7 +199,7 @@ class _Insertion:
     run_to_mm: float = 0.0
 
     def turn_bevel(self, roll_rad: float) -> None:
-        """Turn the bevel by half a turn, the needle standing, whichever way keeps it nearer to where it began."""
+        """Turn the bevel by half a turn while the needle stands still, in the direction back towards the roll zero."""
         if roll_rad == 0.0:
             return
         rotation = self.session.rig.rotation
@@ -209,7 +213,7 @@ class _Insertion:
         self.path.append(axis_positions_of(self.session.rig.read_states()))
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
-        """Run on at the set speed, without a stop where the needle runs already, and look at the place commanded."""
+        """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
         if abs(command.run_to_mm - self.run_to_mm) > _SAME_MM:
             self.session.start("insertion", command.run_to_mm, self.protocol.insertion.speed_mm_s)
             self.run_to_mm = command.run_to_mm
@@ -224,14 +228,14 @@ class _Insertion:
         return self.session.take_picture(NeedleRole.OBSERVE, self.trial)
 
     def find_tip(self, picture: TakenPicture, state: SteeringState) -> TipSearched:
-        """Look for the tip in a picture, where the last state expects it."""
+        """Find the tip in a picture, near where the last state predicts it."""
         require_light(picture.image)
         inserted_mm = max(picture.positions.insertion_mm, state.insertion_mm)
         expected = state.predict(inserted_mm, self.settings)
         return find_tip(self.view, picture.image, expected, state.tip, self.bevel_rad)
 
     def find_sheath(self, picture: TakenPicture) -> TrialOrigin | None:
-        """Find where the sheath stands before the needle leaves it, and write it down; None where that is not asked."""
+        """Find and record the sheath's pose before the needle leaves it; None if the protocol does not ask for it."""
         sheath = self.protocol.sheath
         if sheath.origin is None:
             return None
@@ -244,7 +248,7 @@ class _Insertion:
         return origin
 
     def start_from(self, origin: TrialOrigin, state: SteeringState) -> tuple[SteeringState, SteeringCommand]:
-        """Plan anew from where the sheath was found; stop before the needle leaves a sheath that stands elsewhere."""
+        """Plan from the sheath's pose; stop before the needle leaves a sheath that was refused."""
         if not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
             return state, SteeringCommand(0.0, 0.0, 0.0, "sheath_astray", (origin.reason or "").rstrip("."))
         self.settings = with_start(self.settings, origin.tip_mm, origin.heading_rad)
@@ -255,7 +259,7 @@ class _Insertion:
     def confirm(
         self, image: Picture, aim: Aim, state: SteeringState, origin: TrialOrigin | None = None
     ) -> None:
-        """Draw plan, obstacles, axes and the sheath that was found into the picture, and wait for a yes."""
+        """Draw plan, obstacles, axes and sheath into the picture, and have the operator confirm it."""
         problem = self.settings.problem
         drawn = DrawnPlan(
             path_mm=sample_path(problem, state.plan)[:, 1:],
@@ -272,7 +276,7 @@ class _Insertion:
         self.session.ask(ConfirmPlan(str(file), self.view.pixel_of(aim.target_mm), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> None:
-        """Hold, take the last picture, write down what is true, and withdraw along the path."""
+        """Hold, take the last picture, record the truth, and withdraw along the path."""
         session, protocol = self.session, self.protocol
         session.record(NeedleHeld(trial=self.trial, stop=command.stop, detail=command.detail))
         session.rig.wait(_HOLD_S)
@@ -280,7 +284,7 @@ class _Insertion:
         for line in session.rig.truth():
             session.recorder.truth(trial=self.trial, **line)
         session.progress(
-            _done_s(protocol, self.trial, state.insertion_mm), f"{command.stop}: {command.detail}"
+            _estimate_done_s(protocol, self.trial, state.insertion_mm), f"{command.stop}: {command.detail}"
         )
         if command.stop in _UNSURE:
             session.ask(ConfirmStopped(command.detail))
@@ -305,7 +309,7 @@ class _Insertion:
         )
 
     def record_start(self, aim: Aim, state: SteeringState) -> None:
-        """Append what is aimed at, and the first plan."""
+        """Record target and obstacles, and the first plan."""
         specimen, needle = self.protocol.specimen, self.protocol.needle
         self.session.record(
             InsertionStart(
@@ -326,10 +330,10 @@ class _Insertion:
         )
         self._record_plan(state, None)
 
-    def tell(
+    def record_sighting(
         self, picture: TakenPicture, seen: TipSearched, before: SteeringState, state: SteeringState
     ) -> None:
-        """Append what was seen and estimated, and the plan where one was sought."""
+        """Record the observation and the estimate, and the plan if the planner ran."""
         tip, fix, inserted_mm = state.tip, seen.fix, state.insertion_mm
         innovation_mm = None
         if seen.position_mm is not None:
@@ -368,7 +372,7 @@ class _Insertion:
         if state.why is not None:
             self._record_plan(state, picture.frame)
         self.session.progress(
-            _done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
+            _estimate_done_s(self.protocol, self.trial, inserted_mm), f"inserted {inserted_mm:.0f} mm"
         )
 
     def _record_plan(self, state: SteeringState, frame: int | None, because: str | None = None) -> None:

@@ -53,10 +53,10 @@ class Target(Place):
     tolerance_mm: PositiveMm = Field(2.0, description="How far from the target the needle may end [mm].")
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a target that is told twice, or not at all."""
-        told = (self.position_mm is not None) + (self.pixel is not None) + self.ask
-        if told != 1:
-            message = f"the target is told {told} times, expected one of position_mm, pixel and ask: true"
+        """Yield a target that is given more than once, or not at all."""
+        given = (self.position_mm is not None) + (self.pixel is not None) + self.ask
+        if given != 1:
+            message = f"the target is given {given} times, expected one of position_mm, pixel and ask: true"
             yield Conflict("position_mm", message, _WHERE)
 
 
@@ -66,7 +66,7 @@ class InsertionObstacle(Place):
     radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield an obstacle that stands nowhere, or at two places."""
+        """Yield an obstacle without a place, or with two."""
         if (self.position_mm is None) == (self.pixel is None):
             yield Conflict("position_mm", "the obstacle has no place, or two", _WHERE)
 
@@ -97,13 +97,13 @@ class Planner(Model):
 
 
 class Estimator(Model):
-    """How the tip's pose is estimated from where it is seen."""
+    """How the tip's pose is estimated from its observed positions."""
 
     method: Literal["error-state", "paper"] = Field(
         "error-state", description="The default filter, or the paper's for comparison."
     )
     observation_sd_mm: PositiveMm = Field(
-        0.2, description="Standard deviation of a tip seen, along each axis [mm]."
+        0.2, description="Standard deviation of an observed tip position, along each axis [mm]."
     )
     process_sd_deg_per_root_mm: float = Field(
         0.4, ge=0, le=10, description="Random turning of the tip after a millimetre [deg / mm^0.5]."
@@ -116,12 +116,12 @@ class Estimator(Model):
     )
     cavity_every_mm: PositiveMm | None = Field(
         50.0,
-        description="Cavities, in which the needle does not steer, are counted with, one in so much path; null: none "
-        "are [mm].",
+        description="Mean path length between cavities, in which the needle does not steer; null: cavities are not "
+        "modelled [mm].",
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a radius to be estimated by a filter that cannot."""
+        """Yield keys that the paper's filter cannot use."""
         if self.method == "paper" and self.radius_sd_mm > 0:
             message = (
                 f"radius_sd_mm is {self.radius_sd_mm:g}, but the paper's filter takes the radius as known"
@@ -135,47 +135,47 @@ class Estimator(Model):
 
 
 class Policy(Model):
-    """When the path is planned anew, when the needle is given up, and what its hinges do after a turn."""
+    """When the path is replanned, when the insertion is given up, and how the hinges respond to a turn."""
 
     replan_every_mm: PositiveMm = Field(
-        _DEFAULT.replan_every_mm, description="Plan anew after so much insertion [mm]."
+        _DEFAULT.replan_every_mm, description="Replan after this much insertion [mm]."
     )
     deviation_mm: NonNegativeMm | None = Field(
         _DEFAULT.deviation_mm,
-        description="Plan anew where the rest of the path would miss by more; null: never for that [mm].",
+        description="Replan if the rest of the path would miss by more; null: never for that reason [mm].",
     )
     near_mm: NonNegativeMm = Field(
-        _DEFAULT.near_mm, description="Plan anew at every picture where no more than this is left [mm]."
+        _DEFAULT.near_mm, description="Replan at every picture if no more than this is left [mm]."
     )
     final_mm: NonNegativeMm = Field(
         _DEFAULT.final_mm,
-        description="Take what comes nearest to the target where no more than this is left [mm].",
+        description="Take the path that comes nearest to the target if no more than this is left [mm].",
     )
     backlash_mm: NonNegativeMm = Field(
         _DEFAULT.backlash_mm,
-        description="Insertion in which the curvature swings over after half a turn [mm].",
+        description="Insertion over which the curvature reverses after half a turn [mm].",
     )
     closing_mm: NonNegativeMm = Field(
-        _DEFAULT.closing_mm, description="Insertion in which the hinges close at the start [mm]."
+        _DEFAULT.closing_mm, description="Insertion over which the hinges close at the start [mm]."
     )
     most_misses: int = Field(
         _DEFAULT.most_misses,
         ge=1,
         le=1000,
-        description="Pictures in a row without a credible tip, and the needle is stopped.",
+        description="Stop the needle after this many pictures in a row without a credible tip.",
     )
     stuck_mm: PositiveMm = Field(
         _DEFAULT.stuck_mm,
-        description="Inserted by this without the tip advancing, the needle is stopped [mm].",
+        description="Stop the needle after inserting this much without the tip advancing [mm].",
     )
     least_clearance_mm: NonNegativeMm = Field(
         _DEFAULT.least_clearance_mm,
-        description="Where no path keeps clearance_mm any more, one is taken that keeps this [mm].",
+        description="If no path keeps clearance_mm, take a path that keeps this [mm].",
     )
 
 
 class InsertionProtocol(ExperimentProtocol):
-    """Section V-C of the paper: to a target between obstacles, with the tip seen and the path planned anew."""
+    """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
     pictures_decide_motion: ClassVar[bool] = True
 
@@ -194,11 +194,10 @@ class InsertionProtocol(ExperimentProtocol):
     insertion: InsertionAdvance = Field(description="How the needle goes in and comes out.")
     planner: Planner = Field(description="How a path is planned.")
     estimator: Estimator = Field(default_factory=Estimator, description="How the tip's pose is estimated.")
-    policy: Policy = Field(default_factory=Policy, description="When the path is planned anew.")
+    policy: Policy = Field(default_factory=Policy, description="When the path is replanned.")
     roll_zero: RollZeroSteps | None = Field(
         None,
-        description="How the needle's roll zero is found first where the rig has no certified one. null: the insertion "
-        "is refused then.",
+        description="How to find the needle's roll zero if the rig has no certified one; null: refuse the insertion.",
     )
     sentinel: GridSentinel | None = Field(
         None, description="Grid pictures before and after the run; null for none."
@@ -210,7 +209,7 @@ class InsertionProtocol(ExperimentProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield sizes that do not go together."""
+        """Yield sizes that contradict each other."""
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.planner.radius_mm <= self.needle.diameter_mm:
             message = f"radius_mm is {self.planner.radius_mm:g}, must be above needle.diameter_mm"

@@ -1,4 +1,4 @@
-"""How near to their targets insertions ended, and what was known of the tip on the way."""
+"""The result of insertions: how close to their targets they ended, and the estimated tip along the way."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -9,9 +9,9 @@ from labrig.steering.problem import Obstacle
 
 
 class InsertionStep(Model):
-    """One look at the needle on its way, estimated again from the recorded picture; points are (y, z).
+    """One observation of the needle, estimated again from the recorded picture; points are (y, z).
 
-    `tip_mm` is where the template found the tip, None where it did not, for the `reason`; `believed` says whether the
+    `tip_mm` is where the template found the tip; if it is None, `reason` says why; `believed` says whether the
     estimator took it; `innovation_mm` is how far it was from the prediction, along y and z. `clearance_mm` is from the
     needle's surface at the estimated tip to the nearest obstacle's. `true_mm` and `true_heading_rad` are known of
     simulated worlds alone.
@@ -55,7 +55,7 @@ class InsertionCommand(Model):
 
 
 class InsertionPlan(Model):
-    """A path that was sought on the way: when, why, and the points (y, z) of it, none where none was found."""
+    """A run of the planner: when, why, and the points (y, z) of the path; empty if it found none."""
 
     depth_mm: float
     t_s: float
@@ -133,6 +133,6 @@ class InsertionResult(Result):
 
     @property
     def tables(self) -> Mapping[str, Rows]:
-        """What the result says row by row."""
+        """The tables of the result."""
         steps = {f"steps-{trial.trial}": Rows(InsertionStep, trial.steps) for trial in self.insertions}
         return make_origin_table(self.origins) | steps

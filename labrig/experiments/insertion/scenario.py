@@ -18,7 +18,7 @@ Direction3: TypeAlias = tuple[float, float, float]
 
 
 class ScenarioNeedle(Model):
-    """The needle that is planned for: its numbers, or `design_file` instead of them."""
+    """The needle of the plan: its numbers, or `design_file` instead of them."""
 
     radius_mm: PositiveMm = Field(description="Radius of the arcs that the needle follows [mm].")
     diameter_mm: float = Field(gt=0, le=10, description="Outer diameter of the needle [mm].")
@@ -30,7 +30,7 @@ class ScenarioNeedle(Model):
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield half a tolerance, or a radius outside of its tolerance."""
+        """Yield a tolerance with one end missing, or a radius outside its tolerance."""
         low_mm, high_mm = self.radius_low_mm, self.radius_high_mm
         if low_mm is None and high_mm is None:
             return
@@ -45,7 +45,7 @@ class ScenarioNeedle(Model):
 
     @property
     def radius_range_mm(self) -> tuple[float, float] | None:
-        """The tolerance of the radius, low to high; None where none is stated."""
+        """The tolerance of the radius, low to high; None if none is stated."""
         if self.radius_low_mm is None or self.radius_high_mm is None:
             return None
         return self.radius_low_mm, self.radius_high_mm
@@ -69,7 +69,7 @@ class ScenarioTarget(Model):
 
 
 class ScenarioObstacle(Model):
-    """A sphere that the needle keeps off."""
+    """A sphere that the needle avoids."""
 
     position_mm: PointMm = Field(description="Centre of the sphere: x, y, z [mm].")
     radius_mm: PositiveMm = Field(description="Radius of the sphere [mm].")
@@ -99,7 +99,7 @@ class Scenario(Model):
 
 
 def load_scenario(path: Path | str) -> Scenario:
-    """Return the scenario in a file, YAML or JSON; the numbers of a design file that it names are put into it.
+    """Return the scenario in a file, YAML or JSON, with the numbers of the design file that it names.
 
     Raises
     ------
@@ -109,13 +109,13 @@ def load_scenario(path: Path | str) -> Scenario:
     return load_designed_model(path, Scenario, _DESIGN)
 
 
-def problem_of(scenario: Scenario) -> PlanProblem:
+def make_problem(scenario: Scenario) -> PlanProblem:
     """Return the problem that a scenario states.
 
     Raises
     ------
     InputError
-        Where values that are right alone make no problem: a start or target inside an obstacle, no rotation.
+        When values that are valid alone contradict each other: a start or target inside an obstacle, no rotation.
     """
     start = np.eye(4)
     start[:3, :3], start[:3, 3] = scenario.start.rotation, scenario.start.position_mm

@@ -1,4 +1,4 @@
-"""What an insertion protocol says to planner, estimator and policy; the live run and its reanalysis read it here."""
+"""The settings of planner, estimator and policy from an insertion protocol, for the live run and its reanalysis."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from labrig.steering.problem import Obstacle, PlanProblem
 from labrig.steering.tip import EstimatorSettings
 
 
-def insertion_settings(
+def make_insertion_settings(
     protocol: InsertionProtocol, target_mm: tuple[float, float, float], obstacles: tuple[Obstacle, ...]
 ) -> SteeringSettings:
     """Return problem, estimator and policy of an insertion from the origin of the steering plane along z.
@@ -22,7 +22,7 @@ def insertion_settings(
     Raises
     ------
     InputError
-        For what is no problem: a start or target inside an obstacle.
+        When the start or the target is inside an obstacle.
     """
     planner, estimator, policy = protocol.planner, protocol.estimator, protocol.policy
     values = policy.model_dump()
@@ -60,7 +60,7 @@ def insertion_settings(
 
 
 def with_start(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad: float) -> SteeringSettings:
-    """Return the settings of an insertion that starts where the sheath was found, (y, z), in its direction."""
+    """Return the settings with the start at the sheath's tip (y, z), in the sheath's direction."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     start = np.eye(4)
     start[1:3, 1:3] = ((cosine, sine), (-sine, cosine))
@@ -68,10 +68,10 @@ def with_start(settings: SteeringSettings, tip_mm: Sequence[float], heading_rad:
     return replace(settings, problem=replace(settings.problem, start=start))
 
 
-def settings_from_events(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
-    """Return the settings that an insertion was steered by, given where its sheath was found.
+def restore_settings(settings: SteeringSettings, origin: TrialOrigin | None) -> SteeringSettings:
+    """Return the settings of a recorded insertion from its sheath's origin.
 
-    It started at the sheath's tip where one was found and accepted, else at the plane's origin.
+    It started at the sheath's tip if that was found and accepted, otherwise at the plane's origin.
     """
     if origin is None or not origin.accepted or origin.tip_mm is None or origin.heading_rad is None:
         return settings

@@ -1,4 +1,4 @@
-"""What a terminal shows of insertions to a target, and of what another setting would have told them."""
+"""Terminal summary of insertions to a target, and of the commands that other settings would have given."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +14,7 @@ _COMMAND = ("roll_rad", "observe_at_mm", "run_to_mm", "stop")
 
 @dataclass(frozen=True)
 class CommandDivergence:
-    """The first command that differs: after which picture (None: before the first), at which depth, both values."""
+    """The first command that differs: its picture (None: before the first), its depth, and both values."""
 
     frame: int | None
     depth_mm: float
@@ -25,9 +25,9 @@ class CommandDivergence:
 
 @dataclass(frozen=True)
 class SteeringSummary:
-    """An insertion as one set of settings tells it: turns asked for, paths found after the first, the first stop.
+    """The commands of an insertion with one set of settings: its turns, its replans, and its first stop.
 
-    `tip_mm` is where the tip is estimated at the last picture, (y, z); None where there is no picture.
+    `tip_mm` is the estimated tip at the last picture, (y, z); None without a picture.
     """
 
     turns: int
@@ -39,7 +39,7 @@ class SteeringSummary:
 
 @dataclass(frozen=True)
 class WhatIf:
-    """One insertion as two results tell it; `divergence` is None where both give the same commands throughout."""
+    """One insertion in two results; `divergence` is None if all commands are equal."""
 
     trial: int
     old: SteeringSummary
@@ -48,7 +48,7 @@ class WhatIf:
 
 
 def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[WhatIf, ...]:
-    """Compare what two results of an insertion run tell, insertion by insertion.
+    """Compare the commands in two results of an insertion run, insertion by insertion.
 
     Parameters
     ----------
@@ -62,19 +62,19 @@ def compare_steering(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[Wh
 
 
 def _compare_trials(old: Mapping[str, Any], new: Mapping[str, Any]) -> WhatIf:
-    divergence = _first_divergence(old["commands"], new["commands"])
+    divergence = _find_divergence(old["commands"], new["commands"])
     return WhatIf(new["trial"], summarise_steering(old), summarise_steering(new), divergence)
 
 
 def summarise_steering(insertion: Mapping[str, Any]) -> SteeringSummary:
-    """Return the commands of an insertion in brief; an older labrig did not record them."""
+    """Return the summary of an insertion's commands; results of earlier versions have none."""
     commands, steps = insertion["commands"], insertion["steps"]
     turns = tuple(command["depth_mm"] for command in commands if command["roll_rad"] != 0.0)
     last, tip = commands[-1], steps[-1]["estimate_mm"] if steps else None
     return SteeringSummary(len(turns), last["replans"], last["stop"], tip and (tip[0], tip[1]), turns)
 
 
-def _first_divergence(
+def _find_divergence(
     old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]
 ) -> CommandDivergence | None:
     nothing = dict.fromkeys(_COMMAND)
@@ -88,7 +88,7 @@ def _first_divergence(
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return a row an insertion, and how many arrived."""
+    """Return a row for each insertion, and how many reached the target."""
     trials = document["insertions"]
     rows = tuple(
         (
@@ -105,11 +105,11 @@ def summarise(document: Mapping[str, Any]) -> Summary:
     arrived = f"{document['arrived']} of {document['made']} reached the target"
     values: dict[str, object] = {"target reached": f"{document['arrived']} of {document['made']}"}
     for trial in trials:
-        values |= _values(trial)
+        values |= _list_values(trial)
     return Summary((TextTable(_HEADS, rows), arrived), values)
 
 
-def _values(trial: Mapping[str, Any]) -> dict[str, object]:
+def _list_values(trial: Mapping[str, Any]) -> dict[str, object]:
     name = f"insertion {trial['trial'] + 1}"
     values = {
         f"{name}: error mm": trial["target_error_mm"],
@@ -118,24 +118,26 @@ def _values(trial: Mapping[str, Any]) -> dict[str, object]:
         f"{name}: sightings not believed": trial["missed_sightings"],
     }
     if trial.get("commands"):
-        told = summarise_steering(trial)
-        values[f"{name}: turns asked for"] = told.turns
-        values[f"{name}: paths found anew"] = told.replans
-        values[f"{name}: stop"] = told.stop
+        steering = summarise_steering(trial)
+        values[f"{name}: turns asked for"] = steering.turns
+        values[f"{name}: paths found anew"] = steering.replans
+        values[f"{name}: stop"] = steering.stop
     return values
 
 
 def compare(old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-    """Return the first command of each insertion that the new settings would have told otherwise."""
-    told = compare_steering(old, new)
-    lines = [_command_line(what_if) for what_if in told]
+    """Return the first command of each insertion that differs with the new settings."""
+    comparisons = compare_steering(old, new)
+    lines = [_describe_divergence(what_if) for what_if in comparisons]
     if not new["overrides"] and any(trial.get("as_recorded") is False for trial in new["insertions"]):
         lines.append("this labrig estimates otherwise than the one that made the run, with the same settings")
-    return ResultComparison(tuple(lines), {"what_if": [asdict(what_if) for what_if in told]} if told else {})
+    return ResultComparison(
+        tuple(lines), {"what_if": [asdict(what_if) for what_if in comparisons]} if comparisons else {}
+    )
 
 
-def _command_line(told: WhatIf) -> str:
-    name, first = f"insertion {told.trial + 1}", told.divergence
+def _describe_divergence(what_if: WhatIf) -> str:
+    name, first = f"insertion {what_if.trial + 1}", what_if.divergence
     if first is None:
         return f"{name}: every command is the same"
     where = "before it moves" if first.frame is None else f"at {first.depth_mm:.1f} mm, frame {first.frame}"

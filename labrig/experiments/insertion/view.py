@@ -1,4 +1,4 @@
-"""An insertion on the rerun viewer's time line: what was aimed at, planned and done, and the estimates beside it."""
+"""An insertion in the rerun viewer: target, plan and path in the pictures, and curves of the estimate."""
 
 import math
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ _DRAWN = ("obstacles", "target", "plan", "taken", "tip")
 
 
 def make_view(run: Run, result: AnalysisResult[InsertionResult]) -> View:
-    """Return the curves of the estimate, and what is drawn into the pictures."""
+    """Return the curves of the estimate and the drawings in the pictures."""
     plane = load_plane_map(run)
     return View((("/estimate", "Tip (mm, degrees)"),), partial(_send, result.content, plane))
 
 
 def _send(content: InsertionResult, plane: PlaneMap, stream: rr.RecordingStream, timeline: str) -> None:
-    """Send what was aimed at, planned, seen and estimated, at the rig times [s] at which it was."""
+    """Send target, plans, observations and estimates, each at its rig time [s]."""
     for trial in content.insertions:
         stream.set_time(timeline, duration=trial.start_t_s)
         _send_scene(stream, trial, plane)
@@ -53,7 +53,7 @@ def _send_scene(stream: rr.RecordingStream, trial: InsertionTrial, plane: PlaneM
 
 
 def _send_step(stream: rr.RecordingStream, step: InsertionStep, plane: PlaneMap) -> None:
-    """Send the tip that was seen, none where it was not, and the numbers of the estimate."""
+    """Send the observed tip, if any, and the numbers of the estimate."""
     seen = np.empty((0, 2)) if step.tip_mm is None else plane.to_px([step.tip_mm])
     stream.log("/camera/tip", rr.Points2D(seen, colors=[_TARGET] * len(seen), radii=4.0))
     numbers = {

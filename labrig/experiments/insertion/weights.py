@@ -1,4 +1,4 @@
-"""What the planner weighs, as protocols and scenarios state it; the defaults are those of `steering`."""
+"""The weights of the planner in protocols and scenarios; the defaults are those of `steering`."""
 
 from typing import Annotated, TypeAlias
 

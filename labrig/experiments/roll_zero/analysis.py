@@ -1,4 +1,4 @@
-"""The roll zero of a needle, fitted once more to the pictures of the run that certified it."""
+"""Fit the roll zero of a needle again to the pictures of the run that certified it."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from labrig.vision.plane import PlaneMap
 
 
 def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> Analysis[Findings]:
-    """Measure how far each insertion strays aside, and fit the cosine of the roll to it.
+    """Measure the lateral deflection of each insertion, and fit the cosine of the roll to it.
 
     Raises
     ------
@@ -35,11 +35,11 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
     settings = CurvatureSettings(protocol.needle.diameter_mm, protocol.sheath.diameter_mm)
     places = tuple(run.pictures[line.frame] for line in pictures)
     plane = load_plane_map(run)
-    origins = _origins(run, plane, protocol.sheath)
+    origins = _find_hole_origins(run, plane, protocol.sheath)
     sentinel = check_sentinel(protocol.sentinel, run.read_frame, run.frame_lines, plane)
     measured = (yield PictureWork(places, plane, settings, request.mask)).measured
     seen = [
-        (roll_rad, lateral_offset_mm(measurement.tip_mm, _before(line.frame, origins)))
+        (roll_rad, lateral_offset_mm(measurement.tip_mm, _find_last_origin(line.frame, origins)))
         for line, measurement in zip(pictures, measured, strict=True)
         if isinstance(measurement, CurvatureMeasurement)
         and measurement.tip_mm is not None
@@ -65,15 +65,15 @@ def analyze(run: Run, protocol: RollZeroProtocol, request: AnalysisRequest) -> A
         rolls_rad=tuple(rolls_rad),
         deflections_mm=tuple(strays_mm),
         fit=None if fit is None else asdict(fit),
-        offset_mm=None if fit is None else _offset_mm(fit, rolls_rad, strays_mm),
+        offset_mm=None if fit is None else _find_offset_mm(fit, rolls_rad, strays_mm),
         origins=origins,
         sentinel=sentinel,
     )
     return Findings(result)
 
 
-def _origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ...]:
-    """Return where the sheath stood in each hole, where the protocol asks for it; holes are counted as trials here."""
+def _find_hole_origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ...]:
+    """Return the sheath's origin in each hole if the protocol asks for it; holes count as trials here."""
     if sheath.origin is None:
         return ()
     shown = [line for line in run.frame_lines if line.role == RollZeroRole.SHEATH]
@@ -81,12 +81,12 @@ def _origins(run: Run, plane: PlaneMap, sheath: Sheath) -> tuple[TrialOrigin, ..
     return find_origins(run.read_frame, holes, plane, sheath)
 
 
-def _before(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
-    """Return the sheath that was found last before a picture."""
+def _find_last_origin(frame: int, origins: Sequence[TrialOrigin]) -> TrialOrigin | None:
+    """Return the last origin that was found before a picture."""
     return next((origin for origin in reversed(origins) if origin.frame < frame), None)
 
 
-def _offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
-    """Return the constant of the least-squares cosine: the residuals of such a fit sum up to nothing."""
+def _find_offset_mm(fit: RollZeroFit, rolls_rad: Sequence[float], strays_mm: Sequence[float]) -> float:
+    """Return the constant of the least-squares cosine, whose residuals sum to zero."""
     bends = (fit.bend_mm * math.cos(roll - fit.zero_rad) for roll in rolls_rad)
     return math.fsum(stray + bend for stray, bend in zip(strays_mm, bends, strict=True)) / len(rolls_rad)

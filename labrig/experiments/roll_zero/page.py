@@ -28,7 +28,7 @@ _CURVE_POINTS = 181
 
 @dataclass(frozen=True)
 class RollRow:
-    """One insertion: the rotation axis [degrees], how far aside its tip was seen, and how far from the cosine [mm]."""
+    """One insertion: the rotation axis [degrees], the lateral deflection of its tip and its residual [mm]."""
 
     roll_deg: float
     deflection_mm: float
@@ -55,11 +55,11 @@ def make_page(run: Run, protocol: RollZeroProtocol, result: AnalysisResult[RollZ
     if result is None:
         return Page(facts)
     content = result.content
-    shown = _shown(run, content, f"analysis/{result.path.name}")
-    return Page(facts, TEMPLATE, _verdict(content), describe_calibration(run), shown)
+    shown = _collect_content(run, content, f"analysis/{result.path.name}")
+    return Page(facts, TEMPLATE, _write_verdict(content), describe_calibration(run), shown)
 
 
-def _verdict(result: RollZeroResult) -> list[Markup]:
+def _write_verdict(result: RollZeroResult) -> list[Markup]:
     """Return the roll zero with its uncertainty, or why there is none."""
     if not result.accepted or result.fit is None:
         return [Markup("Not certified: {}.").format("; ".join(result.reasons))]
@@ -71,41 +71,41 @@ def _verdict(result: RollZeroResult) -> list[Markup]:
     ]
 
 
-def _shown(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
-    shots = _shots(run)
+def _collect_content(run: Run, result: RollZeroResult, folder: str) -> dict[str, Any]:
+    shots = _list_shots(run)
     return {
         "content": result,
         "folder": folder,
-        "rows": _rows(result),
-        "figure": _figure(result, "roll-zero") if result.rolls_rad else None,
+        "rows": _list_rows(result),
+        "figure": _draw_figure(result, "roll-zero") if result.rolls_rad else None,
         "shots": shots,
         "unseen": len(shots) - len(result.rolls_rad),
         "fit": result.fit,
     }
 
 
-def _rows(result: RollZeroResult) -> list[RollRow]:
+def _list_rows(result: RollZeroResult) -> list[RollRow]:
     return [
         RollRow(math.degrees(roll), seen, None if fitted is None else seen - fitted)
         for roll, seen in zip(result.rolls_rad, result.deflections_mm, strict=True)
-        for fitted in (_fitted_mm(result, roll),)
+        for fitted in (_evaluate_fit_mm(result, roll),)
     ]
 
 
-def _fitted_mm(result: RollZeroResult, roll_rad: float) -> float | None:
-    """Return the fitted cosine at a roll; None without a fit, and of results that an earlier labrig has written."""
+def _evaluate_fit_mm(result: RollZeroResult, roll_rad: float) -> float | None:
+    """Return the fitted cosine at a roll; None without a fit, and in results of earlier versions."""
     if result.fit is None or result.offset_mm is None:
         return None
     return result.offset_mm - result.fit["bend_mm"] * math.cos(roll_rad - result.fit["zero_rad"])
 
 
-def _figure(result: RollZeroResult, name: str) -> Markup:
+def _draw_figure(result: RollZeroResult, name: str) -> Markup:
     """Draw the deflections over the roll, the cosine, and the zero with twice its standard deviation."""
     with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=(6.4, 3.1), layout="constrained")
         axes = figure.subplots()
         turn_rad = np.linspace(0.0, 2 * math.pi, _CURVE_POINTS)
-        curve = [mm for roll in turn_rad if (mm := _fitted_mm(result, float(roll))) is not None]
+        curve = [mm for roll in turn_rad if (mm := _evaluate_fit_mm(result, float(roll))) is not None]
         if result.fit is not None and curve:
             axes.plot(np.degrees(turn_rad), curve, color=DESIGN, linewidth=1.2, label="fitted cosine")
             zero, sd = (math.degrees(result.fit[key]) for key in ("zero_rad", "sd_rad"))
@@ -129,7 +129,7 @@ def _figure(result: RollZeroResult, name: str) -> Markup:
         return svg(figure, name)
 
 
-def _shots(run: Run) -> list[Shot]:
+def _list_shots(run: Run) -> list[Shot]:
     return [
         Shot(
             line.frame,

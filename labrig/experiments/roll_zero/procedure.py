@@ -1,15 +1,15 @@
-"""The roll zero of a needle as it is clamped, found and certified."""
+"""Find and certify the roll zero of a needle as it is clamped."""
 
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.shared.roll_zero_search import RollZeroOrder, find_roll_zero
 from labrig.runner.experiment import RunPlan
-from labrig.runner.plan import find_rig_problems, insertion_moves, roll_move, sentinel_work
+from labrig.runner.plan import count_sentinel_work, find_rig_problems, plan_insertion_moves, plan_roll_move
 from labrig.runner.session import Session
 
 
-def order_of(protocol: RollZeroProtocol) -> RollZeroOrder:
-    """Return what a protocol of this experiment asks for."""
+def make_order(protocol: RollZeroProtocol) -> RollZeroOrder:
+    """Return the order for the search, from the protocol."""
     return RollZeroOrder(
         protocol.needle,
         protocol.sheath,
@@ -21,13 +21,13 @@ def order_of(protocol: RollZeroProtocol) -> RollZeroOrder:
 
 
 def plan(protocol: RollZeroProtocol, rig: RigDescription) -> RunPlan:
-    """Return what the protocol is going to ask of a rig."""
-    order, steps = order_of(protocol), protocol.roll_zero
+    """Return the plan of a run on a rig."""
+    order, steps = make_order(protocol), protocol.roll_zero
     moves = (
-        roll_move(rig, "roll_zero.rolls", order.farthest_roll_rad),
-        *insertion_moves("roll_zero.length_mm", steps.length_mm, protocol.insertion, protocol.sheath),
+        plan_roll_move(rig, "roll_zero.rolls", order.farthest_roll_rad),
+        *plan_insertion_moves("roll_zero.length_mm", steps.length_mm, protocol.insertion, protocol.sheath),
     )
-    pictures, operator_steps = sentinel_work(protocol.sentinel)
+    pictures, operator_steps = count_sentinel_work(protocol.sentinel)
     return RunPlan(
         duration_s=order.duration_s,
         pictures=order.pictures + pictures,
@@ -38,4 +38,4 @@ def plan(protocol: RollZeroProtocol, rig: RigDescription) -> RunPlan:
 
 def run(protocol: RollZeroProtocol, session: Session) -> None:
     """Find and certify the roll zero that a protocol asks for."""
-    find_roll_zero(order_of(protocol), session)
+    find_roll_zero(make_order(protocol), session)

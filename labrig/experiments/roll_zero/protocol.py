@@ -19,7 +19,7 @@ from labrig.protocol.sections import (
 
 
 class RollZeroProtocol(ExperimentProtocol):
-    """Which roll of the rotation axis bends the needle towards -y; certified for the needle as it is clamped."""
+    """Find the roll of the rotation axis that bends the needle towards -y, and certify it for the needle as clamped."""
 
     pictures_decide_motion: ClassVar[bool] = True
 
@@ -39,5 +39,5 @@ class RollZeroProtocol(ExperimentProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield a sheath that the needle does not fit through."""
+        """Yield a sheath that is too narrow for the needle."""
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)

@@ -10,9 +10,9 @@ from labrig.text import number
 
 
 class RollZeroResult(Result):
-    """Of roll zero runs: the deflections by roll, and the cosine fitted to them, None where that was refused.
+    """The result of a roll zero run: the deflection at each roll, and the fitted cosine; None if the fit was refused.
 
-    `offset_mm` is where the sheath stands aside, the constant of that fit; None in results of earlier versions.
+    `offset_mm` is the sheath's lateral offset, the constant of that fit; None in results of earlier versions.
     """
 
     kind: Literal["roll-zero"] = "roll-zero"
@@ -28,17 +28,17 @@ class RollZeroResult(Result):
 
     @property
     def tables(self) -> Mapping[str, Rows]:
-        """What the result says row by row."""
+        """The tables of the result."""
         return make_origin_table(self.origins)
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
     """Return the zero with its uncertainty, or why there is none."""
     values = {"accepted": document["accepted"], **(document["fit"] or {})}
-    return Summary(tuple(_lines(document)), values)
+    return Summary(tuple(_list_lines(document)), values)
 
 
-def _lines(document: Mapping[str, Any]) -> list[str]:
+def _list_lines(document: Mapping[str, Any]) -> list[str]:
     fit = document["fit"]
     if fit is None or not document["accepted"]:
         return ["roll zero refused", *(f"  {reason}" for reason in document["reasons"])]

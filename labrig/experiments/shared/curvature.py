@@ -13,7 +13,7 @@ from labrig.analysis.result import CentreLines, Findings, TrialOrigin, save_cent
 from labrig.analysis.sentinel import check_sentinel
 from labrig.durable import write_atomically
 from labrig.experiments.shared.curvature_result import CurvatureResult, PictureResult
-from labrig.experiments.shared.grouping import final_pictures, mean_of_means, summarise_specimens
+from labrig.experiments.shared.grouping import average_means, find_final_pictures, summarise_specimens
 from labrig.experiments.shared.needle_events import DrawnRadius, NeedleRole, SpecimenTrialStart
 from labrig.experiments.shared.picture_results import add_drift, add_origins, refuse_by_origin
 from labrig.experiments.shared.truth import compare_with_truth
@@ -31,7 +31,7 @@ _MEASURED = (NeedleRole.ADVANCE, NeedleRole.FINAL, NeedleRole.IMPORTED)
 
 @dataclass(frozen=True)
 class _Picture:
-    """What a run says of a picture, with the trial that it belongs to."""
+    """A recorded picture with its trial; None for a picture without a trial."""
 
     line: FrameLine
     trial: SpecimenTrialStart | None
@@ -39,18 +39,18 @@ class _Picture:
 
 @dataclass(frozen=True)
 class CurvatureOrder:
-    """What a protocol says of the pictures of its needle.
+    """The settings of a protocol for measuring the pictures of its needle.
 
     Attributes
     ----------
     needle : NeedleInPicture
-        What stands in them.
+        The needle and the sheath in the pictures.
     window : AnalysisWindow
         Which part of the shaft is fitted, and what is accepted.
     sheath : Sheath or None
-        How the sheath is brought in, so that each trial's origin is found; None for pictures without trials.
+        The sheath, from which each trial's origin is found; None for pictures without trials.
     sheath_role : PictureRole or None
-        Of the pictures that show the sheath alone.
+        The role of pictures that show only the sheath.
     sentinel : GridSentinel or None
         The graph paper before and after the run.
     """
@@ -63,7 +63,7 @@ class CurvatureOrder:
 
     @property
     def settings(self) -> CurvatureSettings:
-        """How pictures are measured."""
+        """The settings of a measurement."""
         return CurvatureSettings(
             needle_diameter_mm=self.needle.diameter_mm,
             sheath_diameter_mm=self.needle.sheath_diameter_mm,
@@ -72,9 +72,9 @@ class CurvatureOrder:
 
 
 def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest) -> Analysis[Findings]:
-    """Measure the pictures, group them, and compare them with the truth where there is one.
+    """Measure the pictures, group them, and compare them with the truth if it is recorded.
 
-    The intervals of the groups carry how sure the bevel's roll is; those of single pictures speak of the picture alone.
+    The intervals of the groups include the uncertainty of the bevel's roll; those of single pictures do not.
 
     Raises
     ------
@@ -82,34 +82,37 @@ def analyze_curvature(run: Run, order: CurvatureOrder, request: AnalysisRequest)
         When the run has no map from pixels to mm.
     """
     settings, roll_sd_deg, mask = order.settings, order.window.roll_sd_deg, request.mask
-    trials = _trials(run)
-    pictures = _pictures(run, trials)
+    trials = _list_trials(run)
+    pictures = _list_pictures(run, trials)
     places = tuple(run.pictures[picture.line.frame] for picture in pictures)
-    plane, read, lines = load_plane_map(run), partial(_picture, run.frames), run.frame_lines
+    plane, read, lines = load_plane_map(run), partial(_get_picture, run.frames), run.frame_lines
     sheaths = [line for line in lines if line.role == order.sheath_role]
     others = (
-        partial(_origins, order.sheath, read, sheaths, plane),
+        partial(_find_origins, order.sheath, read, sheaths, plane),
         partial(check_sentinel, order.sentinel, read, lines, plane),
     )
-    named = None if mask is None else mask.with_names(_sources(pictures))
+    named = None if mask is None else mask.with_names(_list_sources(pictures))
     seen = yield PictureWork(places, plane, settings, named, others)
     measured, (origins, sentinel) = seen.measured, seen.others
-    bare = [_result(picture, measurement) for picture, measurement in zip(pictures, measured, strict=True)]
+    bare = [
+        _make_result(picture, measurement) for picture, measurement in zip(pictures, measured, strict=True)
+    ]
     results = add_drift(refuse_by_origin(add_origins(bare, origins), origins), sentinel)
-    finals = final_pictures(results)
+    finals = find_final_pictures(results)
     specimens = summarise_specimens(trials, finals, roll_sd_deg)
     content = CurvatureResult(
         **request.stamp.fields(
-            {**asdict(settings), "roll_sd_deg": roll_sd_deg, **_kept(mask)}, _damaged(pictures, measured)
+            {**asdict(settings), "roll_sd_deg": roll_sd_deg, **_describe_mask(mask)},
+            _find_damaged(pictures, measured),
         ),
         specimens=specimens,
-        mean_radius_mm=mean_of_means(specimens),
+        mean_radius_mm=average_means(specimens),
         measurements=results,
         origins=origins,
         sentinel=sentinel,
-        truth=compare_with_truth(trials, finals, specimens, _drawn_radii(run)),
+        truth=compare_with_truth(trials, finals, specimens, _read_drawn_radii(run)),
     )
-    return Findings(content, partial(_save, _centre_lines(results, measured), mask))
+    return Findings(content, partial(_save, _collect_centre_lines(results, measured), mask))
 
 
 def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
@@ -118,28 +121,28 @@ def _save(lines: CentreLines, mask: Mask | None, folder: Path) -> None:
         write_atomically(folder / mask.kept_name, mask.content)
 
 
-def _picture(frames: Frames, frame: int) -> Picture:
+def _get_picture(frames: Frames, frame: int) -> Picture:
     return frames[frame]
 
 
-def _origins(
+def _find_origins(
     sheath: Sheath | None, read: ReadFrame, lines: Sequence[FrameLine], plane: PlaneMap
 ) -> tuple[TrialOrigin, ...]:
-    """Return where the sheath stood in each trial; imported pictures have no trials, and tell their own."""
+    """Return the origin of each trial; imported pictures have no trials, and an origin of their own."""
     return () if sheath is None else find_origins(read, lines, plane, sheath)
 
 
-def _sources(pictures: Sequence[_Picture]) -> dict[str, str]:
-    """Return what each imported picture was called, by its file's name in the record."""
+def _list_sources(pictures: Sequence[_Picture]) -> dict[str, str]:
+    """Return the original name of each imported picture, by its file name in the record."""
     return {Path(picture.line.file).name: picture.line.source for picture in pictures if picture.line.source}
 
 
-def _kept(mask: Mask | None) -> dict[str, str]:
+def _describe_mask(mask: Mask | None) -> dict[str, str]:
     return {} if mask is None else {"mask": mask.kept_name, "mask_sha256": mask.sha256}
 
 
-def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
-    """Return the pictures that are not as they were recorded: file, what is wrong."""
+def _find_damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict[str, str]:
+    """Return what is wrong with each damaged picture, by its file."""
     return {
         picture.line.file: measurement.reason
         for picture, measurement in zip(pictures, measured, strict=True)
@@ -147,13 +150,13 @@ def _damaged(pictures: Sequence[_Picture], measured: Sequence[Measured]) -> dict
     }
 
 
-def _trials(run: Run) -> list[SpecimenTrialStart]:
-    # Of an interrupted one another was made in its stead.
+def _list_trials(run: Run) -> list[SpecimenTrialStart]:
+    # An interrupted trial was repeated as another trial.
     recorded = run.read_trials(SpecimenTrialStart, TrialStop)
     return [trial.start for trial in recorded if trial.exit_status != INTERRUPTED]
 
 
-def _pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:
+def _list_pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:
     by_number = {trial.trial: trial for trial in trials}
     return [
         _Picture(line, None if line.trial is None else by_number.get(line.trial))
@@ -162,12 +165,12 @@ def _pictures(run: Run, trials: Sequence[SpecimenTrialStart]) -> list[_Picture]:
     ]
 
 
-def _drawn_radii(run: Run) -> dict[int, float]:
+def _read_drawn_radii(run: Run) -> dict[int, float]:
     drawn = run.read_truth(DrawnRadius)
     return {trial: line.radius_mm for trial, line in drawn.items() if line.radius_mm is not None}
 
 
-def _result(picture: _Picture, measured: Measured) -> PictureResult:
+def _make_result(picture: _Picture, measured: Measured) -> PictureResult:
     line, trial = picture.line, picture.trial
     place = {
         "frame": line.frame,
@@ -179,11 +182,11 @@ def _result(picture: _Picture, measured: Measured) -> PictureResult:
     }
     if isinstance(measured, Unreadable):
         return PictureResult(**place, found=False, accepted=False, reason=measured.reason)
-    said = {name: value for name, value in measured.to_json().items() if name in PictureResult.model_fields}
-    return PictureResult.model_validate({**place, **said}, strict=False)
+    values = {name: value for name, value in measured.to_json().items() if name in PictureResult.model_fields}
+    return PictureResult.model_validate({**place, **values}, strict=False)
 
 
-def _centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
+def _collect_centre_lines(results: Sequence[PictureResult], measured: Sequence[Measured]) -> CentreLines:
     found = {
         result.frame: measurement
         for result, measurement in zip(results, measured, strict=True)

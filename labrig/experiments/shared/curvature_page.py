@@ -1,4 +1,4 @@
-"""What the page of a steerability run, or of imported pictures, shows."""
+"""The page of a steerability run or of imported pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -49,7 +49,7 @@ class GelRow:
 
 @dataclass(frozen=True)
 class Sheet:
-    """One picture of the contact sheet; `picture` is None where it cannot be read."""
+    """One picture of the contact sheet; `picture` is None if it cannot be read."""
 
     result: PictureResult
     picture: DrawnPicture | None
@@ -57,13 +57,13 @@ class Sheet:
 
 @dataclass(frozen=True)
 class SheetGroup:
-    """The pictures of one needle in one gel; imported ones are one group without a row."""
+    """The pictures of one needle in one gel; imported pictures are one group without a row."""
 
     row: GelRow | None
     sheets: tuple[Sheet, ...]
 
 
-def curvature_page(
+def make_curvature_page(
     run: Run,
     result: AnyResult,
     content: CurvatureResult,
@@ -72,18 +72,18 @@ def curvature_page(
     verdict: Sequence[str],
     design: Design | None = None,
 ) -> Page:
-    """Return the page of measured curvatures, everything drawn.
+    """Return the page of measured curvatures with all figures drawn.
 
     Parameters
     ----------
     facts, verdict
-        What the experiment says of its protocol and of its result.
+        Facts of the protocol, and the result in a sentence or two.
     design : Design or None
-        The arc that the needle was designed for, of a sweep; None for pictures of no sweep, which have no figure 8.
+        The arc that the needle was designed for; None for imported pictures, which have no figure 8.
     """
     lines = load_centre_lines(result.path)
     plane = load_plane_map(run)
-    rows = gel_rows(content)
+    rows = list_gel_rows(content)
     shown = [
         measurement
         for measurement in content.measurements
@@ -99,43 +99,43 @@ def curvature_page(
             "folder": f"analysis/{result.path.name}",
             "rows": rows,
             "paper_mean_mm": PAPER_MEAN_RADIUS_MM,
-            "figure": None if design is None else _figure(design, rows, content, lines),
-            "view": _camera_view(run, content, lines, plane),
+            "figure": None if design is None else _draw_figure(design, rows, content, lines),
+            "view": _draw_last_picture(run, content, lines, plane),
             "sheaths": draw_sheath_views(run, content.origins, plane, _SHEATHS_SHOWN),
-            "groups": _sheet_groups(
+            "groups": _group_sheets(
                 rows,
                 [Sheet(measurement, draw_thumbnail(run, measurement, lines, plane)) for measurement in shown],
             ),
-            "refused": [measurement for measurement in content.measurements if _stands_alone(measurement)],
-            "expected": _expected_refusals(content.measurements),
+            "refused": [measurement for measurement in content.measurements if _is_listed_alone(measurement)],
+            "expected": _group_expected_refusals(content.measurements),
             "simulated": content.truth is not None,
             "steerability": design is not None,
         },
     )
 
 
-def gel_rows(content: CurvatureResult) -> list[GelRow]:
-    """Return the lines of the table, each gel with the paper's figures for its gelatin and its truth."""
+def list_gel_rows(content: CurvatureResult) -> list[GelRow]:
+    """Return the rows of the table: each gel with the paper's values for its gelatin, and with its truth."""
     truths = (
         {}
         if content.truth is None
         else {(specimen.needle_id, specimen.name): specimen for specimen in content.truth.specimens}
     )
-    labels = _labels(content.specimens)
+    labels = _make_labels(content.specimens)
     return [
         GelRow(
             specimen,
             label,
             mark(index),
-            _paper_gel(specimen.gelatin_percent),
+            _find_paper_gel(specimen.gelatin_percent),
             truths.get((specimen.needle_id, specimen.name)),
         )
         for index, (specimen, label) in enumerate(zip(content.specimens, labels, strict=True))
     ]
 
 
-def _labels(specimens: Sequence[SpecimenResult]) -> list[str]:
-    """Return a short label a group: its gelatin, numbered where two groups have the same."""
+def _make_labels(specimens: Sequence[SpecimenResult]) -> list[str]:
+    """Return a short label for each group: its gelatin, numbered if several groups have the same."""
     seen: dict[float, int] = {}
     labels = []
     for specimen in specimens:
@@ -145,14 +145,14 @@ def _labels(specimens: Sequence[SpecimenResult]) -> list[str]:
     return labels
 
 
-def _paper_gel(gelatin_percent: float) -> PaperGel | None:
+def _find_paper_gel(gelatin_percent: float) -> PaperGel | None:
     return next((gel for gel in PAPER_GELS if gel.gelatin_percent == gelatin_percent), None)
 
 
-def _figure(
+def _draw_figure(
     design: Design, rows: Sequence[GelRow], content: CurvatureResult, lines: CentreLines
 ) -> Markup | None:
-    """Return figure 8 of the paper; None where nothing was measured."""
+    """Return figure 8 of the paper; None if no radius was accepted."""
     accepted = [
         measurement
         for measurement in content.measurements
@@ -162,11 +162,11 @@ def _figure(
         return None
     bends = [measurement.bend for measurement in accepted]
     towards = replace(design, side=1 if bends.count("+y") > bends.count("-y") else -1)
-    return draw_steerability_figure([_series(row, accepted, lines) for row in rows], towards, "paths")
+    return draw_steerability_figure([_make_series(row, accepted, lines) for row in rows], towards, "paths")
 
 
-def _series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) -> GelSeries:
-    own = [result for result in accepted if _belongs(result, row)]
+def _make_series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) -> GelSeries:
+    own = [result for result in accepted if _is_of_row(result, row)]
     return GelSeries(
         label=row.label,
         mark=row.mark,
@@ -183,10 +183,10 @@ def _series(row: GelRow, accepted: Sequence[PictureResult], lines: CentreLines) 
     )
 
 
-def _camera_view(
+def _draw_last_picture(
     run: Run, content: CurvatureResult, lines: CentreLines, plane: PlaneMap
 ) -> CameraView | None:
-    """Return the view of the last accepted final picture of the first gel, in which older tracks are seen."""
+    """Return the view of the last accepted final picture of the first gel, which also shows the older tracks."""
     first = content.specimens[0].name if content.specimens else None
     candidates = [
         result
@@ -202,27 +202,27 @@ def _camera_view(
     return draw_camera_view(run, shown, lines, plane, commanded_mm)
 
 
-def _sheet_groups(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:
+def _group_sheets(rows: Sequence[GelRow], sheets: Sequence[Sheet]) -> list[SheetGroup]:
     groups = [
-        SheetGroup(row, tuple(sheet for sheet in sheets if _belongs(sheet.result, row))) for row in rows
+        SheetGroup(row, tuple(sheet for sheet in sheets if _is_of_row(sheet.result, row))) for row in rows
     ]
     loose = tuple(sheet for sheet in sheets if sheet.result.trial is None)
     return [group for group in (*groups, SheetGroup(None, loose)) if group.sheets]
 
 
-def _belongs(result: PictureResult, row: GelRow) -> bool:
+def _is_of_row(result: PictureResult, row: GelRow) -> bool:
     return (result.needle_id, result.specimen) == (row.measured.needle_id, row.measured.name)
 
 
-def _stands_alone(result: PictureResult) -> bool:
-    """Return whether a refusal is listed by itself: every one but those of short insertions on the way."""
+def _is_listed_alone(result: PictureResult) -> bool:
+    """Return whether a refusal is listed by itself: all except those of short insertions on the way."""
     return not result.accepted and not (result.role == NeedleRole.ADVANCE and result.found)
 
 
-def _expected_refusals(measurements: Sequence[PictureResult]) -> Mapping[str, Sequence[PictureResult]]:
-    """Return the pictures on the way whose shaft was found and whose radius is not stated, by inserted length."""
+def _group_expected_refusals(measurements: Sequence[PictureResult]) -> Mapping[str, Sequence[PictureResult]]:
+    """Return the pictures on the way that show the shaft but give no radius, by inserted length."""
     by_length: dict[str, list[PictureResult]] = {}
     for result in measurements:
-        if not result.accepted and not _stands_alone(result):
+        if not result.accepted and not _is_listed_alone(result):
             by_length.setdefault(number(result.insertion_mm, 0), []).append(result)
     return by_length

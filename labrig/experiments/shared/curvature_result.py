@@ -1,4 +1,4 @@
-"""What was measured of the curvature of needles, picture by picture and gel by gel."""
+"""The result of measuring the curvature of needles, picture by picture and gel by gel."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -10,10 +10,10 @@ from labrig.text import interval, number
 
 
 class PictureResult(Model):
-    """One picture: where it belongs, and what was measured in it; None where that is unknown or refused.
+    """One picture: its trial, and its measurement; unknown and refused values are None.
 
     `origin_mm` and `origin_heading_rad` are those of its trial, found from the sheath; `tip_from_origin_mm` is the
-    needle's tip told from them, (aside, along). Everything else is told in the plane's frame.
+    needle's tip in their frame, (lateral, along). All other points are in the plane's frame.
     """
 
     frame: int
@@ -63,7 +63,7 @@ class SpecimenResult(Model):
 
 
 class SpecimenTruth(Model):
-    """What was drawn for one needle in one gel, and how far the measurement is from it."""
+    """The radii drawn for one needle in one gel, and the errors of the measurement."""
 
     name: str
     needle_id: str
@@ -75,7 +75,7 @@ class SpecimenTruth(Model):
 
 
 class TruthComparison(Model):
-    """Measured beside drawn, on simulated rigs.
+    """Measured and drawn radii compared, on simulated rigs.
 
     `intervals_holding_truth` counts the accepted pictures whose 95 % interval holds the radius drawn for
     them.
@@ -90,7 +90,7 @@ class TruthComparison(Model):
 
 
 class CurvatureResult(Result):
-    """Of steerability runs and imported pictures."""
+    """The result of a steerability run or of imported pictures."""
 
     kind: Literal["curvature"] = "curvature"
     specimens: tuple[SpecimenResult, ...]
@@ -102,7 +102,7 @@ class CurvatureResult(Result):
 
     @property
     def tables(self) -> Mapping[str, Rows]:
-        """What the result says row by row."""
+        """The tables of the result."""
         tables: dict[str, Rows] = {
             "measurements": Rows(PictureResult, self.measurements),
             "specimens": Rows(SpecimenResult, self.specimens),
@@ -114,7 +114,7 @@ _HEADS = ("specimen", "gelatin %", "n", "refused", "radius mm", "SD mm", "95 % i
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """Return the table of the paper, a row a needle and gel; of imported pictures how many were measured."""
+    """Return the paper's table, a row for each needle and gel; for imported pictures, how many were measured."""
     groups, measured = document["specimens"], document["measurements"]
     rows = tuple(
         (

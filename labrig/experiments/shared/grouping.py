@@ -11,14 +11,14 @@ from labrig.experiments.shared.needle_events import NeedleRole, SpecimenTrialSta
 
 
 def group_trials(trials: Sequence[SpecimenTrialStart]) -> dict[tuple[str, str], list[SpecimenTrialStart]]:
-    """Return the trials of each needle in each specimen, in the order in which they were first met."""
+    """Return the trials of each needle in each specimen, in order of first appearance."""
     groups: dict[tuple[str, str], list[SpecimenTrialStart]] = {}
     for trial in trials:
         groups.setdefault(trial.pair, []).append(trial)
     return groups
 
 
-def final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
+def find_final_pictures(pictures: Sequence[PictureResult]) -> dict[int, PictureResult]:
     """Return the final picture of each trial that has one."""
     return {
         picture.trial: picture
@@ -56,7 +56,7 @@ def _summarise(
     )
 
 
-def mean_of_means(specimens: Sequence[SpecimenResult]) -> float | None:
-    """Return the mean of the groups' means, each group counting once however many insertions it has."""
+def average_means(specimens: Sequence[SpecimenResult]) -> float | None:
+    """Return the mean of the groups' means; each group counts once, however many insertions it has."""
     means = [group.mean_radius_mm for group in specimens if group.mean_radius_mm is not None]
     return float(np.mean(means)) if means else None

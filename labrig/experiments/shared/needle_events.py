@@ -1,10 +1,10 @@
-"""What the runs write that show a needle on its way: in which gel each trial is made, and what its pictures show."""
+"""Events and picture roles of runs that insert a needle: the gel of each trial, and what its pictures show."""
 
 from labrig.record.events import PictureRole, TrialStart, TruthLine
 
 
 class NeedleRole(PictureRole):
-    """Pictures of a needle: on its way at rest or in motion, where its way ended, or taken elsewhere."""
+    """Pictures of a needle: on its way, at rest or in motion; at its end; or imported."""
 
     ADVANCE = "advance"
     OBSERVE = "observe"
@@ -13,7 +13,7 @@ class NeedleRole(PictureRole):
 
 
 class SpecimenTrialStart(TrialStart):
-    """An insertion begins: into which block of gel, through which entry point, with which needle."""
+    """An insertion begins: its block of gel, its entry point, and its needle."""
 
     specimen: str
     gelatin_percent: float
@@ -28,6 +28,6 @@ class SpecimenTrialStart(TrialStart):
 
 
 class DrawnRadius(TruthLine):
-    """The radius that the simulated world drew for a trial; None where the gel has none."""
+    """The radius that the simulated world drew for a trial; None if the gel has none."""
 
     radius_mm: float | None = None

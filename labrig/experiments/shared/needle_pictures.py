@@ -1,4 +1,4 @@
-"""Pictures of a needle as a page shows them, with what was measured drawn over them."""
+"""Pictures of a needle for a page, with the measurement drawn over them."""
 
 from dataclasses import dataclass
 
@@ -29,13 +29,13 @@ FloatArray = NDArray[np.float64]
 # A polyline of this many points looks like a curve at any size that a page has.
 _LINE_POINTS = 60
 _CIRCLE_POINTS = 180
-# Long enough that a degree shows.
+# Long enough to make a degree visible.
 _DIRECTION_MM = 30.0
 
 
 @dataclass(frozen=True)
 class DrawnPicture:
-    """A picture with lines over it.
+    """A picture with overlaid lines.
 
     `width` and `height` are those of the recorded picture; every line is the `points` of an SVG polyline in
     its pixels, whatever size the JPEG has.
@@ -53,7 +53,7 @@ class DrawnPicture:
 
 @dataclass(frozen=True)
 class CameraView:
-    """Figure 7c: one picture with the axes of the steering plane, a scale bar and the sheath named."""
+    """Figure 7c: one picture with the axes of the steering plane, a scale bar and a label on the sheath."""
 
     picture: DrawnPicture
     axes: tuple[Arrow, ...]
@@ -66,7 +66,7 @@ class CameraView:
 def draw_thumbnail(
     run: Run, result: PictureResult, lines: CentreLines, plane: PlaneMap
 ) -> DrawnPicture | None:
-    """Return a small picture with shaft and circle; None where the picture cannot be read."""
+    """Return a small picture with shaft and circle; None if the picture cannot be read."""
     return _draw(run, result, lines, plane, THUMBNAIL)
 
 
@@ -77,9 +77,9 @@ def draw_camera_view(
     plane: PlaneMap,
     commanded_mm: tuple[float, float] | None = None,
 ) -> CameraView | None:
-    """Return the camera's view of a picture in which the sheath was found; None where it cannot be shown.
+    """Return the camera's view with axes at the sheath; None if the picture cannot be read.
 
-    The axes start where the sheath's tip was commanded to be, or, where that is not known, at its tip.
+    The axes start at the commanded position of the sheath's tip or, if that is not known, at its tip.
     """
     picture = _draw(run, result, lines, plane, VIEW)
     if picture is None or result.sheath_tip_mm is None:
@@ -91,7 +91,7 @@ def draw_camera_view(
     return CameraView(
         picture=picture,
         axes=tuple(
-            _axis(name, origin, np.asarray(direction) * length_mm, plane)
+            _make_arrow(name, origin, np.asarray(direction) * length_mm, plane)
             for name, direction in (("z", (0.0, 1.0)), ("y", (1.0, 0.0)))
         ),
         scale_mm=length_mm,
@@ -115,16 +115,16 @@ def _draw(
         href=data_uri(jpeg(image, size), "image/jpeg"),
         width=width,
         height=height,
-        shaft=polyline(_thinned(shaft)),
-        window=polyline(_thinned(window)),
-        circle=_circle(result, plane, (width, height)),
+        shaft=polyline(_thin(shaft)),
+        window=polyline(_thin(window)),
+        circle=_draw_circle(result, plane, (width, height)),
         tip=result.tip_px,
-        found=_found(result, plane),
+        found=_locate_origin(result, plane),
     )
 
 
-def _found(result: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
-    """Return the line that shows the trial's origin and direction; None where they are not known."""
+def _locate_origin(result: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None:
+    """Return the line that shows the trial's origin and direction; None if they are not known."""
     if result.origin_mm is None or result.origin_heading_rad is None:
         return None
     along = np.array([np.sin(result.origin_heading_rad), np.cos(result.origin_heading_rad)])
@@ -132,8 +132,8 @@ def _found(result: PictureResult, plane: PlaneMap) -> tuple[Pixel, Pixel] | None
     return pixel(start), pixel(end)
 
 
-def _circle(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
-    """Return the fitted circle as the polylines of it that lie in the picture."""
+def _draw_circle(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tuple[str, ...]:
+    """Return the polylines of the fitted circle that lie in the picture."""
     if not result.accepted or result.centre_mm is None or result.radius_mm is None:
         return ()
     px = circle(result.centre_mm, result.radius_mm, plane, _CIRCLE_POINTS)
@@ -143,14 +143,14 @@ def _circle(result: PictureResult, plane: PlaneMap, size: tuple[int, int]) -> tu
     return tuple(polyline(run) for run in runs if len(run) > 1)
 
 
-def _thinned(points: FloatArray) -> FloatArray:
-    """Return at most `_LINE_POINTS` of the points, both ends among them."""
+def _thin(points: FloatArray) -> FloatArray:
+    """Return at most `_LINE_POINTS` of the points, with both ends."""
     if len(points) <= _LINE_POINTS:
         return points
     kept = np.linspace(0, len(points) - 1, _LINE_POINTS).round().astype(np.intp)
     return np.asarray(points[kept])
 
 
-def _axis(name: str, origin_mm: FloatArray, vector_mm: FloatArray, plane: PlaneMap) -> Arrow:
+def _make_arrow(name: str, origin_mm: FloatArray, vector_mm: FloatArray, plane: PlaneMap) -> Arrow:
     start, end, label = plane.to_px([origin_mm, origin_mm + vector_mm, origin_mm + 1.18 * vector_mm])
     return Arrow(name, pixel(start), pixel(end), pixel(label))

@@ -1,4 +1,4 @@
-"""What the paper reports, in one place, to be set beside what we measure.
+"""The paper's results, for comparison with our measurements.
 
 Y. Chen, H. Yang, X. Liu and K. Xu, "Design and kinematic modeling of a novel steerable needle for
 image-guided insertion", section V-B and figure 8: eighteen insertions of 40 mm into each gel.

@@ -1,4 +1,4 @@
-"""What is known of a trial or of a whole run, carried into the results of its pictures: origin, refusal, drift."""
+"""Apply what is known of a trial or a run to the results of its pictures: origin, refusal, drift."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ _TWO_SIDED_95 = 1.96
 def refuse_by_origin(
     results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
 ) -> tuple[PictureResult, ...]:
-    """Return the pictures, those of a trial whose sheath stands elsewhere than it should refused."""
+    """Return the pictures; those of a trial whose origin was refused are refused too."""
     reasons = {
         origin.trial: origin.reason for origin in origins if origin.tip_mm is not None and not origin.accepted
     }
@@ -29,9 +29,9 @@ def refuse_by_origin(
 def add_origins(
     results: Sequence[PictureResult], origins: Sequence[TrialOrigin]
 ) -> tuple[PictureResult, ...]:
-    """Return the pictures with the origin that holds for each, and the needle's tip told from it.
+    """Return the pictures with their origins, and with the needle's tip relative to them.
 
-    It is the one of the trial; of an imported picture the sheath's end in that picture.
+    The origin is that of the trial; for an imported picture it is the sheath's end in that picture.
     """
     by_trial = {origin.trial: origin for origin in origins}
     return tuple(
@@ -55,7 +55,7 @@ def _add_origin(picture: PictureResult, origin: TrialOrigin | None) -> PictureRe
 
 
 def add_drift(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tuple[PictureResult, ...]:
-    """Return the pictures with the drift in their error bars, or refused."""
+    """Return the pictures with the drift in their error bars; if the sentinel was refused, so are they."""
     if sentinel is None:
         return tuple(results)
     if not sentinel.accepted:
@@ -67,7 +67,7 @@ def add_drift(results: Sequence[PictureResult], sentinel: Sentinel | None) -> tu
 
 
 def _widen(picture: PictureResult, drift: float) -> PictureResult:
-    """Return a picture whose radius may be off by the drift as well, taken as one standard deviation."""
+    """Return a picture whose error bars include the drift, taken as one standard deviation."""
     if picture.radius_mm is None or picture.sigma_radius_mm is None or not drift:
         return picture
     more = drift * picture.radius_mm

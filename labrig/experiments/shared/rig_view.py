@@ -1,4 +1,4 @@
-"""What a rig's calibration files make of its camera's pictures, and which pictures show nothing."""
+"""Loads the calibration of a rig's camera, and refuses dark pictures."""
 
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import CameraError, InputError
@@ -18,7 +18,7 @@ def load_tip_view(rig: RigDescription) -> TipView:
     Raises
     ------
     InputError
-        When one is missing; `find_problems` says so before a run.
+        When one is missing; `find_problems` reports that before a run.
     """
     plane = load_plane_map(rig)
     files = rig.template_paths()
@@ -38,7 +38,7 @@ def load_plane_map(rig: RigDescription) -> PlaneMap:
     Raises
     ------
     InputError
-        When it has none, or one that cannot be read.
+        When the rig has none, or it cannot be read.
     """
     paths = rig.calibration_paths()
     if "plane.json" not in paths:
@@ -48,7 +48,7 @@ def load_plane_map(rig: RigDescription) -> PlaneMap:
 
 
 def require_light(image: Picture) -> None:
-    """Refuse a picture in which nothing can be seen.
+    """Refuse a picture that is too dark to show anything.
 
     Raises
     ------

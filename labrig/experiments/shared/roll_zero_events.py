@@ -1,4 +1,4 @@
-"""What is written while the roll zero of a needle is found, by a run of its own or before an insertion."""
+"""Events of finding the roll zero of a needle, in a run of its own or before an insertion."""
 
 from typing import ClassVar
 
@@ -7,20 +7,20 @@ from labrig.record.events import Event, PictureRole
 
 
 class RollZeroRole(PictureRole):
-    """Pictures of a hole: the sheath before the needle leaves it, and the needle at its roll."""
+    """Pictures of a hole: the sheath before the needle leaves it, and the inserted needle."""
 
     SHEATH = "roll-zero-sheath"
     NEEDLE = "roll-zero"
 
 
 class RollZeroSheath(SheathEvent):
-    """The sheath in a hole; holes are counted as trials."""
+    """The sheath in a hole; holes count as trials."""
 
     kind: ClassVar[str] = "roll_zero_sheath"
 
 
 class RollZeroFound(Event):
-    """How far aside the tip was seen at each roll, and the cosine that was fitted to it."""
+    """The lateral deflection at each roll, and the fitted cosine."""
 
     kind: ClassVar[str] = "roll_zero"
 

@@ -1,6 +1,6 @@
-"""The roll zero of a needle as it is clamped: short insertions at rolls spread over a turn, and how far each strays.
+"""Find the roll zero of a needle as it is clamped, from short insertions at rolls spread over a turn.
 
-How far is told from the sheath, as it was found in each hole before the needle left it: its play is no bend.
+Deflections are measured from the sheath, found in each hole before the needle leaves it: its play does not count.
 """
 
 import math
@@ -26,7 +26,7 @@ from labrig.vision.plane import PlaneMap
 
 @dataclass(frozen=True)
 class RollZeroOrder:
-    """What is needed to find a roll zero: of which needle, how, and the radius that is expected of it."""
+    """What to find a roll zero for: the needle, the steps, and the expected radius."""
 
     needle: Needle
     sheath: Sheath
@@ -37,18 +37,18 @@ class RollZeroOrder:
 
     @property
     def duration_s(self) -> float:
-        """Rig time that it takes [s]."""
+        """The rig time of the search [s]."""
         one_s = self.steps.length_mm * (1 / self.advance.speed_mm_s + 1 / self.advance.withdraw_speed_mm_s)
         return self.steps.rolls * (one_s + 2 * self.sheath.depth_mm / self.sheath.speed_mm_s)
 
     @property
     def pictures(self) -> int:
-        """Pictures that it takes: of each insertion, and of the sheath before it."""
+        """The number of pictures: one of each insertion, and one of the sheath before it."""
         return self.steps.rolls * (1 if self.sheath.origin is None else 2)
 
     @property
     def farthest_roll_rad(self) -> float:
-        """How far the bevel is turned from where it stands at first."""
+        """The largest turn of the bevel from its first position [rad]."""
         return 2 * math.pi * (self.steps.rolls - 1) / self.steps.rolls
 
 
@@ -58,10 +58,10 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     Raises
     ------
     MeasurementRefusedError
-        When a sheath stands elsewhere than it should, a picture does not show the tip, the bend is not the needle's,
+        When a sheath is out of place, a picture does not show the tip, the bend does not fit the needle,
         or the zero is too uncertain.
     CalibrationRefusedError
-        When the camera was bumped meanwhile.
+        When the camera was bumped during the search.
     """
     rig, steps = session.rig, order.steps
     plane = load_plane_map(rig.description)
@@ -72,7 +72,7 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     before = photograph_grid(order.sentinel, GridRole.BEFORE, session)
     session.ask(PlaceSpecimen(steps.specimen.name, steps.specimen.gelatin_percent))
     rolls_rad = [2 * math.pi * step / steps.rolls for step in range(steps.rolls)]
-    strays_mm = [_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
+    strays_mm = [_measure_stray_mm(order, step, roll, plane, session) for step, roll in enumerate(rolls_rad)]
     fit = fit_roll_zero(rolls_rad, strays_mm, steps.length_mm, order.radius_mm)
     session.record(
         RollZeroFound(
@@ -94,8 +94,10 @@ def find_roll_zero(order: RollZeroOrder, session: Session) -> RollZero:
     return certified
 
 
-def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session) -> float:
-    """Insert at one roll into a fresh hole, withdraw again, and return how far the tip was seen aside."""
+def _measure_stray_mm(
+    order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap, session: Session
+) -> float:
+    """Insert at one roll into a fresh hole, withdraw, and return the lateral deflection of the tip [mm]."""
     rig, steps, advance = session.rig, order.steps, order.advance
     session.progress(step * order.duration_s / steps.rolls, f"roll zero, {step + 1} of {steps.rolls}")
     session.ask(ShiftToHole(steps.specimen.name, step, step * steps.hole_spacing_mm))
@@ -127,7 +129,7 @@ def _stray_mm(order: RollZeroOrder, step: int, roll_rad: float, plane: PlaneMap,
 
 
 def _find_sheath(order: RollZeroOrder, step: int, plane: PlaneMap, session: Session) -> TrialOrigin | None:
-    """Find where the sheath stands before the needle leaves it; None where that is not asked for."""
+    """Find the sheath's pose before the needle leaves it; None if the protocol does not ask for it."""
     if order.sheath.origin is None:
         return None
     picture = session.take_picture(RollZeroRole.SHEATH)

@@ -1,4 +1,4 @@
-"""Where the sheath was found before the needle left it, as a line of a run."""
+"""The sheath's pose before the needle leaves it, as a line of a run."""
 
 from collections.abc import Mapping
 from typing import Self
@@ -8,7 +8,7 @@ from labrig.record.events import Event
 
 
 class SheathEvent(Event):
-    """The sheath was looked for; the line holds the fields of `origin`."""
+    """The sheath was searched for; the line holds the fields of `origin`."""
 
     origin: TrialOrigin
 

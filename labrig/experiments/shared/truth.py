@@ -1,4 +1,4 @@
-"""What was measured beside what the simulated world drew; the only reader of the truth."""
+"""Compares the measurements with the truth of the simulated world; only this module reads the truth."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,13 +21,13 @@ def compare_with_truth(
     specimens: Sequence[SpecimenResult],
     drawn_mm: Mapping[int, float],
 ) -> TruthComparison | None:
-    """Return the comparison, or None where no truth is recorded.
+    """Return the comparison; None if no truth is recorded.
 
     Parameters
     ----------
     drawn_mm : Mapping
         The radius drawn for each trial. The error of a mean is taken from the mean of all radii drawn for
-        that gel, refused pictures included, so that refusing the awkward ones cannot flatter it.
+        that gel, refused pictures included, so that refusing difficult pictures cannot improve it.
     """
     if not drawn_mm:
         return None
@@ -45,7 +45,7 @@ def compare_with_truth(
     return TruthComparison(
         specimens=compared,
         mean_radius_mm=float(np.mean([comparison.drawn_mean_radius_mm for comparison in compared])),
-        worst_error_of_mean_mm=_worst(
+        worst_error_of_mean_mm=_find_largest(
             [
                 comparison.error_of_mean_mm
                 for comparison in compared
@@ -53,8 +53,8 @@ def compare_with_truth(
             ]
         ),
         pictures=len(errors),
-        worst_error_mm=_worst(list(errors.values())),
-        intervals_holding_truth=sum(_holds(finals[trial], drawn_mm[trial]) for trial in errors),
+        worst_error_mm=_find_largest(list(errors.values())),
+        intervals_holding_truth=sum(_covers(finals[trial], drawn_mm[trial]) for trial in errors),
     )
 
 
@@ -73,15 +73,15 @@ def _compare(
         drawn_mean_radius_mm=drawn_mean_mm,
         drawn_sd_radius_mm=compute_spread(radii).sd,
         error_of_mean_mm=None if mean_mm is None else mean_mm - drawn_mean_mm,
-        worst_error_mm=_worst([errors[trial.trial] for trial in group if trial.trial in errors]),
+        worst_error_mm=_find_largest([errors[trial.trial] for trial in group if trial.trial in errors]),
     )
 
 
-def _worst(errors: Sequence[float]) -> float | None:
-    """Return the error of the largest size, with its sign."""
+def _find_largest(errors: Sequence[float]) -> float | None:
+    """Return the error with the largest magnitude, with its sign."""
     return max(errors, key=abs, default=None)
 
 
-def _holds(picture: PictureResult, drawn_mm: float) -> bool:
+def _covers(picture: PictureResult, drawn_mm: float) -> bool:
     interval = picture.radius_ci95_mm
     return interval is not None and interval[0] <= drawn_mm <= interval[1]

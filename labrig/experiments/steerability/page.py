@@ -1,9 +1,9 @@
-"""What the page of a steerability sweep shows."""
+"""The page of a steerability sweep."""
 
 from collections.abc import Iterator
 
 from labrig.analysis.result import AnalysisResult
-from labrig.experiments.shared.curvature_page import curvature_page
+from labrig.experiments.shared.curvature_page import make_curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.experiments.shared.paper import PAPER_MEAN_RADIUS_MM
 from labrig.experiments.steerability.events import SweepTrialStart
@@ -19,30 +19,30 @@ from labrig.report.page import Page
 def make_page(
     run: Run, protocol: SteerabilityProtocol, result: AnalysisResult[CurvatureResult] | None
 ) -> Page:
-    """Return the page of a sweep: its table beside the paper's, figure 8, the pictures, the refusals."""
-    facts = _facts(run, protocol)
+    """Return the page of a sweep: its table beside the paper's, figure 8, pictures and refusals."""
+    facts = _list_facts(run, protocol)
     if result is None:
         return Page(facts)
     design = Design(protocol.needle.design_radius_mm, protocol.insertion.length_mm, side=1)
-    verdict = _verdict(protocol, result.content)
-    return curvature_page(run, result, result.content, facts=facts, verdict=verdict, design=design)
+    verdict = _write_verdict(protocol, result.content)
+    return make_curvature_page(run, result, result.content, facts=facts, verdict=verdict, design=design)
 
 
-def _facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
+def _list_facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
     insertion = protocol.insertion
     return (
         ("Needle", f"{protocol.needle.needle_id}, {protocol.needle.diameter_mm:g} mm"),
-        ("Design radius", _design_radius(protocol.needle)),
+        ("Design radius", _format_design_radius(protocol.needle)),
         ("Gels", join_words(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
         ("Insertions made", count_trials_done(run)),
-        ("Repeated", "; ".join(_repetitions(run)) or UNKNOWN),
+        ("Repeated", "; ".join(_list_repetitions(run)) or UNKNOWN),
     )
 
 
-def _repetitions(run: Run) -> Iterator[str]:
-    """Yield a sentence for each insertion that was made in the stead of an interrupted one."""
+def _list_repetitions(run: Run) -> Iterator[str]:
+    """Yield a sentence for each repeated insertion."""
     starts = {start.trial: start for start in run.read_events(SweepTrialStart)}
     for again in starts.values():
         if again.repeats is not None:
@@ -53,14 +53,14 @@ def _repetitions(run: Run) -> Iterator[str]:
             )
 
 
-def _design_radius(needle: Needle) -> str:
+def _format_design_radius(needle: Needle) -> str:
     if needle.design is None:
         return f"{needle.design_radius_mm:g} mm"
     low_to_high = interval((needle.design.radius_low_mm, needle.design.radius_high_mm))
     return f"{needle.design_radius_mm:g} mm, {low_to_high} within tolerance"
 
 
-def _verdict(protocol: SteerabilityProtocol, content: CurvatureResult) -> list[str]:
+def _write_verdict(protocol: SteerabilityProtocol, content: CurvatureResult) -> list[str]:
     """Return the page in a sentence or two."""
     trials = sum(group.trials for group in content.specimens)
     measured = sum(group.n for group in content.specimens)

@@ -10,33 +10,33 @@ from labrig.devices.rig_file import RigDescription
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.steerability.events import SweepRole, SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import PlannedTrial, planned_trials
+from labrig.experiments.steerability.schedule import PlannedTrial, list_planned_trials
 from labrig.protocol.sections import Specimen
 from labrig.runner.experiment import PlannedMove, RunPlan, total_duration_s
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid
 from labrig.runner.plan import (
     PICTURES_A_TRIAL_BESIDE_ADVANCE,
+    count_sentinel_work,
     find_rig_problems,
-    insertion_moves,
-    roll_move,
-    sentinel_work,
+    plan_insertion_moves,
+    plan_roll_move,
 )
 from labrig.runner.session import Session
 
 
-def trial_moves(protocol: SteerabilityProtocol) -> tuple[PlannedMove, ...]:
-    """Return the moves of one insertion, in order; every insertion of a sweep makes the same ones."""
+def list_trial_moves(protocol: SteerabilityProtocol) -> tuple[PlannedMove, ...]:
+    """Return the moves of one insertion, in order; all insertions of a sweep make the same moves."""
     insertion = protocol.insertion
-    return insertion_moves("insertion.length_mm", insertion.length_mm, insertion, protocol.sheath)
+    return plan_insertion_moves("insertion.length_mm", insertion.length_mm, insertion, protocol.sheath)
 
 
 def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
-    """Return what the protocol is going to ask of a rig."""
-    insertion, moves = protocol.insertion, trial_moves(protocol)
+    """Return the plan of a run on a rig."""
+    insertion, moves = protocol.insertion, list_trial_moves(protocol)
     trials = len(protocol.specimens) * protocol.insertions_per_specimen
     advance = math.ceil(insertion.length_mm / insertion.frame_every_mm) - 1
-    pictures, operator_steps = sentinel_work(protocol.sentinel)
-    turn = roll_move(rig, "insertion.bevel_roll_rad", insertion.bevel_roll_rad)
+    pictures, operator_steps = count_sentinel_work(protocol.sentinel)
+    turn = plan_roll_move(rig, "insertion.bevel_roll_rad", insertion.bevel_roll_rad)
     return RunPlan(
         trials=trials,
         duration_s=trials * total_duration_s(moves),
@@ -49,15 +49,15 @@ def plan(protocol: SteerabilityProtocol, rig: RigDescription) -> RunPlan:
 def run(protocol: SteerabilityProtocol, session: Session) -> None:
     """Make every insertion of the sweep.
 
-    A specimen after another is placed by the operator, and in it a hole after another; the bench has no lateral axis.
+    The operator places one specimen after another and shifts it from hole to hole: the bench has no lateral axis.
     """
     confirm_needle_out(session)
     mount_and_reference(protocol, session)
-    make_insertions(protocol, planned_trials(protocol), session)
+    make_insertions(protocol, list_planned_trials(protocol), session)
 
 
 def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> None:
-    """Have the needle mounted and the axes stand at zero, which they become, and turn the bevel."""
+    """Have the needle mounted, take the present positions of the axes as zero, and turn the bevel."""
     session.ask(MountNeedle(protocol.needle.needle_id))
     session.ask(ConfirmAxesAtZero())
     session.rig.reference_axes()
@@ -65,10 +65,10 @@ def mount_and_reference(protocol: SteerabilityProtocol, session: Session) -> Non
 
 
 def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTrial], session: Session) -> None:
-    """Make insertions in their order, each specimen placed when its first one is due."""
+    """Make the insertions in order; each specimen is placed before its first one."""
     photograph_grid(protocol.sentinel, GridRole.BEFORE, session)
     placed: Specimen | None = None
-    behind = len(planned_trials(protocol)) - len(trials)
+    behind = len(list_planned_trials(protocol)) - len(trials)
     for done, trial in enumerate(trials, start=max(behind, 0)):
         if trial.specimen != placed:
             session.ask(PlaceSpecimen(trial.specimen.name, trial.specimen.gelatin_percent))
@@ -79,7 +79,7 @@ def make_insertions(protocol: SteerabilityProtocol, trials: Sequence[PlannedTria
 
 def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: int, session: Session) -> None:
     """Sheath in, needle in with a picture every few mm, final picture, needle out along its path, sheath out."""
-    total_s = total_duration_s(trial_moves(protocol))
+    total_s = total_duration_s(list_trial_moves(protocol))
     insertion, sheath = protocol.insertion, protocol.sheath
     specimen, trial = planned.specimen, planned.trial
     session.progress(
@@ -117,7 +117,7 @@ def _insert_once(protocol: SteerabilityProtocol, planned: PlannedTrial, done: in
 
 
 class _PicturesOnTheWay:
-    """Takes a picture each time the needle has advanced by another `every_mm`, the end excepted."""
+    """Takes a picture each time the needle has advanced by another `every_mm`, except at the end."""
 
     def __init__(self, session: Session, trial: int, every_mm: float, length_mm: float) -> None:
         self._session = session

@@ -64,7 +64,7 @@ class SteerabilityProtocol(ExperimentProtocol):
 
     @property
     def lateral_reach_mm(self) -> float:
-        """How far an arc of the design radius strays sideways over the insertion [mm]."""
+        """The lateral deflection of an arc of the design radius over the insertion [mm]."""
         radius_mm = self.needle.design_radius_mm
         return radius_mm * (1 - cos(min(self.insertion.length_mm / radius_mm, pi)))
 
@@ -74,35 +74,33 @@ class SteerabilityProtocol(ExperimentProtocol):
         return NeedleInPicture(self.needle.diameter_mm, self.sheath.diameter_mm)
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Yield names that stand twice, and sizes that do not go together."""
-        yield from self._repeated_names()
-        yield from self._holes_beyond_the_block()
+        """Yield repeated names, and sizes that contradict each other."""
+        yield from self._find_repeated_names()
+        yield from self._find_holes_beyond_block()
         yield from check_sheath("sheath.diameter_mm", self.sheath.diameter_mm, self.needle.diameter_mm)
         if self.hole_spacing_mm <= self.needle.diameter_mm:
             yield limit_conflict(
                 "hole_spacing_mm", self.hole_spacing_mm, "needle.diameter_mm", self.needle.diameter_mm
             )
         if self.analysis.least_length_mm > self.insertion.length_mm:
-            yield self._window_too_long()
+            yield self._explain_long_window()
 
-    def _repeated_names(self) -> Iterator[Conflict]:
+    def _find_repeated_names(self) -> Iterator[Conflict]:
         first: dict[str, int] = {}
         for index, specimen in enumerate(self.specimens):
             if first.setdefault(specimen.name, index) != index:
                 message = (
                     f'name "{specimen.name}" is taken by specimens.{first[specimen.name]}, must be unique'
                 )
-                yield Conflict(
-                    f"specimens.{index}.name", message, "write on each block what tells it from the others"
-                )
+                yield Conflict(f"specimens.{index}.name", message, "give each block a name of its own")
 
-    def _holes_beyond_the_block(self) -> Iterator[Conflict]:
+    def _find_holes_beyond_block(self) -> Iterator[Conflict]:
         gaps = self.insertions_per_specimen - 1
         room_mm = self.specimen_width_mm - self.lateral_reach_mm
         if gaps * self.hole_spacing_mm <= room_mm:
             return
         if gaps == 0 or room_mm <= 0:
-            yield self._block_too_narrow()
+            yield self._explain_narrow_block()
             return
         message = (
             f"hole_spacing_mm is {self.hole_spacing_mm:g}, must be at most {room_mm / gaps:.4g}: "
@@ -112,7 +110,7 @@ class SteerabilityProtocol(ExperimentProtocol):
         most = int(room_mm / self.hole_spacing_mm) + 1
         yield Conflict("hole_spacing_mm", message, f"or insertions_per_specimen: {most}, or a wider block")
 
-    def _block_too_narrow(self) -> Conflict:
+    def _explain_narrow_block(self) -> Conflict:
         message = (
             f"specimen_width_mm is {self.specimen_width_mm:g}, must be above {self.lateral_reach_mm:.3g}: "
             f"an arc of radius {self.needle.design_radius_mm:g} mm and length {self.insertion.length_mm:g} "
@@ -120,7 +118,7 @@ class SteerabilityProtocol(ExperimentProtocol):
         )
         return Conflict("specimen_width_mm", message, "take a wider block or a shorter insertion")
 
-    def _window_too_long(self) -> Conflict:
+    def _explain_long_window(self) -> Conflict:
         window, length_mm = self.analysis, self.insertion.length_mm
         message = (
             f"min_window_mm is {window.min_window_mm:g}; with window_start_mm {window.window_start_mm:g} and "

@@ -1,4 +1,4 @@
-"""Going on with a sweep that was interrupted: what its record holds, and what is done before the next insertion."""
+"""Resumes an interrupted sweep: reads what its record holds, and takes the needle out before the next insertion."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,18 +12,18 @@ from labrig.devices.past_insertion import PastInsertion
 from labrig.experiments.steerability.events import SweepTrialStart, SweepTrialStop
 from labrig.experiments.steerability.procedure import make_insertions, mount_and_reference
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
-from labrig.experiments.steerability.schedule import BegunTrial, remaining_trials
+from labrig.experiments.steerability.schedule import BegunTrial, list_remaining_trials
 from labrig.record.events import INTERRUPTED, TrialStop
 from labrig.record.reader import Run
 from labrig.runner.axis_positions import AxisPositions
 from labrig.runner.experiment import Remainder
 from labrig.runner.session import Session
-from labrig.runner.withdrawal import recorded_path, withdraw
+from labrig.runner.withdrawal import read_needle_path, withdraw
 
 
 @dataclass(frozen=True)
 class Past:
-    """What a record holds of a sweep that is to be continued.
+    """The part of a sweep that is already recorded.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Past:
     insertions : tuple of PastInsertion
         The same, as a gel remembers them.
     needle_path : tuple of AxisPositions
-        How the needle came to where it was last seen; empty where it was out.
+        The path of a needle that may still be in tissue; empty if it was out.
     """
 
     begun: tuple[BegunTrial, ...]
@@ -41,7 +41,7 @@ class Past:
 
 
 def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
-    """Return what is left of a sweep that was interrupted.
+    """Return the rest of an interrupted sweep.
 
     Raises
     ------
@@ -51,14 +51,14 @@ def resume(protocol: SteerabilityProtocol, run: Run) -> Remainder:
         When the record is damaged.
     """
     begun = run.read_trials(SweepTrialStart, SweepTrialStop)
-    insertions = tuple(_insertions(run.states, [trial.start for trial in begun]))
-    past = Past(begun, insertions, recorded_path(run))
+    insertions = tuple(_list_insertions(run.states, [trial.start for trial in begun]))
+    past = Past(begun, insertions, read_needle_path(run))
     kept = sum(trial.exit_status == "success" for trial in begun)
-    left = remaining_trials(protocol, begun)
-    return Remainder(kept, len(left), partial(_go_on, protocol, past))
+    left = list_remaining_trials(protocol, begun)
+    return Remainder(kept, len(left), partial(_continue_sweep, protocol, past))
 
 
-def _insertions(states: pd.DataFrame, starts: Sequence[SweepTrialStart]) -> Iterator[PastInsertion]:
+def _list_insertions(states: pd.DataFrame, starts: Sequence[SweepTrialStart]) -> Iterator[PastInsertion]:
     ends_s = [*(start.t_s for start in starts), math.inf][1:]
     for start, end_s in zip(starts, ends_s, strict=True):
         during = states[(states["t_s"] >= start.t_s) & (states["t_s"] < end_s)]
@@ -72,12 +72,12 @@ def _insertions(states: pd.DataFrame, starts: Sequence[SweepTrialStart]) -> Iter
         )
 
 
-def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None:
-    """Mark what was interrupted, see that the needle is out, and make the insertions that are left.
+def _continue_sweep(protocol: SteerabilityProtocol, past: Past, session: Session) -> None:
+    """Mark interrupted trials, make sure that the needle is out, and make the remaining insertions.
 
     Nothing is homed or referenced before the needle is known to be out.
     """
-    left = remaining_trials(protocol, past.begun)
+    left = list_remaining_trials(protocol, past.begun)
     for trial in past.begun:
         if trial.stop is None:
             session.record(TrialStop(trial=trial.start.trial, exit_status=INTERRUPTED))
@@ -88,9 +88,9 @@ def _go_on(protocol: SteerabilityProtocol, past: Past, session: Session) -> None
 
 
 def _take_needle_out(session: Session, path: Sequence[AxisPositions]) -> None:
-    """Withdraw a needle that this run left in tissue along its path if the operator agrees; else ask whether it is out.
+    """Withdraw a needle that this run left in tissue, if the operator agrees; otherwise ask whether it is out.
 
-    It can be withdrawn only where every drive has kept its reference; elsewhere nobody knows where it stands.
+    It can only be withdrawn along its path if every drive has kept its reference; otherwise its position is unknown.
     """
     rig = session.rig
     if rig.state.needle_in_tissue is False:

@@ -1,4 +1,4 @@
-"""Which insertions a sweep makes, in which order, and which are left of one that was interrupted."""
+"""The insertions of a sweep in order, and the remaining ones of an interrupted sweep."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ class PlannedTrial:
     Attributes
     ----------
     trial : int
-        Its number; no two insertions of a run share one.
+        Its number, unique in a run.
     specimen : Specimen
         The block of gel.
     hole : int
         Number of the entry point in that block.
     hole_position_mm : float
-        How far it lies from the first one.
+        Its distance from the first entry point.
     repeats : int or None
-        The interrupted trial in whose stead it is made.
+        The interrupted trial that it replaces.
     """
 
     trial: int
@@ -37,11 +37,11 @@ class PlannedTrial:
 
 
 BegunTrial: TypeAlias = RecordedTrial[SweepTrialStart, SweepTrialStop]
-"""One insertion that a record holds: where it went in, and whether it came to its end."""
+"""A recorded insertion: its entry point, and whether it was completed."""
 
 
-def planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
-    """Return every insertion of a sweep, in order: a specimen after another, and in it a hole after another."""
+def list_planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
+    """Return every insertion of a sweep, in order: specimen by specimen, and hole by hole."""
     holes = protocol.insertions_per_specimen
     return tuple(
         PlannedTrial(index * holes + hole, specimen, hole, hole * protocol.hole_spacing_mm)
@@ -50,10 +50,12 @@ def planned_trials(protocol: SteerabilityProtocol) -> tuple[PlannedTrial, ...]:
     )
 
 
-def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> tuple[PlannedTrial, ...]:
-    """Return what is left of a sweep: trials not yet begun, and each interrupted one at another entry point.
+def list_remaining_trials(
+    protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
+) -> tuple[PlannedTrial, ...]:
+    """Return the rest of a sweep: trials not yet begun, and each interrupted trial at another entry point.
 
-    An interrupted trial is repeated behind the last hole of its block where the block has room for the arc, else
+    An interrupted trial is repeated beyond the last hole of its block if the block has room for the arc, otherwise
     halfway between two holes. Trials not yet begun keep number, hole and place.
 
     Raises
@@ -62,17 +64,17 @@ def remaining_trials(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]
         When a block has no room for another entry point.
     """
     numbers = {trial.start.trial for trial in begun}
-    left = [trial for trial in planned_trials(protocol) if trial.trial not in numbers]
-    left += _repeats(protocol, begun)
+    left = [trial for trial in list_planned_trials(protocol) if trial.trial not in numbers]
+    left += _plan_repeats(protocol, begun)
     order = {specimen.name: place for place, specimen in enumerate(protocol.specimens)}
     return tuple(sorted(left, key=lambda trial: (order[trial.specimen.name], trial.hole_position_mm)))
 
 
-def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
+def _plan_repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Iterator[PlannedTrial]:
     starts = [trial.start for trial in begun]
     repeated = {start.repeats for start in starts}
     specimens = {specimen.name: specimen for specimen in protocol.specimens}
-    planned = planned_trials(protocol)
+    planned = list_planned_trials(protocol)
     used = [(trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in planned]
     used += [
         (start.specimen, start.hole, start.hole_position_mm) for start in starts if start.repeats is not None
@@ -83,17 +85,17 @@ def _repeats(protocol: SteerabilityProtocol, begun: Sequence[BegunTrial]) -> Ite
             continue
         holes = [hole for name, hole, _ in used if name == lost.specimen]
         places_mm = [place_mm for name, _, place_mm in used if name == lost.specimen]
-        place_mm = _free_place_mm(protocol, lost, places_mm)
+        place_mm = _find_free_place_mm(protocol, lost, places_mm)
         again = PlannedTrial(number, specimens[lost.specimen], max(holes) + 1, place_mm, lost.trial)
         used.append((lost.specimen, again.hole, place_mm))
         number += 1
         yield again
 
 
-def _free_place_mm(
+def _find_free_place_mm(
     protocol: SteerabilityProtocol, lost: SweepTrialStart, places_mm: Sequence[float]
 ) -> float:
-    """Return where a block can be entered once more, as far from every other entry point as the protocol asks."""
+    """Return a free entry point of a block, as far from the others as the protocol requires."""
     spacing_mm = protocol.hole_spacing_mm
     last_mm = protocol.specimen_width_mm - protocol.lateral_reach_mm
     behind_mm = max(places_mm) + spacing_mm

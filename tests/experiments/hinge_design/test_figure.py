@@ -2,7 +2,7 @@
 
 import pytest
 
-from labrig.experiments.hinge_design.figure import hinge_figure
+from labrig.experiments.hinge_design.figure import draw_hinge_figure
 from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3
 
@@ -18,6 +18,6 @@ CELLS = tuple(
 )
 def test_the_same_cells_give_the_same_bytes(picture_format: str, start: bytes) -> None:
     """The figure is drawn in the format asked for, and again the same to the byte."""
-    first = hinge_figure(CELLS, EQUATION_3, picture_format)
+    first = draw_hinge_figure(CELLS, EQUATION_3, picture_format)
     assert first.startswith(start)
-    assert hinge_figure(CELLS, EQUATION_3, picture_format) == first
+    assert draw_hinge_figure(CELLS, EQUATION_3, picture_format) == first

@@ -3,7 +3,7 @@
 import pytest
 
 from labrig.errors import AnswerIsNoError, InputError
-from labrig.experiments.hinge_design.study import design_file, hinge_table
+from labrig.experiments.hinge_design.study import design_file, encode_hinge_table
 from labrig.needle.design_search import GridPoint
 from labrig.needle.equations import EQUATION_3
 
@@ -16,7 +16,7 @@ CELLS = tuple(
 
 def test_the_table_holds_what_the_plane_leaves() -> None:
     """Cells that lie in the plane leave nothing, and each line carries both hinges' rotations."""
-    lines = hinge_table(CELLS, EQUATION_3).decode().splitlines()
+    lines = encode_hinge_table(CELLS, EQUATION_3).decode().splitlines()
     assert len(lines) == 1 + len(CELLS)
     heads = lines[0].split(",")
     for line in lines[1:]:

@@ -3,7 +3,7 @@
 import pytest
 
 from labrig.experiments.shared.curvature_result import PictureResult
-from labrig.experiments.shared.grouping import mean_of_means, summarise_specimens
+from labrig.experiments.shared.grouping import average_means, summarise_specimens
 from labrig.experiments.shared.needle_events import SpecimenTrialStart
 from labrig.experiments.shared.paper import PAPER_GELS, PAPER_MEAN_RADIUS_MM
 from labrig.experiments.shared.truth import compare_with_truth
@@ -56,7 +56,7 @@ def test_the_mean_of_means_counts_each_gel_once() -> None:
     """A gel with many insertions weighs no more than one with few."""
     trials = [_trial(0), _trial(1), _trial(2), _trial(3, "other")]
     finals = {trial.trial: _picture(trial, 27.0 if trial.specimen == "gel" else 29.0) for trial in trials}
-    assert mean_of_means(summarise_specimens(trials, finals)) == 28.0
+    assert average_means(summarise_specimens(trials, finals)) == 28.0
 
 
 def test_refused_pictures_are_counted_with_their_reasons_and_enter_no_mean() -> None:
@@ -82,7 +82,7 @@ def test_an_insertion_without_a_final_picture_is_counted_apart() -> None:
 def test_a_run_without_radii_has_no_mean() -> None:
     """Where nothing was measured, nothing is stated."""
     specimens = summarise_specimens([_trial(0)], {})
-    assert (mean_of_means(specimens), mean_of_means(())) == (None, None)
+    assert (average_means(specimens), average_means(())) == (None, None)
 
 
 def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:

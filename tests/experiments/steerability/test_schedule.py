@@ -10,8 +10,8 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.experiments.steerability.schedule import (
     BegunTrial,
     PlannedTrial,
-    planned_trials,
-    remaining_trials,
+    list_planned_trials,
+    list_remaining_trials,
 )
 from tests.runner.sessions import sweep
 
@@ -43,19 +43,19 @@ def begin(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
 
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
     """Trials are numbered through, holes start anew in each block."""
-    trials = planned_trials(protocol())
+    trials = list_planned_trials(protocol())
     assert [(trial.trial, trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in trials] == [
         (0, "a", 0, 0.0), (1, "a", 1, 10.0), (2, "a", 2, 20.0),
         (3, "b", 0, 0.0), (4, "b", 1, 10.0), (5, "b", 2, 20.0),
     ]  # fmt: skip
-    assert remaining_trials(protocol(), ()) == trials
+    assert list_remaining_trials(protocol(), ()) == trials
 
 
 def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
     """It gets a number, a hole and a place of its own; trials not yet begun keep theirs."""
-    trials = planned_trials(protocol())
+    trials = list_planned_trials(protocol())
     past = [begin(trials[0], finished=True), begin(trials[1], finished=False)]
-    left = remaining_trials(protocol(), past)
+    left = list_remaining_trials(protocol(), past)
     assert [(trial.trial, trial.hole, trial.hole_position_mm, trial.repeats) for trial in left] == [
         (2, 2, 20.0, None), (6, 3, 30.0, 1), (3, 0, 0.0, None), (4, 1, 10.0, None), (5, 2, 20.0, None),
     ]  # fmt: skip
@@ -64,18 +64,18 @@ def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
 def test_a_narrow_block_is_entered_between_two_holes() -> None:
     """Where the arc has no room behind the last hole, the nearest free place halfway between two is taken."""
     narrow = protocol("specimen_width_mm=44")
-    trials = planned_trials(narrow)
+    trials = list_planned_trials(narrow)
     past = [begin(trial, finished=trial.trial != 2) for trial in trials[:3]]
-    left = remaining_trials(narrow, past)
+    left = list_remaining_trials(narrow, past)
     assert (left[0].hole_position_mm, left[0].hole, left[0].repeats) == (15.0, 3, 2)
 
 
 def test_a_block_without_room_is_refused() -> None:
     """When even the places between the holes are used, the block and the trial are named."""
     narrow = protocol("specimen_width_mm=44")
-    past = [begin(trial, finished=False) for trial in planned_trials(narrow)[:3]]
+    past = [begin(trial, finished=False) for trial in list_planned_trials(narrow)[:3]]
     with pytest.raises(InputError, match=r"specimen a has no room for another entry point, in which trial 2"):
-        remaining_trials(narrow, past)
+        list_remaining_trials(narrow, past)
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=6))
@@ -84,13 +84,13 @@ def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cu
     wide = protocol("specimen_width_mm=1000")
     past: list[BegunTrial] = []
     for cut in cuts:
-        left = remaining_trials(wide, past)
+        left = list_remaining_trials(wide, past)
         past += [begin(trial, finished=number < cut) for number, trial in enumerate(left[: cut + 1])]
-    past += [begin(trial, finished=True) for trial in remaining_trials(wide, past)]
+    past += [begin(trial, finished=True) for trial in list_remaining_trials(wide, past)]
     finished = [trial for trial in past if trial.exit_status == "success"]
     starts = [trial.start for trial in past]
-    assert len(finished) == len(planned_trials(wide))
+    assert len(finished) == len(list_planned_trials(wide))
     assert len({start.trial for start in starts}) == len(past)
     assert len({(start.specimen, start.hole_position_mm) for start in starts}) == len(past)
     assert len({(start.specimen, start.hole) for start in starts}) == len(past)
-    assert remaining_trials(wide, past) == ()
+    assert list_remaining_trials(wide, past) == ()

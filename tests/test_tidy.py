@@ -172,7 +172,7 @@ def test_calls_that_only_posix_has_stand_in_one_file() -> None:
         ("an address of a package registry", r"pypi\.o[r]g|pythonhosted\.o[r]g|registry\.npmj[s]"),
         (
             "a broad except",
-            r"except (Base)?Exceptio[n]\b(?! as error:.*\n +(raise PluginError|failure = _keep_traceback))|except[:]",
+            r"except (Base)?Exceptio[n]\b(?! as error:.*\n +(raise PluginError|failure = _keep|fault = ))|except[:]",
         ),
         ("a real sleep in a test", r"time\.slee[p]\("),
         ("a patched object", r"mock\.patc[h]|monkeypatch\.setatt[r]"),

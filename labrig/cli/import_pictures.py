@@ -155,7 +155,7 @@ def _make_protocol(folder: Path, order: ImportOrder) -> ImportProtocol:
     values = {
         "schema_version": 1,
         "experiment": "import",
-        "title": order.title or folder.resolve().name,
+        "title": order.title or plain_text(folder.resolve().name),
         "seed": 0,
         "needle": {"needle_id": "unknown", "diameter_mm": order.needle_diameter_mm},
         "sheath_diameter_mm": order.sheath_diameter_mm,

@@ -21,6 +21,7 @@ _Read = TypeVar("_Read")
 
 _COPY = "take this file from a copy of the run; labrig never rewrites it"
 _CRC_KEY = "crc32"
+_LONE = b"\\ud"
 _TAIL_LENGTH = len(',"crc32":"00000000"}')
 
 
@@ -90,7 +91,7 @@ def read_lines(path: Path) -> list[dict[str, object]]:
         When a line is damaged; names file and line.
     """
     lines, _ = _split_lines(path)
-    return [_read_located(path, number, line, decode_line) for number, line in enumerate(lines, start=1)]
+    return [_read_located(path, number, line, _read_fields) for number, line in enumerate(lines, start=1)]
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def scan_lines(path: Path) -> Scan:
     damaged: list[Problem] = []
     for number, line in enumerate(whole, start=1):
         try:
-            lines.append((number, decode_line(line)))
+            lines.append((number, _read_fields(line)))
         except ValueError as error:
             message = f"the line is damaged, its content lost: {error}"
             damaged.append(Problem(f"{path.name}:{number}", message, _COPY))
@@ -158,6 +159,28 @@ def encode_document(fields: Mapping[str, object]) -> bytes:
 def checksum(fields: Mapping[str, object]) -> str:
     """Return the CRC-32 of a document's content as 8 hexadecimal digits; its layout does not matter."""
     return f"{zlib.crc32(_encode_compact(_to_plain(fields, 'document'))):08x}"
+
+
+def _read_fields(line: bytes) -> dict[str, object]:
+    """Decode a line; names of files that are not UTF-8, which earlier versions recorded, become readable."""
+    fields = decode_line(line)
+    return make_readable(fields) if _LONE in line else fields
+
+
+def make_readable(fields: Mapping[str, object]) -> dict[str, object]:
+    """Return a document of JSON with texts that UTF-8 can hold."""
+    return {plain_text(key): _make_readable(value) for key, value in fields.items()}
+
+
+def _make_readable(value: object) -> object:
+    match value:
+        case str():
+            return plain_text(value)
+        case dict():
+            return make_readable(value)
+        case list():
+            return [_make_readable(item) for item in value]
+    return value
 
 
 def _require_fields(fields: Mapping[str, object]) -> Mapping[str, object]:

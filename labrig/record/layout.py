@@ -90,11 +90,18 @@ def inside(run: Path, relative: str) -> Path:
     path = run
     for part in relative.split("/"):
         path = path / part
-        if path.is_symlink():
+        if _is_link(path):
             raise RecordError(
                 f"{path} is a symbolic link", "a record holds its files itself; no link in it is followed"
             )
     return path
+
+
+def _is_link(path: Path) -> bool:
+    try:
+        return path.is_symlink()
+    except OSError as error:  # longer than a name can be
+        raise RecordError(f"{path.name[:80]}... cannot be a file: {error.strerror}", COPY_HINT) from error
 
 
 WITHDRAWS = "withdraws"

@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from labrig import __version__
+from labrig.record.json_lines import plain_text
 
 _SOURCE_TREE = Path(__file__).parents[2]
 _GIT_TIMEOUT_S = 10.0
@@ -46,7 +47,7 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
             else {}
         ),
         **({"code_diff_leaves_out": list(changes.left_out)} if changes.left_out else {}),
-        "command_line": [*program, *command_line[1:]],
+        "command_line": [plain_text(word) for word in (*program, *command_line[1:])],
         "python": platform.python_version(),
         "platform": platform.platform(),
         "host": platform.node(),

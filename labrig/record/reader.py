@@ -40,7 +40,7 @@ from labrig.record.events import (
     parse_frame_lines,
     parse_truth_lines,
 )
-from labrig.record.json_lines import check_lines, read_lines
+from labrig.record.json_lines import check_lines, make_readable, read_lines
 from labrig.record.layout import (
     ANALYSIS,
     CALIBRATION,
@@ -174,7 +174,7 @@ class Run:
         until_s: float = math.inf,
     ) -> None:
         self.path = path
-        self.manifest = manifest
+        self.manifest = make_readable(manifest)
         self.damage = damage
         self.problems = (*damage, *torn)
         self._torn = torn

@@ -162,7 +162,8 @@ class RunIndex:
 def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:
     """Return the answer of `ask` from the index of a folder; a corrupt index is made again and asked again."""
     path = runs_dir / INDEX_FILE
-    places = () if path.is_symlink() else ((str(path), None), (str(path), None), (_MEMORY, path))
+    is_unfit = path.is_symlink() or (path.exists() and not path.is_file())  # SQLite would wait for a pipe
+    places = () if is_unfit else ((str(path), None), (str(path), None), (_MEMORY, path))
     for place, source in places:
         try:
             with closing(_open_index(place, source)) as index:

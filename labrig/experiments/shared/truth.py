@@ -21,7 +21,7 @@ def compare_with_truth(
     specimens: Sequence[SpecimenResult],
     drawn_mm: Mapping[int, float],
 ) -> TruthComparison | None:
-    """Return the comparison; None if no truth is recorded.
+    """Return the comparison; None if no truth is recorded of any trial.
 
     Parameters
     ----------
@@ -42,6 +42,8 @@ def compare_with_truth(
         for pair, group in group_trials(trials).items()
         if any(trial.trial in drawn_mm for trial in group)
     )
+    if not compared:
+        return None
     return TruthComparison(
         specimens=compared,
         mean_radius_mm=float(np.mean([comparison.drawn_mean_radius_mm for comparison in compared])),

@@ -37,12 +37,12 @@ from labrig.analysis.result import load_centre_lines
 from labrig.cli.main import run_command
 from labrig.devices.cia402.eds import read_eds
 from labrig.devices.files.folder import read_sidecar
-from labrig.devices.motion_log import last_motion
+from labrig.devices.motion_log import read_last_motion
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig_file import load_rig
 from labrig.errors import LabrigError
 from labrig.experiments.declared import PROTOCOL_MODELS
-from labrig.experiments.insertion.scenario import load_scenario, problem_of
+from labrig.experiments.insertion.scenario import load_scenario, make_problem
 from labrig.experiments.registry import experiment_of, result_of
 from labrig.posix import WORKER_START_METHOD
 from labrig.protocol.design_file import load_design
@@ -264,7 +264,7 @@ def _redo_checksums(png: bytes) -> bytes:
 def _read_mask(path: Path) -> None:
     mask = load_mask(path)
     for name in ("a.png", "000012.png"):
-        mask.masked(name, _GREY)
+        mask.find_masked(name, _GREY)
 
 
 def _read_state(path: Path) -> None:
@@ -316,7 +316,7 @@ def _simple_files() -> Iterator[Kind]:
     yield _file("rig", 12, rig, spoil_yaml, load_rig)
     yield _file("design file", 4, {"design.json": design.read_bytes()}, spoil_json, load_design)
     yield _file(
-        "scenario", 3, {"s.yaml": _SCENARIO}, spoil_yaml, lambda path: problem_of(load_scenario(path))
+        "scenario", 3, {"s.yaml": _SCENARIO}, spoil_yaml, lambda path: make_problem(load_scenario(path))
     )
     yield _file(
         "intrinsics",
@@ -343,7 +343,7 @@ def _simple_files() -> Iterator[Kind]:
         2,
         {"state.json.motions.jsonl": _LOG},
         spoil_lines,
-        lambda path: last_motion(path.with_name("state.json")),
+        lambda path: read_last_motion(path.with_name("state.json")),
     )
     yield _file(
         "EDS",

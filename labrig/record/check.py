@@ -378,4 +378,7 @@ def _is_sum(line: str) -> bool:
 
 
 def _split_sums(path: Path) -> list[str]:
-    return read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines()
+    try:
+        return read_file(path, MAX_LOG_BYTES).decode(errors="replace").splitlines()
+    except OSError as error:
+        raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error

@@ -13,7 +13,9 @@ What is decided here
 
 from collections.abc import Mapping
 
+from labrig.clock import Clock
 from labrig.devices.bus import CanLink
+from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.commands import CommandFormatter
 from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
 
@@ -24,6 +26,9 @@ _SDO_READS = frozenset({2, 3, 4, 5})
 
 _SDO_INITIATES = frozenset({1, 2})
 """Command specifiers of SDO requests that name their object: download and upload."""
+
+_BEATS_LISTENED_FOR = 3
+"""Periods of the heartbeat for which the bus is listened to: no drive allows a longer gap."""
 
 _OPERATIONAL, _BOOT_UP = 0x05, 0x00
 _NMT_STATES = {0x04: "stopped", 0x7F: "pre-operational"}
@@ -44,28 +49,39 @@ class BusWatch:
         The bus.
     axes : mapping of int to str
         Node id of each drive -> its axis.
-    computer_node_id : int
-        Node id under which labrig itself beats.
+    heartbeat : HeartbeatDescription
+        Under which node id labrig itself beats, and how often.
     describe : CommandFormatter
         Describes a command in words.
     """
 
     def __init__(
-        self, link: CanLink, axes: Mapping[int, str], computer_node_id: int, describe: CommandFormatter
+        self,
+        link: CanLink,
+        axes: Mapping[int, str],
+        heartbeat: HeartbeatDescription,
+        describe: CommandFormatter,
     ) -> None:
         self._axes = axes
+        self._period_s = heartbeat.period_ms / 1000
         self._describe = describe
         self._command: _Frame | None = None
         self._request: _Frame | None = None
         self._states: dict[int, int] = {}
         network = link.network
         network.subscribe(_NMT, self._on_nmt)
-        network.subscribe(0x700 + computer_node_id, self._on_command)
+        network.subscribe(0x700 + heartbeat.computer_node_id, self._on_command)
         for node in axes:
             network.subscribe(0x600 + node, self._on_request)
             network.subscribe(0x700 + node, self._on_heartbeat)
             for base in _RECEIVE_PDOS:
                 network.subscribe(base + node, self._on_command)
+
+    def listen(self, clock: Clock) -> None:
+        """Listen, before anything is sent, for another program on the bus. Raises `SecondMasterError`."""
+        self.forget()
+        clock.sleep(_BEATS_LISTENED_FOR * self._period_s)
+        self.require_free()
 
     def require_free(self) -> None:
         """Require that no other program has asked, commanded or beaten since the bus was opened.

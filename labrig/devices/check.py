@@ -9,18 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
+from labrig.clock import Clock
+from labrig.devices.bus import CanLink
+from labrig.devices.bus_watch import BusWatch
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import find_camera_kind
 from labrig.devices.can_description import ONLY_SIMULATED
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.clocks import SystemClock
+from labrig.devices.commands import CommandFormatter
 from labrig.devices.control import find_owner
 from labrig.devices.drive import find_drive_kind
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.motion_log import motion_log_path, read_last_motion
 from labrig.devices.needle_state import NeedleState, require_own_state
 from labrig.devices.rig_file import RigDescription, section_problems, unknown_entries
-from labrig.errors import InputError, LabrigError, OutputExistsError
+from labrig.errors import InputError, LabrigError, OutputExistsError, SecondMasterError
 from labrig.vision.calibration_file import load_intrinsics, load_plane, read_creation_time
 from labrig.vision.intrinsics import Intrinsics
 from labrig.vision.mask import load_mask
@@ -70,10 +74,11 @@ def _check_devices(rig: RigDescription) -> list[CheckResult]:
         return [failed("rig", error)]
     with ExitStack() as stack:
         stack.callback(hardware.close)
-        return [*_check_bus(rig, hardware, stack), *_check_camera(rig, hardware, stack)]
+        return [*check_bus(rig, hardware, stack), *_check_camera(rig, hardware, stack)]
 
 
-def _check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
+def check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:
+    """Check the CAN bus of a rig and its drives; `stack` closes the bus."""
     where = f"{rig.can.interface} {rig.can.channel}".strip()
     try:
         link = hardware.open_link()
@@ -84,9 +89,19 @@ def _check_bus(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Ite
             yield CheckResult(f"drive {name}", CheckStatus.FAIL, f"{nodes} not reached".strip(), "see bus")
         return
     stack.callback(link.close)
-    yield CheckResult("bus", CheckStatus.PASS, f"{where}, {rig.can.bitrate} bit/s")
+    yield _listen(rig, link, hardware.clock, f"{where}, {rig.can.bitrate} bit/s")
     for name, axis in rig.axes.items():
         yield from find_drive_kind(axis.driver).check(link, axis, name, hardware.clock, rig.can.heartbeat)
+
+
+def _listen(rig: RigDescription, link: CanLink, clock: Clock, bus: str) -> CheckResult:
+    """Listen for another master: no rig is opened beside one."""
+    nodes = {node: name for name, axis in rig.axes.items() for node in axis.nodes}
+    try:
+        BusWatch(link, nodes, rig.can.heartbeat, CommandFormatter(rig)).listen(clock)
+    except SecondMasterError as error:
+        return CheckResult("bus", CheckStatus.WARN, f"{bus}; {error.message}", error.hint)
+    return CheckResult("bus", CheckStatus.PASS, bus)
 
 
 def _check_camera(rig: RigDescription, hardware: Hardware, stack: ExitStack) -> Iterator[CheckResult]:

@@ -44,6 +44,6 @@ class CommandFormatter:
 
 
 def _format_in_units(axis: AxisDescription, entry: Entry, value: int) -> str:
-    if entry not in _POSITIONS:
+    if entry not in _POSITIONS or axis.unknown:
         return ""
     return f" {axis.count_unit}, {axis.scale().to_position(value):.4f} {axis.unit}"

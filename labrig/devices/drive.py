@@ -153,12 +153,14 @@ class Drive(Protocol):
         """Return the value written to each setting, by its place in the manual; `configure` has read it back."""
 
     def verify_dead_man(self, heartbeat: HeartbeatDescription) -> None:
-        """Make the drive stop by itself when the computer's heartbeat stops: read, write if different, read back.
+        """Make the drive stop by itself when the computer's heartbeat stops, and obey no process data of anybody else.
+
+        Each setting is read, written if different, and read back.
 
         Raises
         ------
         DriveError
-            When the drive does not keep the setting.
+            When the drive does not keep a setting, among them an option that means "no action".
         """
 
     def describe(self) -> dict[str, object]:

@@ -45,9 +45,6 @@ _HOMING_LOOK_S = 0.005
 _LOOK_S = 0.15
 """Time after the last reading at which a rig that waits or asks reads its axes again [s]."""
 
-_BEATS_LISTENED_FOR = 3
-"""Periods of the heartbeat for which the bus is listened to before a rig is opened; a drive allows no longer gap."""
-
 _TARGET_LOOK_S = 0.05
 """Time between two readings of a target; the axes take turns [s]."""
 
@@ -171,8 +168,7 @@ class Rig:
         self._watch: BusWatch | None = None
         if guards.watch:
             nodes = {node: axis.name for axis in self.axes for node in axis.description.nodes}
-            computer = description.can.heartbeat.computer_node_id
-            self._watch = BusWatch(link, nodes, computer, CommandFormatter(description))
+            self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
         self._read_s = self._target_s = 0.0
         self._is_watching = False
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
@@ -541,7 +537,8 @@ class Rig:
             With the failures of all drives, not only the first.
         BusError
         """
-        self._listen()
+        if self._watch is not None:
+            self._watch.listen(self.clock)
         for step in (self._identify, self._offer_fault_reset, self._configure):
             self._do_with_all(step, self._find_shared_cob_ids)
         if self._guards.dead_man:
@@ -553,13 +550,6 @@ class Rig:
         for axis in self.axes:
             axis.drive.enable()
         self._is_watching = self._guards.watch
-
-    def _listen(self) -> None:
-        """Listen, before anything is sent, whether another program beats as labrig does. Raises `SecondMasterError`."""
-        if self._watch is not None:
-            self._watch.forget()
-            self.clock.sleep(_BEATS_LISTENED_FOR * self.description.can.heartbeat.period_ms / 1000)
-            self._watch.require_free()
 
     def _do_with_all(
         self, step: Callable[[Axis], None], find_more: Callable[[], list[MachineError]] = list

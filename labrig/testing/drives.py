@@ -131,12 +131,7 @@ class DriveConformance:
             identity = bench.drive.identify()
             assert identity.model
             assert json.dumps(identity.document())
-            sent = [
-                data
-                for _, can_id, data, way in bench.opened.link.network.take_frames()
-                if way == "T" and 0x600 < can_id < 0x680
-            ]
-            assert all(data[0] == 0x40 for data in sent)
+            assert all(data[0] == 0x40 for data in _sent_requests(bench.opened.link))
 
     def test_it_shares_no_process_data_with_another_drive(self) -> None:
         """It reports the COB-IDs that it sends and those that it obeys, and none is both."""
@@ -153,6 +148,23 @@ class DriveConformance:
             assert json.dumps(bench.drive.describe())
             assert _refuses(bench.drive.read)
             bench.drive.verify_dead_man(bench.opened.heartbeat)
+
+    def test_its_dead_man_is_verified_and_nobody_else_is_obeyed(self) -> None:
+        """What is verified lasts: a second verification writes nothing, and no process data is obeyed."""
+        with self._ready() as bench:
+            bench.drive.verify_dead_man(bench.opened.heartbeat)
+            assert not bench.drive.cob_ids()[1]
+            bench.opened.link.network.take_frames()
+            bench.drive.verify_dead_man(bench.opened.heartbeat)
+            assert all(data[0] == 0x40 for data in _sent_requests(bench.opened.link))
+
+    def test_the_target_of_a_move_can_be_read_back(self) -> None:
+        """It is the rounded one that was sent, or None from a drive that does not tell."""
+        with self._ready() as bench:
+            start = bench.start_moving()
+            rounded = bench.drive.round_move(start + bench.opened.distance, bench.speed / 4)
+            assert bench.drive.target() in {None, rounded.position}
+            bench.move_to(start)
 
     def test_enabling_moves_nothing(self) -> None:
         """The axis holds its position."""
@@ -308,6 +320,12 @@ def _wait_until_still(bench: _Bench, within_s: float) -> Iterator[None]:
     for _ in bench.drive.wait_until_still(within_s):
         bench.clock.sleep(STILL_POLL_S)
         yield
+
+
+def _sent_requests(link: CanLink) -> list[bytes]:
+    """Return the SDO requests that were sent since the frames of a link were last taken."""
+    frames = link.network.take_frames()
+    return [data for _, can_id, data, way in frames if way == "T" and 0x600 < can_id < 0x680]
 
 
 def _refuses(act: Callable[[], object]) -> bool:

@@ -34,7 +34,7 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
-from tests.devices.fault_table import REFUSED_AT_CONNECT, Lost, Phase, Stop, outcome_of
+from tests.devices.fault_table import REFUSED_AT_CONNECT, SCENARIOS, Lost, Phase, Stop, outcome_of
 from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
 
@@ -429,9 +429,13 @@ def _strike_on_the_way(cell: Cell) -> None:
 
 
 def _still_after_s(cell: Cell) -> float:
-    """Return how long after the strike the axis that moved came to rest, in the drive's own time; 0 if none moved."""
+    """Return how long after the strike the axis that moved came to rest, in the drive's own time; 0 if none moved.
+
+    Somebody else may set an axis moving that stood: then every axis counts.
+    """
     assert cell.struck_s is not None, "the fault never struck"
-    rests = [drive.journal.last("still") for drive in cell.moving]
+    counted = epos2_drives(cell.hardware).values() if cell.fault in SCENARIOS else cell.moving
+    rests = [drive.journal.last("still") for drive in counted]
     return max([0.0, *(rest.t_s - cell.struck_s for rest in rests if rest is not None)])
 
 

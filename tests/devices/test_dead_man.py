@@ -1,0 +1,230 @@
+"""What makes the drives stop when labrig ends, verified at opening; and a bus that nobody else commands."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import can
+import pytest
+
+from labrig.devices import canopen_objects as co
+from labrig.devices.canopen_objects import Entry
+from labrig.devices.check import check_bus, check_rig
+from labrig.devices.check_result import CheckStatus
+from labrig.devices.cia402 import objects as od
+from labrig.devices.cia402_check import check_dead_man
+from labrig.devices.simulated.bus import InProcessBus
+from labrig.errors import DriveError, SecondMasterError
+from tests.devices.cia402.eds_text import EVERY, eds_text
+from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
+from tests.devices.rigs import OneDrive, OpenedRig, one_drive, opened_rig, simulated_rig
+
+BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
+RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
+
+
+def keep(one: OneDrive, entry: Entry, value: int) -> None:
+    """Let a drive take what is written to an object, and keep its value."""
+    objects = one.drive.objects
+    objects._live = {**objects._live, entry: lambda: value}
+
+
+def send(opened: OpenedRig, *frames: tuple[int, bytes]) -> None:
+    """Send frames as another program on the bus does."""
+    master = InProcessBus(opened.hardware.wire, lambda _message: None)
+    for can_id, data in frames:
+        master.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+    master.shutdown()
+
+
+def configured(one: OneDrive) -> OneDrive:
+    """Configure the drive."""
+    one.driver.identify()
+    one.driver.configure(HEARTBEAT, None)
+    return one
+
+
+def test_option_codes_of_an_epos2_are_written_and_read_back() -> None:
+    """Whatever they were: a lost heartbeat is a fault, and every way to stop is by a ramp."""
+    with one_drive() as one:
+        configured(one)
+        one.drive.objects.values |= {co.ABORT_CONNECTION: 0, co.SHUTDOWN_OPTION: 0, co.FAULT_REACTION: 0}
+        one.driver.verify_dead_man(HEARTBEAT)
+        found = [one.drive.objects.value(entry) for entry in one.driver.stop_options()]
+        assert found == [1, 1, 1, 2]
+        dead_man = one.driver.describe()["dead_man"]
+        assert isinstance(dead_man, dict)
+        assert (dead_man["0x6007:00"], dead_man["0x1016:01"]) == (1, 127 << 16 | 500)
+
+
+def test_an_epos2_without_an_action_is_refused() -> None:
+    """One that keeps 0x6007 at 0 would move on when labrig ends."""
+    with one_drive() as one:
+        keep(configured(one), co.ABORT_CONNECTION, 0)
+        with pytest.raises(
+            DriveError, match=r"takes no action when the computer falls silent \(0x6007:00 = 0\)"
+        ):
+            one.driver.verify_dead_man(HEARTBEAT)
+
+
+def test_any_setting_that_is_not_kept_is_refused() -> None:
+    """The dead-man cannot be relied upon then, and the message says which setting it is."""
+    with one_drive() as one:
+        keep(configured(one), co.FAULT_REACTION, 0)
+        with pytest.raises(
+            DriveError, match=r"fault reaction option code .*; its dead-man cannot be relied upon"
+        ):
+            one.driver.verify_dead_man(HEARTBEAT)
+
+
+def test_a_firmware_without_an_option_is_told_by_the_check() -> None:
+    """What the drive does not have cannot be verified: the record has null there, and the check warns."""
+    with one_drive() as one:
+        configured(one)
+        one.drive.abort_next(0x06020000, co.SHUTDOWN_OPTION.index)
+        one.driver.verify_dead_man(HEARTBEAT)
+        dead_man = one.driver.describe()["dead_man"]
+        assert isinstance(dead_man, dict)
+        assert dead_man["0x605B:00"] is None
+
+
+def test_process_data_that_labrig_does_not_use_is_switched_off() -> None:
+    """An EPOS2 comes with four receive PDOs that anybody can write to; only the report is left."""
+    with one_drive() as one:
+        configured(one)
+        assert one.driver.cob_ids()[1] == {0x201, 0x301, 0x401, 0x501}
+        one.driver.verify_dead_man(HEARTBEAT)
+        assert one.driver.cob_ids() == ({0x381}, frozenset())
+        assert one.driver.has_restarted is False
+
+
+@pytest.mark.parametrize(("option", "moves_on"), [(0, True), (1, False), (2, False), (3, False)])
+def test_a_simulated_epos2_does_what_its_option_says(option: int, moves_on: bool) -> None:
+    """0x6007: no action, fault, power off, quick stop."""
+    with one_drive() as one:
+        configured(one).driver.enable()
+        one.drive.objects.values[co.ABORT_CONNECTION] = option
+        one.driver.start_move(100.0, 1.0)
+        one.driver._link.send(*BEAT)
+        one.clock.sleep(2.0)
+        before = one.drive.shaft_counts
+        one.clock.sleep(1.0)
+        assert (one.drive.shaft_counts != before) is moves_on
+        assert bool(one.driver.faults()) is (option == 1)
+
+
+def test_a_cia_402_drive_is_verified_by_its_own_objects(tmp_path: Path) -> None:
+    """The options of its section are written and read back, and its receive PDOs switched off."""
+    with drive_on_a_bus(section_of(tmp_path, abort_connection_option=3)) as one:
+        one.get_ready()
+        one.node.objects.values |= {co.ABORT_CONNECTION: 0, od.QUICK_STOP_OPTION: 5, co.DISABLE_OPTION: 0}
+        one.driver.verify_dead_man(HEARTBEAT)
+        found = [one.node.objects.value(entry) for entry in one.driver.stop_options()]
+        assert found == [3, 1, 1, 2, 6]
+        assert one.driver.cob_ids()[1] == frozenset()
+
+
+def test_a_cia_402_drive_whose_option_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    """Read-only and "no action": nothing would stop it."""
+    locked = [Entry(0x6007, 0, e.name, "h", "ro", 0) if e == co.ABORT_CONNECTION else e for e in EVERY]
+    with drive_on_a_bus(section_of(tmp_path, eds_text(locked))) as one:
+        one.driver.identify()
+        with pytest.raises(DriveError, match="takes no action when the computer falls silent"):
+            one.driver.verify_dead_man(HEARTBEAT)
+
+
+# The bus
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        (BEAT, "it sends the heartbeat of node 127, as labrig does"),
+        (READ_STATUS, r"insertion: statusword \(0x6041:00\) is read"),
+        (RETARGET, r"insertion: target position \(0x607A:00\) = 240000 quadcounts, 60.0000 mm"),
+        ((0x000, b"\x81\0"), "NMT command 0x81 to node 0"),
+        ((0x401, b"\x3f\0\0\0\0\0"), "CAN frame 401#3F0000000000 to axis insertion"),
+        ((0x601, b"\x60"), "SDO request 601#60 to axis insertion"),
+    ],
+)
+def test_a_rig_on_a_bus_with_another_master_is_not_opened(frame: tuple[int, bytes], words: str) -> None:
+    """It is heard before anything is sent to a drive."""
+    with opened_rig() as opened:
+        opened.hardware.clock.on_advance(lambda: send(opened, frame))
+        with pytest.raises(SecondMasterError, match=words):
+            opened.rig.connect()
+        assert all(way == "R" for _, _, _, way in opened.rig.take_can_frames())
+
+
+def test_another_master_that_begins_during_the_opening_is_heard() -> None:
+    """No power is switched on then."""
+    with opened_rig() as opened:
+
+        def beat_later() -> None:
+            if opened.hardware.clock.now_s() > 0.35:
+                send(opened, BEAT)
+
+        opened.hardware.clock.on_advance(beat_later)
+        with pytest.raises(SecondMasterError, match="heartbeat of node 127"):
+            opened.rig.connect()
+        assert not any(drive.is_powered() for drive in opened.drives.values())
+
+
+@pytest.mark.parametrize(
+    "frame", [(0x604, RETARGET[1]), (0x77E, b"\x05"), (0x000, b"\x81\x04"), (0x401 + 3, b"")]
+)
+def test_frames_to_other_nodes_are_ignored(frame: tuple[int, bytes]) -> None:
+    """A node that is none of ours may have a master of its own."""
+    with opened_rig() as opened:
+        opened.hardware.clock.on_advance(lambda: send(opened, frame))
+        opened.rig.connect()
+        opened.rig.wait(1.0)
+
+
+def test_a_client_that_only_reads_stops_no_run() -> None:
+    """It may look at the drives; its answers are counted as strays."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        for _ in range(5):
+            send(opened, READ_STATUS)
+            opened.rig.wait(0.2)
+
+
+@pytest.mark.parametrize("frame", [BEAT, RETARGET, (0x601, b"\x21\x10\x10\x01\x04\0\0\0")])
+def test_a_command_of_somebody_else_stops_the_axes_at_once(frame: tuple[int, bytes]) -> None:
+    """All axes stand within half a second of the frame, and the message names it."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        opened.rig.insertion.start_move(100.0, 5.0)
+        opened.rig.linear.start_move(100.0, 5.0)
+        opened.rig.wait(2.0)
+        send(opened, frame)
+        began_s = opened.rig.clock.now_s()
+        with pytest.raises(SecondMasterError, match="another program uses the CAN bus of the drives"):
+            opened.rig.wait(1.0)
+        for name in ("insertion", "linear"):
+            still = opened.drives[name].journal.last("still")
+            assert still is not None
+            assert still.t_s - began_s < 0.5
+
+
+def test_the_check_warns_of_another_master() -> None:
+    """It says what it heard; a quiet bus passes, and so do drives that stop by themselves."""
+    results = {result.check: result for result in check_rig(simulated_rig())}
+    assert results["bus"].status is CheckStatus.PASS
+    assert results["dead-man insertion"].status is CheckStatus.PASS
+    assert "0x6007:00 = 1" in results["dead-man insertion"].value
+    with opened_rig() as opened, ExitStack() as stack:
+        opened.hardware.clock.on_advance(lambda: send(opened, BEAT))
+        found = next(check_bus(opened.rig.description, opened.hardware, stack))
+        assert found.status is CheckStatus.WARN
+        assert "it sends the heartbeat of node 127" in found.value
+
+
+def test_a_drive_that_lacks_an_option_is_not_guarded_by_it() -> None:
+    """The check says which, and where to look."""
+    with one_drive() as one:
+        one.drive.abort_next(0x06020000, co.ABORT_CONNECTION.index)
+        found = check_dead_man("insertion", one.driver)
+        assert found.status is CheckStatus.WARN
+        assert "abort connection option code (0x6007:00)" in found.value

@@ -50,7 +50,7 @@ from labrig.devices.cia402_states import (
     decode_standard_state,
     plan_controlword,
 )
-from labrig.devices.drive import STILL_POLL_S, DriveReading, Homing, RoundedMove
+from labrig.devices.drive import STILL_COUNTS, STILL_POLL_S, DriveReading, Homing, RoundedMove
 from labrig.devices.error_codes import Emergency, describe_abort
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.sdo_client import NO_OBJECT, RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
@@ -67,9 +67,6 @@ from labrig.errors import (
 POLL_S = 0.005
 ANSWER_TIME_S = 1.0
 """Longest rig time to reach a state, acknowledge a set-point or finish homing at the present position."""
-
-STILL_COUNTS = 2
-"""Dither of a servo at rest [counts]."""
 
 LONGEST_STILL_TIME_S = 0.4
 """Time for which a position must stay within the dither if the speed of the slowest creep is unknown [s]."""

@@ -34,6 +34,9 @@ from labrig.plugins import DRIVES, INTERFACE, find_plugin
 DEFAULT_DRIVER = "epos2"
 """Kind of drive of an axis section without the key `driver`, as in older rig files."""
 
+STILL_COUNTS = 2
+"""Dither of a servo at rest [counts]."""
+
 STILL_POLL_S = 0.05
 """Time between two readings of a position while waiting for standstill [s]."""
 

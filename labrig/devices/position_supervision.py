@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass
 
 from labrig.devices.axis_description import AxisDescription
+from labrig.devices.drive import STILL_COUNTS
 from labrig.devices.trapezoid import Limits, Profile, make_move_profile
 from labrig.errors import POSITION_JUMPED, STRAYED, DriveStrayedError
 
@@ -152,12 +153,17 @@ def supervise_position(
         low, high = _bounds_in_motion(axis[1], expected, reading)
     else:
         rest = reading.position if rest is None else rest
-        slack = _WINDOWS_AT_REST * axis[1].position_window
+        slack = _WINDOWS_AT_REST * _window(axis[1])
         low, high = rest - slack, rest + slack
     error = _find_jump(*axis, last, reading)
     if error is None and not low <= reading.position <= high:
         error = _strayed(axis, expected, (low, high), reading.position)
     return SupervisionState(expected, rest, reading), error
+
+
+def _window(description: AxisDescription) -> float:
+    """Return the position window, at least the counts by which a servo at rest dithers [mm or rad]."""
+    return max(description.position_window, STILL_COUNTS / description.scale().counts_per_unit)
 
 
 def _find_jump(
@@ -166,7 +172,7 @@ def _find_jump(
     if last is None:
         return None
     longest_s = reading.until_s - last.from_s
-    reach = description.max_speed * longest_s + _WINDOWS_AT_REST * description.position_window
+    reach = description.max_speed * longest_s + _WINDOWS_AT_REST * _window(description)
     if abs(reading.position - last.position) <= reach:
         return None
     unit = description.unit
@@ -200,5 +206,5 @@ def _bounds_in_motion(
         reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
     )
     lowest, highest = profile.range_within(-math.inf, profile.end_s)
-    lag, beyond = description.max_following_error + give, description.position_window + give
+    lag, beyond = description.max_following_error + give, _window(description) + give
     return max(low - lag, lowest - beyond), min(high + lag, highest + beyond)

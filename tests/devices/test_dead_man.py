@@ -12,11 +12,14 @@ from labrig.devices.check import check_bus, check_rig
 from labrig.devices.check_result import CheckStatus
 from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402_check import check_dead_man
+from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.errors import DriveError, SecondMasterError
+from tests.devices.bench_rig import PATIENT, bench_description, bench_rig
 from tests.devices.cia402.eds_text import EVERY, eds_text
 from tests.devices.cia402.sections import HEARTBEAT, drive_on_a_bus, section_of
 from tests.devices.rigs import OneDrive, OpenedRig, one_drive, opened_rig, simulated_rig
+from tests.devices.served import served_drives
 
 BEAT, READ_STATUS = (0x77F, b"\x05"), (0x601, b"\x40\x41\x60\0\0\0\0\0")
 RETARGET = (0x601, b"\x23\x7a\x60\0\x80\xa9\x03\0")
@@ -228,3 +231,23 @@ def test_a_drive_that_lacks_an_option_is_not_guarded_by_it() -> None:
         found = check_dead_man("insertion", one.driver)
         assert found.status is CheckStatus.WARN
         assert "abort connection option code (0x6007:00)" in found.value
+
+
+@pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
+def test_a_second_master_on_a_real_bus_is_told_from_the_echo_of_our_own_frames(
+    interface: str, tmp_path: Path
+) -> None:
+    """udp_multicast delivers to the sender too: labrig does not take itself for another master."""
+    with served_drives(interface) as served:
+        description = bench_description(served.reached_by, *PATIENT)
+        with served.open() as other, bench_rig(description, tmp_path) as rig:
+            rig.reference_axes()
+            rig.insertion.start_move(100.0, 1.0)
+            for _ in range(5):
+                rig.wait(0.1)
+                rig.read_states()
+            other.send(can.Message(arbitration_id=RETARGET[0], data=RETARGET[1], is_extended_id=False))
+            with pytest.raises(SecondMasterError, match="target position"):
+                rig.wait(30.0)
+            assert rig.insertion.drive.read().state is DriveState.OPERATION_ENABLED
+            rig.close()

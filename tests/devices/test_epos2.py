@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labrig.devices import canopen_objects as co
-from labrig.devices.cia402_drive import STILL_COUNTS, still_time_s
+from labrig.devices.cia402_drive import still_time_s
 from labrig.devices.cia402_states import (
     ENABLE,
     FAULT_RESET,
@@ -21,7 +21,7 @@ from labrig.devices.cia402_states import (
     TargetState,
     decode_state,
 )
-from labrig.devices.drive import Homing
+from labrig.devices.drive import STILL_COUNTS, Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError

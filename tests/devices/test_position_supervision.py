@@ -94,6 +94,18 @@ def test_an_axis_at_rest_stays_where_it_was() -> None:
     assert error.message == "axis insertion should stand at 7.0000 mm, and is at 7.0150 mm"
 
 
+def test_a_servo_may_dither_however_small_its_window_is() -> None:
+    """Two counts to either side are no motion."""
+    narrow = AXIS.model_copy(update={"position_window": 1e-6})
+    state = SupervisionState()
+    at_rest = AtRest(7.0)
+    for position in (7.0, 7.0 + 2 / 4000, 7.0 - 2 / 4000):
+        state, error = supervise_position(
+            ("insertion", narrow), state, at_rest, PositionReading(0.0, 0.0, position)
+        )
+        assert error is None
+
+
 def test_a_jump_is_told_from_motion() -> None:
     """What no motor can do is the encoder's; what one can do is motion."""
     jump = judge(AtRest(), 7.0, 7.5)

@@ -7,7 +7,10 @@ What is decided here
 - Uncertain until tried on a device: whether 0x2210:01 holds the encoder resolution on every EPOS2; whether the measure
   init state may show bit 14; whether TxPDO 3 carries statusword and position by default and can be switched on while
   the node is operational (if not, SDO does all of it); which objects clear 0x1020 when they are written (it is written
-  again after each one that labrig writes in operation); which function each bit of 0x2071:01 has.
+  again after each one that labrig writes in operation); which function each bit of 0x2071:01 has; whether 0x6007 is 1
+  as it comes, and can be written like the COB-IDs of the PDOs while the node is operational (if not, opening says which
+  object to set and save in EPOS Studio).
+- An EPOS2 has no quick stop option code 0x605A: its quick stop always brakes and holds.
 """
 
 from collections.abc import Iterator, Mapping

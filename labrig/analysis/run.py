@@ -102,7 +102,7 @@ def start_analysis(
     )
     mask = load_mask_of_run(run) if settings.mask is None else settings.mask
     request = AnalysisRequest(stamp, mask, workers, progress)
-    with _name_damage(run):
+    with name_damage(run):
         found = experiment.analyze(run, protocol, request)
         findings = (yield from found) if isinstance(found, Generator) else found
     # The folder is made last, so that an analysis that fails leaves nothing behind.
@@ -112,8 +112,8 @@ def start_analysis(
 
 
 @contextmanager
-def _name_damage(run: Run) -> Iterator[None]:
-    """Name the damage of a run where too little is left of it to be measured."""
+def name_damage(run: Run) -> Iterator[None]:
+    """Name the damage of a run where too little is left of it to be measured or shown. Raises `RecordError`."""
     try:
         yield
     except (AnswerIsNoError, InputError) as error:

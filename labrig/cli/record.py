@@ -37,16 +37,20 @@ def report(
     as_json: AsJson = False,
 ) -> int:
     """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
+    from labrig.analysis.run import name_damage
     from labrig.cli.reporting import write_page
     from labrig.experiments.registry import result_of
+    from labrig.record.annotations import find_damaged_annotations
     from labrig.record.reader import open_run
 
     def report_run(path: Path) -> dict[str, object]:
         loaded = open_run(path, read_pictures=True)
-        page = write_page(loaded, result_of(loaded), private=private)
+        with name_damage(loaded):
+            page = write_page(loaded, result_of(loaded), private=private)
         if not as_json:
             print_line(str(page))
-        return add_damage({"report": str(page), "reason": None}, loaded.damage)
+        damage = (*loaded.damage, *find_damaged_annotations(path))
+        return add_damage({"report": str(page), "reason": None}, damage)
 
     return do_for_each_run(run_paths, report_run, as_json, key="report")
 

@@ -10,7 +10,7 @@ import typer
 
 from labrig.cli.next_steps import can_resume
 from labrig.cli.options import RunsArgument
-from labrig.cli.output import AsJson, plural, print_line
+from labrig.cli.output import AsJson, plural, print_line, print_wrapped
 from labrig.cli.several_runs import do_for_each_run
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem
@@ -178,29 +178,30 @@ def _join(damage: Iterable[Problem]) -> str | None:
 
 def _print(row: _CheckedRun) -> None:
     """Print what a run holds, and a line for each problem."""
-    print_line(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
+    print_wrapped(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
     counts = (plural(row["frames"], "frame"), plural(row["states"], "state"), plural(row["events"], "event"))
-    print_line(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
+    print_wrapped(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
     _print_seal(row)
     for name, problems in (("damage", row["damage"]), ("torn", row["torn"]), ("note", row["notices"])):
         for problem in problems:
-            print_line(f"  {name}: {problem['where']}: {problem['message']}")
-            print_line(f"    hint: {problem['hint']}")
+            print_wrapped(f"  {name}: {problem['where']}: {problem['message']}", 4)
+            print_wrapped(f"    hint: {problem['hint']}", 6)
 
 
 def _print_seal(row: _CheckedRun) -> None:
     """Print whether the run is sealed, its root, what came after the root that was asked for, and who signed it."""
     if row["root"] is None:
-        print_line(f"  {row['seal']}")
+        print_wrapped(f"  seal: {row['seal']}")
     else:
-        print_line(f"  {row['seal']}; root, for a notebook:\n    {row['root']}")
+        print_wrapped(f"  seal: {row['seal']}; root, to be compared with a notebook:")
+        print_line(f"    {row['root']}")
+    if row["after_root"] == []:
+        print_wrapped("  nothing was added after the link that --root names")
+    elif row["after_root"]:
+        print_wrapped("  added after the link that --root names:")
     for link in row["after_root"] or ():
         covers = ", ".join(sorted({name.rpartition("/")[0] or name for name in link["files"]})) or "no file"
-        print_line(
-            f"  after --root: link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}"
-        )
-    if row["after_root"] == []:
-        print_line("  after --root: nothing")
+        print_wrapped(f"    link {link['link']}, {link['kind']}, {link['at'] or 'time unknown'}: {covers}", 6)
     for signature in row["signatures"] or ():
         print_line(f"  signed: link {signature['link']} by {signature['signer']}")
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from labrig.durable import disk_errors, open_descriptor
-from labrig.errors import InputError, RecordError
+from labrig.errors import InputError, Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import sync_directory
 from labrig.record.chain import append_or_restore
@@ -91,6 +91,15 @@ def without_authors(annotations: Annotations) -> Annotations:
         notes=tuple(replace(note, by="") for note in annotations.notes),
         revisions=tuple(replace(note, by="") for note in annotations.revisions),
     )
+
+
+def find_damaged_annotations(run: Path) -> tuple[Problem, ...]:
+    """Return why the annotations of a run cannot be used; nothing if they can."""
+    try:
+        read_annotations(run)
+    except RecordError as error:
+        return (Problem(NOTES, error.message, error.hint),)
+    return ()
 
 
 def tag_run(run: Path, tags: Sequence[str], *, remove: bool, by: str, at: datetime) -> Annotations:

@@ -80,7 +80,8 @@ class RunCheck:
     notices : tuple of Problem
         Files that are no part of the record, and results and annotations without a link; none of them is used.
     seal : str
-        `sealed`, `open`, `unsealed` or `unsealed (made before)`; see `SealCheck`.
+        `sealed`, `open`, `unsealed` or `unsealed (made before)`, as `SealCheck` has them; `broken` where there is
+        damage.
     links : tuple of Link
         The chain.
     """
@@ -116,13 +117,10 @@ def check_run(run: Path) -> RunCheck:
     manifest = read_manifest(run)
     found = _check_files(run, manifest)
     seal = check_seal(run, manifest, _list_summed(run))
-    return replace(
-        found,
-        damage=(*found.damage, *leave_out_named(seal.damage, found.damage)),
-        notices=seal.notices,
-        seal=seal.state,
-        links=scan_chain(run).links,
-    )
+    damage = (*found.damage, *leave_out_named(seal.damage, found.damage))
+    links = scan_chain(run).links
+    state = "broken" if damage and links else seal.state
+    return replace(found, damage=damage, notices=seal.notices, seal=state, links=links)
 
 
 def check_closing(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:

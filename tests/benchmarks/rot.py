@@ -1,9 +1,9 @@
-"""Records cut at every byte of a file's last kilobyte, or with a flipped bit: is the damage always noticed?"""
+"""Records cut at every byte of a file's last kilobyte, with a flipped bit, or changed by hand: is it always noticed?"""
 
 import random
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from labrig.record.catalogue import list_runs
@@ -11,16 +11,52 @@ from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows
+from tests.cli.changed_records import CHANGES as KINDS
+from tests.cli.changed_records import ChangedRecords, Outcome, make_runs
 from tests.record.faults import Values, describe_damage, full_run, is_noticed_or_unchanged, raw_files, values
 
 FLIPS = 1000
+CHANGES = 1000
 _LAST_BYTES = 1024
 _STORES: tuple[Store, ...] = ("png", "raw")
 _NOT_RECORDED = frozenset({".lock"})
 """Names the writing process; it holds no record."""
 
 
-def print_table(flips: int = FLIPS) -> None:
+def print_table(flips: int = FLIPS, changes: int = CHANGES) -> None:
+    """Print how many changes of records were noticed."""
+    _print_cuts_and_flips(flips)
+    print()
+    _print_changes(changes)
+
+
+def _print_changes(count: int) -> None:
+    """Print, for each kind of change of closed runs of every experiment, how many were named and used by no command."""
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as workspace:
+        records = ChangedRecords(make_runs(Path(folder)), Path(workspace), seed=6)
+        outcomes = [records.draw(number) for number in range(count)]
+    print_rows(
+        ("change of any file of a closed run", "made", "named by runs check", "used silently"),
+        [_row_of_changes(kind, [outcome for outcome in outcomes if outcome.kind == kind]) for kind in KINDS]
+        + [_row_of_changes("all", outcomes)],
+    )
+    for outcome in outcomes:
+        if not outcome.named or outcome.used_silently:
+            print(
+                f"{outcome.kind} of {outcome.run}, {', '.join(outcome.files)}: {outcome.command}: {outcome.told}"
+            )
+
+
+def _row_of_changes(kind: str, outcomes: Sequence[Outcome]) -> list[object]:
+    by_root = " (with --root)" if "chain" in kind else ""
+    named, used = (
+        sum(outcome.named for outcome in outcomes),
+        sum(outcome.used_silently for outcome in outcomes),
+    )
+    return [f"{kind}{by_root}", len(outcomes), f"{named} of {len(outcomes)}", used]
+
+
+def _print_cuts_and_flips(flips: int) -> None:
     """Print how many cuts and flips of open and closed runs were noticed, or changed no data."""
     rows: list[list[object]] = []
     for store in _STORES:

@@ -2,44 +2,18 @@
 
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.conftest import RIG, ROOT, Labrig, printed_json
+from tests.cli.conftest import Labrig
 from tests.cli.cut_runs import cut_short
+from tests.cli.example_runs import EXAMPLES, PROTOCOLS, SHORTENED, make_example, of_protocol
 from tests.record.faults import flip_bit
 
-PROTOCOLS = ROOT / "protocols"
-FIRST = ROOT / "data" / "first-record"
-
-# Each example as short as it can be and still succeed.
-SHORTENED: Mapping[str, tuple[str, ...]] = {
-    "steerability": (
-        "specimens=[{name: gel, gelatin_percent: 13}]",
-        "insertions_per_specimen=1",
-        "insertion.length_mm=22",
-        "insertion.speed_mm_s=5",
-        "insertion.frame_every_mm=20",
-    ),
-    "insertion": (
-        "target.position_mm=[0,2,20]",
-        "obstacles=[{position_mm: [0,9,12], radius_mm: 3}]",
-        "insertion.max_length_mm=30",
-        "insertion.speed_mm_s=2",
-        "insertion.frame_every_mm=2",
-        "policy.near_mm=0",
-        "policy.final_mm=0",
-        "roll_zero.rolls=4",
-        "roll_zero.length_mm=12",
-    ),
-    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12"),
-    "calibration": ("views=8",),
-    "design": ("grid_points=3",),
-}
 FORMATS = {
     "--csv": "frames.csv",
     "--parquet": "frames.parquet",
@@ -47,12 +21,6 @@ FORMATS = {
     "--mcap": "run.mcap",
     "--record": "manifest.json",
 }
-
-
-def of_protocol(name: str) -> tuple[object, ...]:
-    """Return the arguments that name an example protocol, its rig where it needs one, and what shortens it."""
-    settings = (word for setting in SHORTENED[name] for word in ("--set", setting))
-    return (PROTOCOLS / f"{name}.yaml", *(() if name == "design" else ("--rig", RIG)), *settings)
 
 
 @dataclass(frozen=True)
@@ -64,19 +32,11 @@ class Made:
     document: dict[str, Any]
 
 
-@pytest.fixture(scope="session", params=[*SHORTENED, "import"])
+@pytest.fixture(scope="session", params=EXAMPLES)
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
     """Return a run of each experiment that has come to its end."""
-    name, runs_dir = request.param, tmp_path_factory.mktemp("runs")
-    if name == "import":
-        calibration = FIRST / "calibration"
-        (document,) = printed_json(
-            "import", FIRST / "frames", "--intrinsics", calibration / "intrinsics.json",
-            "--plane", calibration / "plane.json", "--needle-diameter-mm", 1.2, "--runs-dir", runs_dir, "--json",
-        )  # fmt: skip
-    else:
-        document = printed_json("run", *of_protocol(name), "--runs-dir", runs_dir, "--json")
-    return Made(name, Path(document["run"]), document)
+    run, document = make_example(request.param, tmp_path_factory.mktemp("runs"))
+    return Made(request.param, run, document)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 
 from labrig.record.check import check_run
 from tests.cli.conftest import ROOT, Labrig
-from tests.cli.test_every_verb import FIRST, of_protocol
+from tests.cli.example_runs import FIRST, of_protocol
 from tests.record.faults import killed_run
 
 

@@ -30,7 +30,7 @@ def redo_hashes(run: Path) -> None:
     _redo_pictures(run)
     _redo_manifest(run)
     sums = (run / SHA256SUMS).read_text().splitlines()
-    names = [line[66:] for line in sums if (run / line[66:]).is_file()]
+    names = [line[66:] for line in sums if line[64:66] == "  " and (run / line[66:]).is_file()]
     (run / SHA256SUMS).write_text("".join(f"{_hash(run / name)}  {name}\n" for name in names))
 
 
@@ -52,8 +52,8 @@ def redo_chain(run: Path) -> None:
 def _redo_pictures(run: Path) -> None:
     for number, line in enumerate((run / FRAME_LINES).read_bytes().splitlines(), start=1):
         fields = decode_line(line)
-        path = run / str(fields["file"])
-        if "offset" not in fields and path.is_file() and _hash(path) != fields["sha256"]:
+        path = run / str(fields.get("file"))
+        if "offset" not in fields and path.is_file() and _hash(path) != fields.get("sha256"):
             edit_line(run / FRAME_LINES, number, sha256=_hash(path))
 
 

@@ -1,0 +1,55 @@
+"""A short run of each example protocol, and of imported pictures, made by the commands that people use."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tests.cli.conftest import RIG, ROOT, printed_json
+
+PROTOCOLS = ROOT / "protocols"
+FIRST = ROOT / "data" / "first-record"
+
+# Each example as short as it can be and still succeed.
+SHORTENED: Mapping[str, tuple[str, ...]] = {
+    "steerability": (
+        "specimens=[{name: gel, gelatin_percent: 13}]",
+        "insertions_per_specimen=1",
+        "insertion.length_mm=22",
+        "insertion.speed_mm_s=5",
+        "insertion.frame_every_mm=20",
+    ),
+    "insertion": (
+        "target.position_mm=[0,2,20]",
+        "obstacles=[{position_mm: [0,9,12], radius_mm: 3}]",
+        "insertion.max_length_mm=30",
+        "insertion.speed_mm_s=2",
+        "insertion.frame_every_mm=2",
+        "policy.near_mm=0",
+        "policy.final_mm=0",
+        "roll_zero.rolls=4",
+        "roll_zero.length_mm=12",
+    ),
+    "roll-zero": ("roll_zero.rolls=4", "roll_zero.length_mm=12"),
+    "calibration": ("views=8",),
+    "design": ("grid_points=3",),
+}
+EXAMPLES = (*SHORTENED, "import")
+
+
+def of_protocol(name: str) -> tuple[object, ...]:
+    """Return the arguments that name an example protocol, its rig where it needs one, and what shortens it."""
+    settings = (word for setting in SHORTENED[name] for word in ("--set", setting))
+    return (PROTOCOLS / f"{name}.yaml", *(() if name == "design" else ("--rig", RIG)), *settings)
+
+
+def make_example(name: str, runs_dir: Path) -> tuple[Path, dict[str, Any]]:
+    """Return a run that has come to its end, and what the command that made it printed."""
+    if name == "import":
+        calibration = FIRST / "calibration"
+        (document,) = printed_json(
+            "import", FIRST / "frames", "--intrinsics", calibration / "intrinsics.json",
+            "--plane", calibration / "plane.json", "--needle-diameter-mm", 1.2, "--runs-dir", runs_dir, "--json",
+        )  # fmt: skip
+    else:
+        document = printed_json("run", *of_protocol(name), "--runs-dir", runs_dir, "--json")
+    return Path(document["run"]), document

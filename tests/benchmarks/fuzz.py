@@ -68,7 +68,7 @@ from tests.benchmarks.spoiling import (
     spoil_yaml,
 )
 from tests.benchmarks.table import print_rows
-from tests.cli.test_every_verb import SHORTENED
+from tests.cli.example_runs import SHORTENED
 from tests.devices.cia402.eds_text import eds_text
 
 ROOT = Path(__file__).parents[2]

@@ -35,7 +35,7 @@ class ExperimentDeclaration:
     summary : str
         `summarise(document) -> Summary`.
     resume : str or None
-        `resume(protocol, run) -> Remainder`; None if an interrupted run cannot be continued.
+        `resume(protocol, run) -> Remainder`; None if an interrupted run cannot be resumed.
     view : str
         `view(run, result) -> View`; by default only the record is shown.
     compare : str

@@ -1,7 +1,7 @@
 """runner: what every run needs and no experiment owns.
 
 An experiment is handed over as an `Experiment`: what it plans, its procedure, how it goes on, what is shown of it. A
-procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and where progress is told. It
+procedure is a function of a protocol and a `Session`: the opened rig, the recorder, and a receiver of progress. It
 moves, asks, takes pictures and appends to the record; it prints nothing. What it is going to do is known before it
 starts, as a `RunPlan`, so that `labrig check` and `labrig run` refuse the same protocols.
 
@@ -11,7 +11,7 @@ Draws of a simulated world come from seed and purpose, so the remainder is what 
 moves nothing is recorded by `conduct_without_rig`.
 
 `replay_run` drives the same procedures with the devices of a record and compares: a procedure therefore decides from
-nothing but what protocol, rig file, calibration and devices tell it.
+nothing but the protocol, the rig file, the calibration and what the devices return.
 
 `withdraw` takes a needle out along its path and turns the bevel back wherever it was turned.
 Graph paper before and after a run (`sentinel`) is handled by `graph_paper`, for every experiment.

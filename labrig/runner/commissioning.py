@@ -1,8 +1,7 @@
 """Commissioning a bare rig axis by axis: homing, travel against a scale, play, and limits, all of it slowly.
 
-Nothing here changes a rig file: what was measured is told with what to write where. Each motion is noted beside the
-rig's state file. Whoever commissions has a hand on
-the emergency stop and confirms each motion before it begins.
+Nothing here changes a rig file: each finding says what to write where. Each motion is noted beside the rig's state
+file. A person has a hand on the emergency stop and confirms each motion before it begins.
 """
 
 import math
@@ -22,19 +21,19 @@ from labrig.devices.rig import Rig
 from labrig.errors import InputError, SafetyStopError
 
 SLOW = {"mm": 1.0, "rad": 0.2}
-"""Speed of a jog unless another is asked for [mm/s or rad/s]."""
+"""Default speed of a jog [mm/s or rad/s]."""
 
 FASTEST = {"mm": 5.0, "rad": 1.0}
-"""A jog is never faster [mm/s or rad/s]."""
+"""Highest speed of a jog [mm/s or rad/s]."""
 
 USUAL_DISTANCE = {"mm": 10.0, "rad": math.pi / 2}
-"""How far a jog goes unless another distance is asked for [mm or rad]."""
+"""Default distance of a jog [mm or rad]."""
 
 FARTHEST = {"mm": 20.0, "rad": math.pi}
-"""A jog of an axis without a reference is never longer [mm or rad]."""
+"""Longest jog of an axis without a reference [mm or rad]."""
 
 _READABLE = {"mm": 0.25, "rad": math.radians(2.0)}
-"""How well a scale is read by eye [mm or rad]: half a line of graph paper at either end."""
+"""Accuracy of reading a scale by eye [mm or rad]: half a line of graph paper at either end."""
 
 _SAME_FRACTION = 0.02
 _STILL_FRACTION = 0.2
@@ -42,18 +41,18 @@ _STILL_FRACTION = 0.2
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found of an axis.
+    """The result of a check of an axis.
 
     Parameters
     ----------
     axis, check : str
-        Which axis, and what was looked at.
+        The axis, and the check.
     status : str
-        PASS, or FAIL where the rig file has to be changed before anything else moves.
+        PASS, or FAIL if the rig file must be changed before anything else moves.
     value : str
         What was found.
     solution : str
-        What to write into the rig file, or to do; empty where nothing is.
+        What to write into the rig file, or to do; empty if nothing.
     """
 
     axis: str
@@ -64,7 +63,7 @@ class Finding:
 
 
 def judge_travel(name: str, axis: AxisDescription, commanded: float, measured: float) -> Finding:
-    """Judge how far an axis went, as a person has read it [mm or rad].
+    """Judge the travel of an axis as a person has read it [mm or rad].
 
     Returns
     -------
@@ -74,7 +73,7 @@ def judge_travel(name: str, axis: AxisDescription, commanded: float, measured: f
     value = f"{commanded:g} {axis.unit} asked, {measured:.4g} {axis.unit} read"
     if abs(measured) <= _STILL_FRACTION * abs(commanded):
         advice = (
-            f"look whether the coupling slips; if it does not, correct axes.{name} gear_ratio and lead_mm"
+            f"check whether the coupling slips; if it does not, correct axes.{name} gear_ratio and lead_mm"
         )
         return Finding(name, "travel", "FAIL", f"{value}: it hardly moved", advice)
     if measured * commanded < 0:
@@ -95,17 +94,15 @@ def judge_travel(name: str, axis: AxisDescription, commanded: float, measured: f
 
 def _advise_lead(name: str, axis: AxisDescription, ratio: float) -> str:
     if axis.unit == "mm" and axis.lead_mm is not None:
-        key, value, said = "lead_mm", axis.lead_mm * ratio, axis.lead_mm
+        key, value, stated = "lead_mm", axis.lead_mm * ratio, axis.lead_mm
     else:
-        said = axis.gear_ratio or 1.0
-        key, value = "gear_ratio", said / ratio
-    return (
-        f"write axes.{name}.{key}: {value:.4g} (it says {said:g}) if its data sheet agrees, then check again"
-    )
+        stated = axis.gear_ratio or 1.0
+        key, value = "gear_ratio", stated / ratio
+    return f"write axes.{name}.{key}: {value:.4g} (it says {stated:g}) if its data sheet agrees, then check again"
 
 
 def judge_backlash(name: str, axis: AxisDescription, commanded: float, measured: float) -> Finding:
-    """Judge the play of an axis from how far it came back after a turn of direction [mm or rad]."""
+    """Judge the play of an axis from the distance that it came back after a reversal [mm or rad]."""
     play = max(0.0, abs(commanded) - abs(measured))
     value = f"{play:.3g} {axis.unit} of play, the rig file says {axis.backlash:g}"
     if abs(play - axis.backlash) <= _READABLE[axis.unit] / 2:
@@ -114,12 +111,12 @@ def judge_backlash(name: str, axis: AxisDescription, commanded: float, measured:
 
 
 def make_sure_needle_is_out(rig: Rig) -> None:
-    """Let the operator confirm that no needle is in tissue, where nobody knows.
+    """Have the operator confirm that no needle is in tissue, if the rig does not know it.
 
     Raises
     ------
     SafetyStopError
-        When one is, as the rig knows, or the operator says no.
+        When the rig knows of a needle in tissue, or the operator does not confirm.
     """
     if rig.state.needle_in_tissue:
         raise SafetyStopError(f"no axis is moved by itself: {rig.state.doubt}", rig.state.way_out)
@@ -129,12 +126,12 @@ def make_sure_needle_is_out(rig: Rig) -> None:
 
 
 def home_axes(rig: Rig, method: int | None, *, needle_mounted: bool) -> list[Finding]:
-    """Home the axes that are open, in their order, each on confirmation.
+    """Home the open axes in their order, each once it is confirmed.
 
     Parameters
     ----------
     method : int or None
-        Homing method of the drive; None takes that of the rig file.
+        Homing method of the drive; None uses that of the rig file.
     needle_mounted : bool
         Whether a needle is in the clamp.
 
@@ -175,14 +172,14 @@ def _make_homing_request(rig: Rig, name: str, method: int, *, needle_mounted: bo
 
 
 def jog(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
-    """Move one axis by a distance [mm or rad], slowly and once confirmed; return where its encoder has it.
+    """Move one axis by a distance [mm or rad], slowly and once confirmed; return the distance by its encoder.
 
     Raises
     ------
     InputError
-        When it is too far or too fast for a jog; nothing has moved.
+        When it is too far or too fast for a jog; nothing moves.
     SafetyStopError
-        When a needle is in tissue, or the operator says no.
+        When a needle is in tissue, or the operator does not confirm.
     DriveError, BusError, InterruptedRunError
     """
     make_sure_needle_is_out(rig)
@@ -192,7 +189,7 @@ def jog(rig: Rig, name: str, distance: float, speed: float | None = None) -> Fin
 
 
 def check_travel(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
-    """Move one axis by a distance and compare with what a person reads beside it: direction, and lead or gear.
+    """Move one axis by a distance and compare it with a scale that a person reads: direction, and lead or gear.
 
     Raises as `jog`.
     """
@@ -204,7 +201,7 @@ def check_travel(rig: Rig, name: str, distance: float, speed: float | None = Non
 
 
 def check_backlash(rig: Rig, name: str, distance: float, speed: float | None = None) -> Finding:
-    """Move one axis forwards, then back by the same distance, and find its play from what a person reads.
+    """Move one axis forwards, then back by the same distance, and find its play from a scale that a person reads.
 
     Raises as `jog`.
     """
@@ -217,7 +214,7 @@ def check_backlash(rig: Rig, name: str, distance: float, speed: float | None = N
 
 
 def check_limits(rig: Rig, name: str, speed: float | None = None) -> list[Finding]:
-    """Move a referenced axis to each of its limits, let a person see that it stands free there, and back to zero.
+    """Move a referenced axis to each of its limits, have a person confirm that it is free there, and move back to zero.
 
     Raises as `jog`.
     """

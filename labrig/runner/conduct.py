@@ -25,7 +25,7 @@ from labrig.runner.withdrawal import recover
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a procedure ended: the exit status of the record, why, and the error where there was one."""
+    """How a procedure ended: the exit status of the record, the reason, and the error, if any."""
 
     exit_status: str
     reason: str
@@ -48,7 +48,7 @@ def conduct_remainder(experiment: Experiment, remainder: Remainder, session: Ses
 def conduct_withdrawal(
     session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions
 ) -> Outcome:
-    """Withdraw the needle that a run has left in tissue, as `recover` has it, and end as `conduct` does."""
+    """Withdraw the needle that a run has left in tissue, by `recover`, and end as `conduct` does."""
     return _conduct(
         session, RunStart(experiment="withdrawal"), lambda: recover(session, run_name, path, standing)
     )
@@ -64,7 +64,7 @@ def _conduct(session: Session, beginning: RunStart, procedure: Callable[[], obje
 
 
 def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
-    """Stop the axes, then close the record; what fails in this becomes part of how the run ended."""
+    """Stop the axes, then close the record; a failure of either becomes part of the outcome."""
     try:
         session.rig.stop()
     except MachineError as error:
@@ -80,10 +80,10 @@ def _stop_and_close(session: Session, outcome: Outcome) -> Outcome:
 
 
 def _add_failed_stop(outcome: Outcome, error: MachineError) -> Outcome:
-    """Return how a run ended that could not be stopped for certain; a fault that led to it stays its name."""
+    """Return the outcome of a run whose axes may not have stopped; an earlier fault keeps its place."""
     if isinstance(outcome.error, MachineError):
-        told = error.message in outcome.reason
-        reason = outcome.reason if told else f"{outcome.reason}; when stopping: {error.message}"
+        is_stated = error.message in outcome.reason
+        reason = outcome.reason if is_stated else f"{outcome.reason}; when stopping: {error.message}"
         return Outcome("failed", reason, outcome.error)
     return Outcome("failed", f"{outcome.reason}; when stopping: {error.message}".lstrip("; "), error)
 
@@ -103,7 +103,7 @@ def _close(
 
 
 def conduct_without_rig(experiment: Experiment, recorder: RecordSink, clock: Clock) -> Outcome:
-    """Record a run that moves nothing: it begins and ends at rig time 0, and all that it asks is left to `analysis`."""
+    """Record a run that moves nothing: it begins and ends at rig time 0, and `analysis` does all of its work."""
     try:
         recorder.record_event(RunStart(experiment=experiment.name), 0.0)
     except DiskError as error:

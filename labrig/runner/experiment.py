@@ -1,4 +1,4 @@
-"""What an experiment is to the rest of labrig: the one interface behind which each of them stands."""
+"""The interface of experiments to the rest of labrig."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from labrig.runner.session import Session
 
 @dataclass(frozen=True)
 class PlannedMove:
-    """One move of one axis: where from, where to [mm or rad], how fast [per s]; `where` is the protocol's key."""
+    """One move of one axis: start and end [mm or rad], and speed [per s]; `where` is the protocol's key."""
 
     where: str
     axis: str
@@ -29,26 +29,26 @@ class PlannedMove:
 
     @property
     def duration_s(self) -> float:
-        """Time at the set speed [s]; the ramps are short beside it."""
+        """Time at the set speed [s]; the ramps are negligible."""
         return abs(self.position - self.start) / self.speed
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What an experiment is going to do, known before anything moves.
+    """What a run will do, known before anything moves.
 
     Attributes
     ----------
     trials : int
-        Trials of the whole run; none of an experiment that counts none.
+        Trials of the whole run; 0 for an experiment without trials.
     duration_s : float
-        Rig time without the operator's [s].
+        Rig time without that of the operator [s].
     pictures, operator_steps : int
         Pictures that are taken, and requests that the operator answers.
     problems : tuple of Problem
-        What rules the run out: moves beyond a limit, pictures that cannot be measured, a target out of view.
+        Reasons against the run: moves beyond a limit, pictures that cannot be measured, a target out of view.
     refusal : Problem or None
-        Why the answer is going to be no although the run could be made, as where no path leads to a target.
+        Why the answer will be no although the run could be made, such as no path to a target.
     """
 
     trials: int = 0
@@ -60,13 +60,13 @@ class RunPlan:
 
     @property
     def work(self) -> float:
-        """What progress counts up to: rig time [s], or pictures where nothing moves."""
+        """The end of the progress: rig time [s], or pictures if nothing moves."""
         return self.duration_s or float(self.pictures)
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left of an interrupted run: how many trials are kept, how many are left, and what makes those."""
+    """The rest of an interrupted run: how many trials are kept, how many are left, and the call that makes those."""
 
     kept: int
     left: int
@@ -75,24 +75,24 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Experiment(MeasuredExperiment):
-    """An experiment, as the registry hands it to whoever runs, resumes, replays or shows it.
+    """An experiment as the registry returns it, to be run, resumed, replayed or shown.
 
     Attributes
     ----------
     plugin : Plugin
         The package that it comes from.
     title : str
-        What it is called in a report.
+        Its name in a report.
     moves_rig : bool
         Whether it has a procedure; a design has none.
     can_resume : bool
         Whether an interrupted run of it can be continued.
     puts_needle_in_tissue : bool
-        Whether a needle may be in tissue where a run of it was cut short.
+        Whether a needle may be in tissue when a run of it ends early.
     counts : str
-        What its analysis counts while it goes on: pictures, hinges.
+        What the progress of its analysis counts: pictures, hinges.
     require_parts : callable
-        Raises `PluginError` where a part that it declares is not there.
+        Raises `PluginError` if a declared part does not exist.
     """
 
     plugin: Plugin
@@ -104,7 +104,7 @@ class Experiment(MeasuredExperiment):
     require_parts: Callable[[], None]
 
     def plan(self, protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
-        """Return what the protocol is going to ask of a rig; None for a protocol that moves none."""
+        """Return the plan of a run; the rig is None for a protocol that moves none."""
         return cast("RunPlan", self.part("plan")(protocol, rig))
 
     def run(self, protocol: ExperimentProtocol, session: Session) -> None:
@@ -113,31 +113,31 @@ class Experiment(MeasuredExperiment):
         Raises
         ------
         AnswerIsNoError, SafetyStopError, InterruptedRunError, MachineError
-            However it ends before its end; the caller stops the axes and closes the record.
+            When it ends early; the caller stops the axes and closes the record.
         """
         self.part("procedure")(protocol, session)
 
     def resume(self, protocol: ExperimentProtocol, run: Run) -> Remainder:
-        """Return what is left of an interrupted run. Raises `InputError` when there is no room for the rest."""
+        """Return the rest of an interrupted run. Raises `InputError` when there is no room for it."""
         return cast("Remainder", self.part("resume")(protocol, run))
 
     def page(self, run: Run, protocol: ExperimentProtocol, result: AnyResult | None) -> Page:
-        """Return what the report shows of a run; without a result, the facts of its protocol."""
+        """Return the page of a run; without a result, the facts of its protocol."""
         return cast("Page", self.part("page")(run, protocol, result))
 
     def view(self, run: Run, result: AnyResult | None) -> View:
-        """Return what the rerun view shows beside pictures, axes and events; nothing without a result."""
+        """Return the additions to the rerun view of a run; nothing without a result."""
         return View() if result is None else cast("View", self.part("view")(run, result))
 
     def summarise(self, result: Mapping[str, Any]) -> Summary:
-        """Return what a terminal shows of a result."""
+        """Return the terminal summary of a result."""
         return cast("Summary", self.part("summary")(result))
 
     def compare(self, old: Mapping[str, Any], new: Mapping[str, Any]) -> ResultComparison:
-        """Return what a reanalysis changed beside the numbers, such as commands that would have differed."""
+        """Return what a reanalysis changed besides the numbers, such as commands that would have differed."""
         return cast("ResultComparison", self.part("compare")(old, new))
 
 
 def total_duration_s(moves: Sequence[PlannedMove]) -> float:
-    """Return the time that moves take one after another [s]."""
+    """Return the total duration of moves made one after another [s]."""
     return sum(move.duration_s for move in moves)

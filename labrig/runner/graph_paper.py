@@ -1,4 +1,4 @@
-"""What the operator does at the bench before a run and after it: needle out, graph paper in and away again."""
+"""Steps of the operator before and after a run: confirm that the needle is out, and place the graph paper."""
 
 from labrig.analysis.sentinel import GridRole
 from labrig.devices.operator import ClearBench, ConfirmNeedleOut, LayGraphPaper
@@ -11,12 +11,12 @@ from labrig.vision.plane import PlaneMap
 
 
 def confirm_needle_out(session: Session) -> None:
-    """Where the rig does not know that no needle is in tissue, have the operator confirm it.
+    """Have the operator confirm that no needle is in tissue, unless the rig knows it.
 
     Raises
     ------
     SafetyStopError
-        When the operator says no.
+        When the operator does not confirm.
     """
     rig = session.rig
     if rig.state.needle_in_tissue is not False:
@@ -25,12 +25,12 @@ def confirm_needle_out(session: Session) -> None:
 
 
 def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Session) -> Picture | None:
-    """Photograph graph paper in the steering plane, where the protocol asks for it; no needle is in tissue then.
+    """Photograph graph paper in the steering plane, if the protocol asks for it; no needle is in tissue then.
 
     Raises
     ------
     SafetyStopError
-        When the operator says no.
+        When the operator does not confirm.
     """
     if sentinel is None:
         return None
@@ -44,12 +44,12 @@ def photograph_grid(sentinel: GridSentinel | None, role: GridRole, session: Sess
 def require_same_grid(
     before: Picture | None, after: Picture | None, sentinel: GridSentinel | None, plane: PlaneMap
 ) -> None:
-    """Refuse what was done between two pictures of the paper that no error bar reconciles.
+    """Refuse a run whose pictures of the paper differ by more than an error bar can cover.
 
     Raises
     ------
     CalibrationRefusedError
-        When the camera was bumped between them, or one does not show the paper.
+        When the camera was bumped between the pictures, or one of them does not show the paper.
     """
     if sentinel is None or before is None or after is None:
         return

@@ -1,4 +1,4 @@
-"""What a run is going to ask of a rig, checked and estimated before anything moves."""
+"""The moves, pictures and disk space of a run, checked and estimated before anything moves."""
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol
@@ -22,7 +22,7 @@ _PNG_SHARE = 0.7
 
 
 class Speeds(Protocol):
-    """How fast a needle goes in and comes out, as protocols say it [mm/s]."""
+    """The speeds of insertion and withdrawal in a protocol [mm/s]."""
 
     @property
     def speed_mm_s(self) -> float:
@@ -31,7 +31,7 @@ class Speeds(Protocol):
 
     @property
     def withdraw_speed_mm_s(self) -> float:
-        """Speed of the way back [mm/s]."""
+        """Withdrawal speed [mm/s]."""
         ...
 
 
@@ -43,7 +43,7 @@ def plan_insertion_moves(
     Parameters
     ----------
     key : str
-        The protocol's key that says how far the needle leaves the sheath.
+        The protocol's key of the inserted length.
     length_mm : float
         That length.
     speeds, sheath
@@ -58,17 +58,17 @@ def plan_insertion_moves(
 
 
 def plan_roll_move(rig: RigDescription, key: str, farthest_rad: float) -> PlannedMove:
-    """Return the turn of the bevel that is farthest from where it stands at first, at half the axis' speed."""
+    """Return the largest turn of the bevel from its first position, at half the axis' speed."""
     return PlannedMove(key, "rotation", 0.0, farthest_rad, rig.axes.rotation.max_speed / 2)
 
 
 def count_sentinel_work(sentinel: GridSentinel | None) -> tuple[int, int]:
-    """Return how many pictures and operator steps the graph paper before and after a run takes."""
+    """Return the numbers of pictures and operator steps for the graph paper before and after a run."""
     return (0, 0) if sentinel is None else (_GRID_PICTURES, 2 * _GRID_PICTURES)
 
 
 def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
-    """Yield the entries of a rig file that nobody has filled in, and what is wrong with the files that it names."""
+    """Yield the empty entries of a rig file, and the problems of the files that it names."""
     for key, where in unknown_entries(rig).items():
         yield Problem(f"rig {key}", "unknown", f"enter it: {where}")
     for key, problem in section_problems(rig):
@@ -76,7 +76,7 @@ def find_rig_file_problems(rig: RigDescription) -> Iterator[Problem]:
 
 
 def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
-    """Yield recorded pictures where pictures decide how real drives move."""
+    """Yield a camera with recorded pictures if pictures decide how real drives move."""
     if protocol.pictures_decide_motion and rig.camera.recorded and rig.kind == "bench":
         yield Problem(
             "rig camera.driver",
@@ -89,7 +89,7 @@ def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) ->
 def find_rig_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
-    """Return what a rig cannot do of an experiment that moves and measures: moves beyond a limit, no calibration."""
+    """Return the problems of an experiment that moves and measures: moves beyond a limit, no calibration."""
     uncalibrated = (
         Problem(result.check, result.value, result.solution)
         for result in check_calibration(rig)
@@ -101,7 +101,7 @@ def find_rig_problems(
 def find_move_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
-    """Return what a rig cannot do of an experiment that moves; it may measure in pixels, without a calibration."""
+    """Return the problems of an experiment that moves; it may measure in pixels, without a calibration."""
     problems = [*find_rig_file_problems(rig), *_find_picture_problems(protocol, rig)]
     for move in moves:
         try:
@@ -112,7 +112,7 @@ def find_move_problems(
 
 
 def estimate_disk_bytes(plan: RunPlan, rig: RigDescription | None) -> int:
-    """Return how much of the disk a run will take; a run without a rig (None) takes none."""
+    """Return the disk space that a run will take [bytes]; 0 without a rig (None)."""
     if rig is None:
         return 0
     share = 1.0 if rig.camera.store == "raw" else _PNG_SHARE

@@ -1,4 +1,4 @@
-"""Replays a record: the same procedure, on devices that answer as they did; commands and lines are compared."""
+"""Replays a record: runs the same procedure on recorded devices, and compares its commands and lines."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -29,18 +29,18 @@ _STREAMS = {"events": "event", "states": "state", "frames": "frame", "truth": "t
 
 @dataclass
 class Replay:
-    """What came of a replay.
+    """The result of a replay.
 
     Attributes
     ----------
     first_difference : ReplayDifference or None
-        None where everything was the same as far as the record goes.
+        None if everything was identical as far as the record goes.
     ended_early : str
-        Where a record ends that did not come to its end; empty for one that did.
+        Where an incomplete record ends; empty for a complete one.
     bit_exact : bool
-        Whether every line and every CAN frame came again to the last bit, times included.
+        Whether every line and every CAN frame was reproduced to the last bit, times included.
     counts : dict
-        How many commands, questions, pictures and lines were compared.
+        The numbers of compared commands, questions, pictures and lines.
     """
 
     first_difference: ReplayDifference | None = None
@@ -55,12 +55,12 @@ class Replay:
 
 
 def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, progress: Progress) -> Replay:
-    """Drive the procedure of a run with its recorded camera, drives, clock and operator, session after session.
+    """Run the procedure of a record with its recorded camera, drives, clock and operator, session by session.
 
     Raises
     ------
     InputError
-        For a run that no procedure made.
+        For a run that was not made by a procedure.
     RecordError
         When the record is damaged.
     """
@@ -71,7 +71,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
     if run.withdraws is not None:
         raise InputError(
             f"{run.path} is the withdrawal of the needle of run {run.withdraws}; it goes as a person answers",
-            "there is nothing to replay; its states, events and can.log say what was done",
+            "there is nothing to replay; its states, events and can.log show what was done",
         )
     found = Replay()
     if not experiment.moves_rig:
@@ -86,7 +86,7 @@ def replay_run(run: Run, experiment: Experiment, protocol: ExperimentProtocol, p
 
 
 def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) -> float:
-    """Return what the progress of a replay counts up to."""
+    """Return the end of the progress of a replay."""
     if not experiment.moves_rig:
         return 1.0
     return experiment.plan(protocol, load_recorded_rig(run)).work
@@ -94,7 +94,7 @@ def replay_work(run: Run, experiment: Experiment, protocol: ExperimentProtocol) 
 
 @dataclass(frozen=True)
 class _Replayed:
-    """The run whose procedure is driven again, and the rig that it had."""
+    """The run whose procedure runs again, and its rig."""
 
     run: Run
     experiment: Experiment
@@ -103,7 +103,7 @@ class _Replayed:
 
 
 def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None:
-    """Replay a run that moved nothing: only how it begins and ends is compared."""
+    """Replay a run that moved nothing: only its beginning and its end are compared."""
     recording = make_recording_without_rig(run)
     comparison = Comparison(recording)
     try:
@@ -117,11 +117,11 @@ def _replay_without_rig(run: Run, experiment: Experiment, found: Replay) -> None
 
 
 def _replay_session(replayed: _Replayed, recording: Recording, progress: Progress, found: Replay) -> None:
-    """Replay one session and add what came of it."""
+    """Replay one session and add its result."""
     comparison, journal = Comparison(recording), None
     try:
         with open_replayed(replayed.rig, recording, comparison) as (rig, hardware):
-            rig.describe()  # reads how the devices stand, as it did when the record was begun
+            rig.describe()  # reads the state of the devices, as when the record was begun
             journal = ReplayedJournal(replayed.run, recording, comparison)
             _conduct(replayed, recording, Session(rig, journal, progress))
             _require_nothing_left(hardware, journal, comparison)
@@ -150,7 +150,7 @@ def _conduct(replayed: _Replayed, recording: Recording, session: Session) -> Non
 def _require_nothing_left(
     hardware: ReplayedHardware, journal: "ReplayedJournal", comparison: Comparison
 ) -> None:
-    """Raise `ReplayDiffersError` where the record goes on and the procedure has ended."""
+    """Raise `ReplayDiffersError` if the record continues after the end of the procedure."""
     command, line = hardware.bus.find_next_command(), journal.find_next_line()
     if command is not None:
         comparison.raise_difference("command", command, "nothing")
@@ -159,7 +159,7 @@ def _require_nothing_left(
 
 
 class ReplayedJournal:
-    """Takes what a procedure records, and compares it with what the record has."""
+    """Compares what a procedure records with the lines of the record."""
 
     def __init__(self, run: Run, recording: Recording, comparison: Comparison) -> None:
         self.run_name = run.path.name
@@ -188,7 +188,7 @@ class ReplayedJournal:
         return number
 
     def state(self, t_s: float, **fields: object) -> None:
-        """Compare what the axes read."""
+        """Compare a state of the axes."""
         self._compare("states", {"t_s": self._t0_s + t_s, **fields})
 
     def event(self, kind: str, t_s: float, **fields: object) -> None:
@@ -202,15 +202,15 @@ class ReplayedJournal:
         self.event(event.kind, t_s, **event.line_fields())
 
     def truth(self, **fields: object) -> None:
-        """Compare what the simulated world told."""
+        """Compare a truth of the simulated world."""
         self._compare("truth", fields)
 
     def can_frames(self, frames: Iterable[tuple[float, int, bytes, str]]) -> None:
-        """Keep what passed on the bus."""
+        """Keep the frames on the bus."""
         self._can += frames
 
     def close(self, exit_status: str, reason: str, ended: datetime, **updates: object) -> None:
-        """Nothing is closed: the last event has said how it ended."""
+        """Do nothing: the last event states how the run ended."""
 
     def can_frames_are_exact(self) -> bool:
         """Return whether the same CAN frames passed at the same times as in the record."""
@@ -244,5 +244,5 @@ class ReplayedJournal:
 def _convert_to_microseconds(
     frames: Iterable[tuple[float, int, bytes, str]],
 ) -> list[tuple[int, int, bytes, str]]:
-    """Return CAN frames with times as can.log has them."""
+    """Return CAN frames with times in microseconds, as in can.log."""
     return [(round(t_s * 1e6), can_id, data, way) for t_s, can_id, data, way in frames]

@@ -1,4 +1,4 @@
-"""What every procedure is given, and the four things that it does with it: ask, move, look, note."""
+"""What every procedure works with: it asks the operator, moves axes, takes pictures and records events."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -17,10 +17,10 @@ from labrig.vision.picture import Picture
 
 
 class Progress(Protocol):
-    """Where a procedure tells how far it has come."""
+    """Receives the progress of a procedure."""
 
     def __call__(self, done: float, doing: str) -> None:
-        """Take how much of the estimate is behind (rig time [s]; pictures where nothing moves), and a sentence."""
+        """Receive how much of the estimate is done (rig time [s]; pictures if nothing moves), and a sentence."""
         ...
 
 
@@ -55,7 +55,7 @@ class Session:
         Raises
         ------
         SafetyStopError
-            When the operator says no.
+            When the operator does not confirm.
         """
         answer = self._ask_operator(request)
         if not answer.confirmed:

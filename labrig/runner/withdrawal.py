@@ -1,10 +1,10 @@
-"""Withdrawing a needle as it came: back, its bevel turned back where it was turned, then the sheath.
+"""Withdraws a needle along its path, turning the bevel back where it was turned, and then the sheath.
 
-After a crash, an emergency stop or a power cut the same is done from the record (`recover`). Nothing is homed for it:
-where a drive has lost its position, the needle is believed to stand where the record ends, once a person has looked.
+After a crash, an emergency stop or a power cut the path is taken from the record (`recover`). Nothing is homed then:
+if a drive has lost its position, the needle is assumed to be where the record ends, once a person has confirmed it.
 
-A needle that has been turned on its way lies in a track with bends in several directions; pulled out without turning
-back, its stiff tip would cut another one. The path is what the axes read while it went in.
+A needle that was turned on its way lies in a track with bends in several directions. If it were pulled out without
+turning back, its stiff tip would cut another track. The path consists of the axis positions during the insertion.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,29 +19,28 @@ from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.runner.session import Session
 
 _SAME_DEPTH_MM = 0.02
-"""Readings that differ by less are of one depth: servos at rest dither."""
+"""Readings that differ by less count as one depth: servos at rest dither."""
 
 _SAME_ROLL_RAD = 0.05
-"""Smaller turns are not undone one by one; a turn while the needle advances is undone in steps of this."""
+"""Smaller turns are not undone one by one; a turn during an advance is undone in steps of this size."""
 
 
 @dataclass(frozen=True)
 class ReverseMove:
-    """One move of a withdrawal: which axis, and where to, absolute [mm or rad]."""
+    """One move of a withdrawal: the axis, and its absolute target [mm or rad]."""
 
     axis: str
     position: float
 
 
 SLOWLY: Mapping[str, float] = {"insertion": 1.0, "rotation": 0.5, "linear": 1.0}
-"""The speed of each axis at which a needle is withdrawn unless somebody says otherwise [mm/s or rad/s]."""
+"""Default speed of each axis in a withdrawal [mm/s or rad/s]."""
 
 
 def read_needle_path(run: Run) -> tuple[AxisPositions, ...]:
-    """Return the states of the trial in which a run ended, first to last; none when its needle was out by then.
+    """Return the axis positions during the last trial of a run, in order; empty if its needle was out by then.
 
-    A withdrawal that did not come to its end has a record of its own; its states follow those of the run whose
-    needle it withdrew.
+    An incomplete withdrawal has a record of its own; its positions follow those of the run whose needle it withdrew.
 
     Raises
     ------
@@ -52,7 +51,7 @@ def read_needle_path(run: Run) -> tuple[AxisPositions, ...]:
         return (*read_needle_path(open_run(run.path.parent / run.withdraws)), *_read_positions(run.states))
     trials = run.read_trials(TrialStart, TrialStop)
     if not trials:
-        # The roll zero is found before any trial. What the needle went back is not gone in again.
+        # The roll zero is found before any trial. Retracted parts of the path are dropped later.
         return _read_positions(run.states)
     if trials[-1].exit_status == "success":
         return ()
@@ -67,18 +66,18 @@ def _read_positions(states: pd.DataFrame) -> tuple[AxisPositions, ...]:
 
 
 def plan_reverse_moves(path: Sequence[AxisPositions]) -> tuple[ReverseMove, ...]:
-    """Return the moves that take needle and sheath out along the path by which they came.
+    """Return the moves that withdraw needle and sheath along their path.
 
     Parameters
     ----------
-    path : sequence of Stance
-        From before the needle went in to where it stands now. What it went back meanwhile is not gone in again.
+    path : sequence of AxisPositions
+        From before the insertion to the present position. Parts that were retracted meanwhile are left out.
 
     Returns
     -------
     tuple of ReverseMove
         The needle never goes deeper. It ends flush with the sheath (0 mm), then the sheath goes to 0 mm; the bevel
-        is left as it was where the needle went in.
+        ends at its roll at the entry.
     """
     return tuple(_join_moves(_plan_moves(path))) if path else ()
 
@@ -101,19 +100,19 @@ def _plan_moves(path: Sequence[AxisPositions]) -> Iterator[ReverseMove]:
 
 
 def _find_path_in_tissue(path: Sequence[AxisPositions]) -> list[AxisPositions]:
-    """Return the part of the path that the needle still lies in, its depths rising, from where it left the sheath."""
+    """Return the part of the path that the needle lies in, in order of depth, from where it left the sheath."""
     lying: list[AxisPositions] = []
     for positions in path:
         while lying and lying[-1].insertion_mm > positions.insertion_mm + _SAME_DEPTH_MM:
             lying.pop()
         lying.append(positions)
-    # Turns that were made before the needle left the sheath cut nothing, and are not undone.
+    # Turns before the needle left the sheath cut nothing, and are not undone.
     outside = [number for number, positions in enumerate(lying) if positions.insertion_mm <= _SAME_DEPTH_MM]
     return lying[outside[-1] if outside else 0 :]
 
 
 def _join_moves(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
-    """Make one move of those that follow each other on one axis."""
+    """Join consecutive moves of one axis into one."""
     joined: list[ReverseMove] = []
     for move in moves:
         if joined and joined[-1].axis == move.axis:
@@ -123,24 +122,24 @@ def _join_moves(moves: Iterator[ReverseMove]) -> list[ReverseMove]:
 
 
 def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[str, float] = SLOWLY) -> None:
-    """Withdraw the needle from where it stands along the path by which it came, and the sheath after it.
+    """Withdraw the needle along its path, and then the sheath.
 
-    The needle counts as out when every axis has a reference and has arrived; where positions are only believed, when
-    the operator confirms it.
+    The needle counts as out when every axis has a reference and has arrived; if positions are only assumed, when the
+    operator confirms it.
 
     Parameters
     ----------
     session : Session
-        Every axis of its rig has a reference, or a position that a person has confirmed.
-    path : sequence of Stance
-        The path so far, as `read_needle_path` or the states of this trial give it.
+        Every axis of its rig has a reference, or a position confirmed by a person.
+    path : sequence of AxisPositions
+        The path so far, from `read_needle_path` or the states of this trial.
     speeds : mapping of str to float
-        How fast each axis moves [mm/s or rad/s]; rounded down to what the motor's integer rpm allow.
+        Speed of each axis [mm/s or rad/s], rounded down to integer rpm of the motor.
 
     Raises
     ------
     SafetyStopError
-        When the operator does not confirm that the needle is out, or an axis' position is not known.
+        When the operator does not confirm that the needle is out, or the position of an axis is unknown.
     DriveError, BusError, InterruptedRunError
         The needle still counts as in tissue.
     """
@@ -157,7 +156,7 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
 
 
 def recover(session: Session, run_name: str, path: Sequence[AxisPositions], standing: AxisPositions) -> None:
-    """Withdraw a needle that a run has left in tissue, each step on confirmation; nothing is homed.
+    """Withdraw a needle that a run has left in tissue, once each step is confirmed; nothing is homed.
 
     Parameters
     ----------
@@ -165,20 +164,20 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
         The opened rig, and the record of the withdrawal.
     run_name : str
         The run that left it.
-    path : sequence of Stance
-        Its path, as `read_needle_path` gives it.
-    standing : Stance
-        Where axes that have lost their positions are believed to stand.
+    path : sequence of AxisPositions
+        Its path, from `read_needle_path`.
+    standing : AxisPositions
+        Assumed positions of the axes that have lost theirs.
 
     Raises
     ------
     SafetyStopError
-        When the operator says no to anything.
+        When the operator does not confirm a step.
     DriveError, BusError, InterruptedRunError
         The needle still counts as in tissue.
     """
     rig = session.rig
-    believed = {
+    assumed = {
         "insertion": standing.insertion_mm,
         "rotation": standing.rotation_rad,
         "linear": standing.linear_mm,
@@ -188,7 +187,7 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
         session.ask(
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
-        rig.assume_positions({name: believed[name] for name in lost})
+        rig.assume_positions({name: assumed[name] for name in lost})
     moves = plan_reverse_moves((*path, axis_positions_of(rig.read_states())))
     session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
     rig.needle.mark_in_tissue(session.recorder.run_name)

@@ -49,7 +49,7 @@ _CLOSER = (
 
 
 def search_plane(around: Surroundings, *, thorough: bool) -> FloatArray | None:
-    """Return the best path (n, 2) of a planar problem, or None; a thorough search looks closer before that."""
+    """Return the best path (n, 2) of a planar problem, or None; a thorough search also tries finer trees."""
     field, target = Field.from_surroundings(around), target_in_plane(around)
     quick = _search_first(around, field, target, _FIRST)
     if quick is not None or not thorough:

@@ -67,16 +67,16 @@ class TipSighting:
 
 @dataclass(frozen=True)
 class SteeringCommand:
-    """What to do next: stop, or turn the bevel, run on and look.
+    """What to do next: stop, or turn the bevel, advance, and take a picture.
 
     Attributes
     ----------
     roll_rad : float
         Turn the bevel by this first, while the needle stands still; 0: no turn.
     observe_at_mm : float
-        Insertion length at which to look next.
+        Insertion length at which to take the next picture.
     run_to_mm : float
-        Insertion length up to which the needle may run; it stops there for a turn or at the end of the path.
+        Insertion length up to which the needle may advance; it stops there for a turn or at the end of the path.
     stop : str or None
         Why the insertion ends here; None while it goes on.
     detail : str

@@ -1,8 +1,8 @@
 """The step that joins estimator and planner: (state, sighting) -> (state, command), pure.
 
 A sighting is an insertion length and the tip's position seen there. The estimator takes it in. On an occasion the
-path is replanned from where the tip will be once a turn can act. The command states how far the needle may run, where
-to look next, and whether to turn the bevel or to stop.
+path is replanned from where the tip will be once a turn can act. The command states how far the needle may advance,
+where to take the next picture, and whether to turn the bevel or to stop.
 
 There are two policies. The paper's (`SteeringPolicy.paper`) replans every 20 mm and lets a turn act at once. The
 default policy also replans when the rest of the path would miss, and at every sighting near the target, and it allows
@@ -346,8 +346,8 @@ def _command_next(state: SteeringState, settings: SteeringSettings) -> tuple[Ste
     if turned.ahead:
         soonest_mm = turned.insertion_mm + settings.policy.lead_mm
         run_to_mm = min(max(turned.ahead[0].at_mm, soonest_mm), run_to_mm)
-    looks = max(1, round((run_to_mm - turned.insertion_mm) / settings.policy.observe_every_mm))
-    observe_at_mm = turned.insertion_mm + (run_to_mm - turned.insertion_mm) / looks
+    pictures = max(1, round((run_to_mm - turned.insertion_mm) / settings.policy.observe_every_mm))
+    observe_at_mm = turned.insertion_mm + (run_to_mm - turned.insertion_mm) / pictures
     return replace(turned, run_to_mm=run_to_mm), SteeringCommand(roll_rad, observe_at_mm, run_to_mm)
 
 

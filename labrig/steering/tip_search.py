@@ -1,4 +1,4 @@
-"""Where in a picture the tip is looked for: where the estimate expects it, wider and at any heading after misses.
+"""Searches for the tip in a picture: near the estimate, and more widely and at any heading after misses.
 
 A live insertion and the analysis of its record search by this one function, so that a record is gone through again as
 it was.
@@ -25,7 +25,7 @@ _MISSES_WITH_HEADING = 2
 
 @dataclass(frozen=True, eq=False)
 class TipView:
-    """What turns a picture into a place: plane map, mask, and the template with its heading told from that plane."""
+    """Plane map, mask and template for finding the tip; the template's heading is relative to that plane."""
 
     plane: PlaneMap
     template: TipTemplate
@@ -39,7 +39,7 @@ class TipView:
 
 @dataclass(frozen=True, eq=False)
 class TipSearched:
-    """Where the tip was looked for, and what was found; `position_mm` (3,) is None where it was not.
+    """Where the tip was searched for, and what was found; `position_mm` (3,) is None if it was not found.
 
     region_px : side of the square around `near_px` that was searched.
     """

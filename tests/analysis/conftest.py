@@ -10,13 +10,13 @@ from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import experiment_of
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run, open_run
-from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
+from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 
-SWEEP = Sweep(without_needle=frozenset({3}))
+SWEEP = SyntheticSweep(without_needle=frozenset({3}))
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredRun:
     """A run and its result."""
 
     run: Run
@@ -29,16 +29,16 @@ class Measured:
         return self.result.content
 
 
-def measure(run: Run, *overrides: str, workers: int = 1) -> Measured:
+def measure(run: Run, *overrides: str, workers: int = 1) -> MeasuredRun:
     """Analyse a run in this process."""
     result = analyze_run(
         run, experiment_of(run), overrides=overrides, workers=workers, created=NOW, provenance=PROVENANCE
     )
-    return Measured(open_run(run.path), result)
+    return MeasuredRun(open_run(run.path), result)
 
 
 @pytest.fixture(scope="session")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Measured:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
     """Two insertions in each of two gels; the last picture shows no needle."""
     return measure(record_sweep(tmp_path_factory.mktemp("sweep"), SWEEP))
 

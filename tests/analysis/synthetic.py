@@ -55,7 +55,7 @@ analysis: {{window_start_mm: 4, window_end_mm: 2, min_window_mm: 15, max_radius_
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SyntheticSweep:
     """What is recorded: the radii of each gel, and the words of the people around it."""
 
     radii_mm: dict[str, tuple[float, ...]] = field(
@@ -96,9 +96,9 @@ def plane_file(folder: Path) -> Path:
     return path
 
 
-def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
+def record_sweep(folder: Path, sweep: SyntheticSweep | None = None) -> Run:
     """Record a sweep into `folder/run` and open it."""
-    sweep = sweep or Sweep()
+    sweep = sweep or SyntheticSweep()
     insertions = max(1, *(len(radii) for radii in sweep.radii_mm.values()))
     specimens = dict(zip(sweep.radii_mm, sweep.gelatin_percent, strict=True))
     protocol = load_text(
@@ -136,7 +136,7 @@ def record_sweep(folder: Path, sweep: Sweep | None = None) -> Run:
 
 
 def _record_trial(
-    recorder: Recorder, sweep: Sweep, trial: int, place: dict[str, object], radius_mm: float
+    recorder: Recorder, sweep: SyntheticSweep, trial: int, place: dict[str, object], radius_mm: float
 ) -> None:
     t_s = 60.0 * trial
     recorder.event("trial_start", t_s, trial=trial, needle_id="N1", hole_position_mm=10.0, **place)
@@ -207,7 +207,7 @@ roll_zero: {specimen: {name: block, gelatin_percent: 13}, rolls: 6, length_mm: 1
     return open_run(recorder.path)
 
 
-def abort_sweep(sweep: Sweep) -> Sweep:
+def abort_sweep(sweep: SyntheticSweep) -> SyntheticSweep:
     """Return the sweep as it is when the operator says no before the last final picture."""
     last = sum(len(radii) for radii in sweep.radii_mm.values()) - 1
     return replace(sweep, exit_status="aborted", without_final=frozenset({last}))

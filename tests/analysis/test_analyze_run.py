@@ -24,12 +24,12 @@ from labrig.experiments.registry import experiment_of, result_of
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
-from tests.analysis.conftest import Measured, measure
+from tests.analysis.conftest import MeasuredRun, measure
 from tests.analysis.synthetic import (
     LENGTH_MM,
     NOW,
     PROVENANCE,
-    Sweep,
+    SyntheticSweep,
     abort_sweep,
     record_import,
     record_sweep,
@@ -46,7 +46,7 @@ def _raw_bytes(run: Path) -> dict[str, str]:
     }
 
 
-def test_each_radius_is_that_of_the_drawn_arc(measured: Measured) -> None:
+def test_each_radius_is_that_of_the_drawn_arc(measured: MeasuredRun) -> None:
     """Final pictures give the drawn radii within 0.05 mm, by gel, with the interval of the mean."""
     first, second = measured.content.specimens
     assert (first.name, first.n, first.mean_radius_mm) == ("gel A", 2, pytest.approx(28.3, abs=0.05))
@@ -56,20 +56,20 @@ def test_each_radius_is_that_of_the_drawn_arc(measured: Measured) -> None:
     assert measured.content.mean_radius_mm == pytest.approx((28.3 + 27.0) / 2, abs=0.05)
 
 
-def test_every_picture_of_the_needle_is_measured_and_no_other(measured: Measured) -> None:
+def test_every_picture_of_the_needle_is_measured_and_no_other(measured: MeasuredRun) -> None:
     """Pictures on the way and final ones are measured; the sheath alone is not."""
     roles = [measurement.role for measurement in measured.content.measurements]
     assert roles == ["advance", "advance", "final"] * 4
 
 
-def test_a_picture_on_the_way_enters_no_mean(measured: Measured) -> None:
+def test_a_picture_on_the_way_enters_no_mean(measured: MeasuredRun) -> None:
     """Pictures at 30 mm give radii too, and the means stay those of final ones."""
     accepted = [measurement.role for measurement in measured.content.measurements if measurement.accepted]
     assert accepted.count("advance") == 3
     assert [specimen.n for specimen in measured.content.specimens] == [2, 1]
 
 
-def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: Measured) -> None:
+def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: MeasuredRun) -> None:
     """The refusal is in the list of pictures and in the count of its gel."""
     refused = [
         measurement
@@ -86,7 +86,7 @@ def test_a_picture_without_a_needle_is_refused_with_a_reason(measured: Measured)
 
 def test_a_result_that_cannot_be_written_leaves_no_folder(folder: Path) -> None:
     """On a full disk the analysis fails, its folder is removed, and the next result takes its number."""
-    run = record_sweep(folder, Sweep(without_needle=frozenset({3})))
+    run = record_sweep(folder, SyntheticSweep(without_needle=frozenset({3})))
     for longest_bytes in (0, 5_000):
         with full_disk(longest_bytes), pytest.raises(DiskError, match=r"analysis/001/.*File too large"):
             measure(run)
@@ -94,7 +94,7 @@ def test_a_result_that_cannot_be_written_leaves_no_folder(folder: Path) -> None:
     assert measure(run).result.path.name == "001"
 
 
-def test_the_comparison_with_the_truth_is_kept_apart(measured: Measured) -> None:
+def test_the_comparison_with_the_truth_is_kept_apart(measured: MeasuredRun) -> None:
     """Drawn means count every drawn radius, and the worst error is that of an accepted picture."""
     truth = measured.content.truth
     assert truth is not None
@@ -146,7 +146,7 @@ def test_damage_of_the_record_is_in_the_result(folder: Path) -> None:
     assert measured.content.mean_radius_mm is not None
 
 
-def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: Measured) -> None:
+def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: MeasuredRun) -> None:
     """tables.json names each CSV file, its columns in order with their units, and the number of its rows."""
     listed = json.loads((measured.result.path / "tables.json").read_text(encoding="utf-8"))
     assert listed.keys() == {"measurements", "specimens", "origins"}
@@ -165,14 +165,14 @@ def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: Measure
     )
 
 
-def test_a_whole_run_has_no_damage(measured: Measured) -> None:
+def test_a_whole_run_has_no_damage(measured: MeasuredRun) -> None:
     """Nothing is said of a record that is as it was written."""
     assert measured.result.document["damage"] == []
 
 
 def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
     """A killed process leaves one; it is known and forgiven."""
-    run = record_sweep(folder, Sweep(exit_status=None))
+    run = record_sweep(folder, SyntheticSweep(exit_status=None))
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
     again = open_run(run.path)
@@ -181,7 +181,7 @@ def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("workers", [2, 5])
-def test_the_result_is_the_same_for_any_number_of_workers(measured: Measured, workers: int) -> None:
+def test_the_result_is_the_same_for_any_number_of_workers(measured: MeasuredRun, workers: int) -> None:
     """Parallel work changes neither a digit nor the order."""
     parallel = measure(measured.run, workers=workers)
     assert parallel.content.measurements == measured.content.measurements
@@ -190,7 +190,7 @@ def test_the_result_is_the_same_for_any_number_of_workers(measured: Measured, wo
         assert (parallel.result.path / name).read_bytes() == (measured.result.path / name).read_bytes()
 
 
-def test_workers_end_with_a_parent_that_was_killed(measured: Measured) -> None:
+def test_workers_end_with_a_parent_that_was_killed(measured: MeasuredRun) -> None:
     """After SIGKILL to the measuring process none of its workers is left waiting."""
     script = """
 import os, signal, sys
@@ -218,7 +218,7 @@ analyze_run(run, experiment_of(run), workers=2, progress=die, created=NOW, prove
         os.close(worker)
 
 
-def test_progress_is_told_after_each_picture(measured: Measured) -> None:
+def test_progress_is_told_after_each_picture(measured: MeasuredRun) -> None:
     """The callback counts up to the number of pictures."""
     updates: list[tuple[int, int]] = []
     analyze_run(
@@ -244,7 +244,7 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: 
     assert _raw_bytes(run.path) == before
 
 
-def test_results_are_read_back_as_they_were_written(measured: Measured) -> None:
+def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> None:
     """load_result gives the newest result, or the one asked for, equal to what analyze_run returned."""
     assert result_of(measured.run, 1) == measured.result
     newest = result_of(measured.run)
@@ -322,7 +322,7 @@ def _too_large(arrays: Mapping[str, np.ndarray]) -> bytes:
     ],
 )
 def test_damaged_centre_lines_are_refused_with_their_path(
-    spoil: Callable[[Mapping[str, np.ndarray]], bytes], measured: Measured, tmp_path: Path
+    spoil: Callable[[Mapping[str, np.ndarray]], bytes], measured: MeasuredRun, tmp_path: Path
 ) -> None:
     """Empty, cut, changed, too large for any memory, or of arrays that do not fit each other."""
     with np.load(measured.result.path / "centre_lines.npz") as arrays:
@@ -341,7 +341,7 @@ def test_a_folder_beside_the_results_is_none_of_them(folder: Path) -> None:
     assert run.result_numbers == (1,)
 
 
-def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None:
+def test_only_the_analysis_section_can_be_overridden(measured: MeasuredRun) -> None:
     """What the rig did cannot be changed afterwards; a wrong key of the section is refused with a hint."""
     with pytest.raises(InputError, match="needle"):
         measure(measured.run, "needle.diameter_mm=2")
@@ -352,13 +352,13 @@ def test_only_the_analysis_section_can_be_overridden(measured: Measured) -> None
 
 def test_an_analysis_that_cannot_begin_leaves_nothing(folder: Path) -> None:
     """Without a plane map there is no scale, and no empty result is left behind."""
-    run = record_sweep(folder, Sweep(plane=False))
+    run = record_sweep(folder, SyntheticSweep(plane=False))
     with pytest.raises(InputError, match=r"plane\.json"):
         measure(run)
     assert not (run.path / "analysis").exists()
 
 
-def test_tables_name_units_and_hold_every_picture(measured: Measured) -> None:
+def test_tables_name_units_and_hold_every_picture(measured: MeasuredRun) -> None:
     """Each length column of the CSV says mm, pairs are two columns, and what is unknown is empty."""
     with (measured.result.path / "measurements.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -375,12 +375,12 @@ def test_tables_name_units_and_hold_every_picture(measured: Measured) -> None:
 
 def test_a_name_that_looks_like_a_formula_stays_text_in_a_spreadsheet(folder: Path) -> None:
     """Cells that would begin a formula are marked as text."""
-    sweep = Sweep(radii_mm={"=cmd()": (28.0,)}, gelatin_percent=(10.0,))
+    sweep = SyntheticSweep(radii_mm={"=cmd()": (28.0,)}, gelatin_percent=(10.0,))
     result = measure(record_sweep(folder, sweep)).result
     assert "'=cmd()" in (result.path / "specimens.csv").read_text()
 
 
-def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: Measured) -> None:
+def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: MeasuredRun) -> None:
     """The stored lines are those of the pictures, in mm and in pixels, with the window that was fitted."""
     lines = load_centre_lines(measured.result.path)
     frame = measured.content.measurements[2].frame
@@ -394,7 +394,7 @@ def test_centre_lines_lead_from_the_sheath_to_the_tip(measured: Measured) -> Non
     assert radius == pytest.approx(28.0, abs=0.1)
 
 
-def test_the_result_names_what_it_rests_on(measured: Measured) -> None:
+def test_the_result_names_what_it_rests_on(measured: MeasuredRun) -> None:
     """Hashes of the inputs, code version, time and settings are in the result itself."""
     content = measured.content
     frames = (measured.run.path / "frames.jsonl").read_bytes()
@@ -406,9 +406,10 @@ def test_the_result_names_what_it_rests_on(measured: Measured) -> None:
 
 
 @pytest.mark.parametrize(
-    "sweep", [abort_sweep(Sweep()), Sweep(exit_status=None, without_final=frozenset({2, 3}))]
+    "sweep",
+    [abort_sweep(SyntheticSweep()), SyntheticSweep(exit_status=None, without_final=frozenset({2, 3}))],
 )
-def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, sweep: Sweep) -> None:
+def test_a_run_that_did_not_end_is_measured_as_far_as_it_goes(folder: Path, sweep: SyntheticSweep) -> None:
     """Aborted and killed runs give the insertions that they have, and say which left no final picture."""
     run = record_sweep(folder, sweep)
     content = measure(run).content
@@ -429,7 +430,7 @@ def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> N
 
 def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
     """A run that was stopped before its first picture is no error."""
-    sweep = Sweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
+    sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
     run = record_sweep(folder, sweep)
     result = measure(open_run(run.path), workers=2).result
     assert isinstance(result.content, CurvatureResult)
@@ -442,7 +443,7 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
     (folder / "runs").mkdir()
     file = folder / "not-needle.json"
     file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')
-    run = record_sweep(folder / "runs", Sweep())
+    run = record_sweep(folder / "runs", SyntheticSweep())
     mask = load_mask(file)
     result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
     assert isinstance(result.content, CurvatureResult)
@@ -453,7 +454,7 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
 
 def test_a_result_can_be_shown_without_personal_data(folder: Path) -> None:
     """Host, account and command line are left out of the shown result, and stay in the file."""
-    run = record_sweep(folder, Sweep(without_needle=frozenset({3})))
+    run = record_sweep(folder, SyntheticSweep(without_needle=frozenset({3})))
     provenance = {**PROVENANCE, "host": "lab-pc", "account": "chen", "command_line": ["labrig"]}
     result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=provenance)
     assert result.without_personal_data().document == {**result.document, "provenance": PROVENANCE}

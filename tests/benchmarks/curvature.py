@@ -26,7 +26,7 @@ from labrig.vision.plane import PlaneMap
 from labrig.vision.plane_calibration import calibrate_plane
 from labrig.vision.zhang import calibrate_intrinsics
 from tests.benchmarks.table import print_rows
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def print_table() -> None:
 def _measure_all() -> list[CurvatureMeasurement]:
     """Return the measurements of all pictures, on all cores; progress goes to standard error."""
     firsts = range(0, PICTURES, PICTURES_A_CALIBRATION)
-    bench = Bench(Lens())
+    bench = RenderedBench(RenderedLens())
     cv2.setNumThreads(1)  # a process per core; OpenCV's threads do not survive the fork either
     started = time.perf_counter()
     measured: list[CurvatureMeasurement] = []
@@ -82,7 +82,7 @@ def _measure_all() -> list[CurvatureMeasurement]:
     return measured
 
 
-def _measure_batch(bench: Bench, first: int) -> list[CurvatureMeasurement]:
+def _measure_batch(bench: RenderedBench, first: int) -> list[CurvatureMeasurement]:
     """Return the measurements of the pictures of a calibration."""
     random = np.random.default_rng(first)
     plane = _calibrate_plane(bench, _calibrate_lens(bench.lens, random), random)
@@ -90,12 +90,14 @@ def _measure_batch(bench: Bench, first: int) -> list[CurvatureMeasurement]:
     return [_measure(bench, plane, first + number, random) for number in range(count)]
 
 
-def _measure(bench: Bench, plane: PlaneMap, seed: int, random: np.random.Generator) -> CurvatureMeasurement:
-    needle = Needle(RADIUS_MM, sheath_tip_mm=(random.uniform(-2.0, 6.0), random.uniform(-1.0, 3.0)))
-    return measure_curvature(bench.picture(needle, Gel(), seed), plane, CurvatureSettings())
+def _measure(
+    bench: RenderedBench, plane: PlaneMap, seed: int, random: np.random.Generator
+) -> CurvatureMeasurement:
+    needle = RenderedNeedle(RADIUS_MM, sheath_tip_mm=(random.uniform(-2.0, 6.0), random.uniform(-1.0, 3.0)))
+    return measure_curvature(bench.picture(needle, RenderedGel(), seed), plane, CurvatureSettings())
 
 
-def _calibrate_lens(lens: Lens, random: np.random.Generator) -> Intrinsics:
+def _calibrate_lens(lens: RenderedLens, random: np.random.Generator) -> Intrinsics:
     """Return the camera as calibrated from corners with noise."""
     board = board_points_mm(9, 6, 6.0)
     poses = [
@@ -129,7 +131,7 @@ def _calibrate_lens(lens: Lens, random: np.random.Generator) -> Intrinsics:
     return calibrate_intrinsics(boards, views, (lens.width, lens.height))
 
 
-def _calibrate_plane(bench: Bench, lens: Intrinsics, random: np.random.Generator) -> PlaneMap:
+def _calibrate_plane(bench: RenderedBench, lens: Intrinsics, random: np.random.Generator) -> PlaneMap:
     """Return the plane as calibrated from a picture of ruled paper."""
     offset = np.abs(bench.mm - np.round(bench.mm)).min(axis=2)
     lines = np.clip(0.5 + (0.05 - offset) * bench.px_per_mm, 0.0, 1.0)
@@ -158,9 +160,11 @@ def _measure_time_ms() -> float:
 
 def time_ms() -> float:
     """Return the median time to measure a 1920x1080 picture."""
-    lens = Lens(width=1920, height=1080, focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0))
-    bench = Bench(lens)
-    picture = bench.picture(Needle(RADIUS_MM), replace(Gel(), bubbles=10), 1)
+    lens = RenderedLens(
+        width=1920, height=1080, focal_px=2700.0, centre_px=(965.0, 532.0), origin_px=(480.0, 300.0)
+    )
+    bench = RenderedBench(lens)
+    picture = bench.picture(RenderedNeedle(RADIUS_MM), replace(RenderedGel(), bubbles=10), 1)
     plane = lens.plane_map()
     times = []
     for _ in range(SPEED_REPEATS):

@@ -39,7 +39,7 @@ def _print_design() -> None:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class HingeComparison:
     """A hinge of a design: the largest free angle of the grid less the searched angle, and the work."""
 
     difference_deg: float
@@ -61,12 +61,12 @@ def _print_brute_force() -> None:
     )
 
 
-def _compare(number: int) -> list[Comparison]:
+def _compare(number: int) -> list[HingeComparison]:
     hinge = random_hinge(number)
     return [_compare_view(view) for view in (hinge.hinge_a(), hinge.hinge_b())]
 
 
-def _compare_view(view: HingeView) -> Comparison:
+def _compare_view(view: HingeView) -> HingeComparison:
     brute = LargestFree(view, STEP_DEG)
     difference_deg = brute.angle_deg() - search_largest_rotation(view).rotation_deg
-    return Comparison(difference_deg, brute.angles, brute.tried)
+    return HingeComparison(difference_deg, brute.angles, brute.tried)

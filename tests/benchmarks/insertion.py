@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.table import Measured, measure, print_rows
+from tests.benchmarks.table import FinishedCommand, measure, print_rows
 
 ROOT = Path(__file__).parents[2]
 SEEDS = range(1, 21)
@@ -50,7 +50,7 @@ def print_table(seeds: Sequence[int] = SEEDS) -> None:
     )
 
 
-def _run(runs_dir: Path, seed: int) -> tuple[Measured, dict[str, Any]]:
+def _run(runs_dir: Path, seed: int) -> tuple[FinishedCommand, dict[str, Any]]:
     protocol, rig = ROOT / "protocols" / "insertion.yaml", ROOT / "calibration" / "rig-simulated.yaml"
     where = ["--rig", str(rig), "--runs-dir", str(runs_dir), "--run-name", f"seed-{seed}"]
     command = [sys.executable, "-m", "labrig", "run", str(protocol), *where, "--seed", str(seed), "--json"]
@@ -58,7 +58,7 @@ def _run(runs_dir: Path, seed: int) -> tuple[Measured, dict[str, Any]]:
     return measured, json.loads(measured.out)
 
 
-def _row(seed: int, measured: Measured, document: dict[str, Any], result: dict[str, Any]) -> list[str]:
+def _row(seed: int, measured: FinishedCommand, document: dict[str, Any], result: dict[str, Any]) -> list[str]:
     figures = ("true_target_error_mm", "target_error_mm", "true_min_clearance_mm")
     return [
         str(seed),

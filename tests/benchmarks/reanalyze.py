@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 
 from tests.benchmarks.table import print_rows
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
 FRAMES = int(os.environ.get("LABRIG_BENCHMARK_FRAMES", "1000"))
 DIFFERENT = 20
@@ -76,10 +76,10 @@ def _row(what: str, arguments: list[str]) -> list[object]:
 
 def _import(folder: Path, runs: int) -> list[str]:
     """Return runs of rendered pictures that repeat a few pictures and together hold all frames."""
-    lens = Lens(k1=0.0, k2=0.0, tilt_rad=0.0)
-    bench = Bench(lens)
+    lens = RenderedLens(k1=0.0, k2=0.0, tilt_rad=0.0)
+    bench = RenderedBench(lens)
     drawn = [
-        cv2.imencode(".png", bench.picture(Needle(27.0 + 0.1 * n), Gel(), n))[1].tobytes()
+        cv2.imencode(".png", bench.picture(RenderedNeedle(27.0 + 0.1 * n), RenderedGel(), n))[1].tobytes()
         for n in range(DIFFERENT)
     ]
     for run in range(runs):

@@ -9,7 +9,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.table import Measured, measure, print_rows
+from tests.benchmarks.table import FinishedCommand, measure, print_rows
 
 ROOT = Path(__file__).parents[2]
 
@@ -30,7 +30,7 @@ def print_table() -> None:
         print(f"second sweep, same seed: frames, states and events {'identical' if same else 'DIFFER'}")
 
 
-def _sweep(runs_dir: Path) -> tuple[Measured, dict[str, Any]]:
+def _sweep(runs_dir: Path) -> tuple[FinishedCommand, dict[str, Any]]:
     protocol, rig = ROOT / "protocols" / "steerability.yaml", ROOT / "calibration" / "rig-simulated.yaml"
     command = [
         sys.executable,

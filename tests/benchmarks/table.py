@@ -18,7 +18,7 @@ def print_rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
 
 
 @dataclass(frozen=True)
-class Measured:
+class FinishedCommand:
     """A finished command: wall time, peak memory of all its processes, exit code and output."""
 
     wall_s: float
@@ -27,7 +27,7 @@ class Measured:
     out: str
 
 
-def measure(command: Sequence[str]) -> Measured:
+def measure(command: Sequence[str]) -> FinishedCommand:
     """Run a command and sample the proportional memory of it and its children twenty times a second.
 
     An exit code above 1 (1 means that the answer is no) ends the benchmark with the standard error of the command.
@@ -48,7 +48,7 @@ def measure(command: Sequence[str]) -> Measured:
         stderr.seek(0)
         if process.returncode not in {0, 1}:
             raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}:\n{stderr.read()}")
-        return Measured(wall_s, peak / 1e6, process.returncode, out.read())
+        return FinishedCommand(wall_s, peak / 1e6, process.returncode, out.read())
 
 
 def _still_runs(process: subprocess.Popen[bytes]) -> bool:

@@ -72,7 +72,7 @@ SHORT_SWEEP = (
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepRun:
     """A short sweep that was run once: its folder and what `labrig run --json` printed."""
 
     run: Path
@@ -80,8 +80,8 @@ class Sweep:
 
 
 @pytest.fixture(scope="session")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> SweepRun:
     """Two insertions in each of two gels, run through the real command."""
     runs_dir = tmp_path_factory.mktemp("runs with spaces, é")
     document = printed_json("run", SWEEP, "--rig", RIG, "--runs-dir", runs_dir, "--json", *SHORT_SWEEP)
-    return Sweep(Path(document["run"]), document)
+    return SweepRun(Path(document["run"]), document)

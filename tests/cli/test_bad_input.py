@@ -1,4 +1,4 @@
-"""First errors: one sentence that names the thing, a hint, the documented exit code, and no traceback."""
+"""Errors for bad input: a sentence that names the cause, a hint, the documented exit code, and no traceback."""
 
 import os
 import sys
@@ -19,7 +19,7 @@ from labrig.errors import (
     DriveSilentError,
     LabrigError,
 )
-from tests.cli.conftest import RIG, SWEEP, Labrig, Sweep
+from tests.cli.conftest import RIG, SWEEP, Labrig, SweepRun
 
 
 def _protocol(tmp_path: Path, text: str) -> Path:
@@ -49,7 +49,7 @@ def test_a_malformed_protocol_is_refused_with_its_place(text: str, labrig: Labri
 
 
 def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path: Path) -> None:
-    """A rig file for a protocol, the other way round, and a text: not every key that they have not."""
+    """A rig file given as a protocol, or the other way round, is one error, not one for each key."""
     done = labrig("check", RIG)
     assert (done.exit_code, done.err.count("error:")) == (2, 1)
     assert "this is a rig file, expected a protocol" in done.err
@@ -65,9 +65,9 @@ def test_a_file_of_another_kind_is_told_in_one_sentence(labrig: Labrig, tmp_path
 
 
 def test_a_run_is_found_by_the_name_that_the_list_shows(
-    labrig: Labrig, sweep: Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In data/runs of the folder where labrig is called; a folder of that name comes first."""
+    """A run is found by its name in data/runs; a local folder of that name takes precedence."""
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "runs").symlink_to(sweep.run.parent, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
@@ -79,14 +79,14 @@ def test_a_run_is_found_by_the_name_that_the_list_shows(
 
 
 def test_a_missing_protocol_is_refused(labrig: Labrig, tmp_path: Path) -> None:
-    """A protocol that is not there exits with 2 and names the path."""
+    """A missing protocol exits with 2 and names the path."""
     done = labrig("run", tmp_path / "nowhere.yaml", "--json")
     assert done.exit_code == 2
     assert "nowhere.yaml" in done.json()["error"]["message"]
 
 
 def test_a_misspelt_key_gets_a_suggestion(labrig: Labrig, tmp_path: Path) -> None:
-    """An unknown key is named with its line, and the key that was probably meant."""
+    """An unknown key is named with its line and the probable key."""
     text = SWEEP.read_text(encoding="utf-8").replace("hole_spacing_mm:", "hole_spacing:")
     done = labrig("check", _protocol(tmp_path, text), "--rig", RIG, "--json")
     assert done.exit_code == 2
@@ -94,7 +94,7 @@ def test_a_misspelt_key_gets_a_suggestion(labrig: Labrig, tmp_path: Path) -> Non
 
 
 def test_check_says_how_long_and_how_much(labrig: Labrig) -> None:
-    """The example protocol can run, and check tells motion time and disk."""
+    """`labrig check` states the duration and the disk space of the example protocol."""
     document = labrig("check", SWEEP, "--rig", RIG, "--json").json()
     assert document["ok"] is True
     assert document["problems"] == []
@@ -110,7 +110,7 @@ def test_a_usage_error_is_json_too(labrig: Labrig) -> None:
 
 
 def test_a_folder_that_is_no_run_is_refused(labrig: Labrig, tmp_path: Path) -> None:
-    """A directory without a manifest is no run: exit code 4, under --json with the reason."""
+    """A folder without a manifest exits with 4, also under --json."""
     done = labrig("report", tmp_path, "--json")
     assert done.exit_code == 4
     assert done.json()[0]["ok"] is False
@@ -137,8 +137,8 @@ def test_a_picture_that_is_none_is_refused(labrig: Labrig, tmp_path: Path) -> No
     assert "picture.png" in done.json()["error"]["message"]
 
 
-def test_a_batch_goes_on_after_a_bad_picture(labrig: Labrig, tmp_path: Path, sweep: Sweep) -> None:
-    """One unreadable picture among good ones is listed as refused and the exit code is 1."""
+def test_a_batch_goes_on_after_a_bad_picture(labrig: Labrig, tmp_path: Path, sweep: SweepRun) -> None:
+    """One unreadable picture in a batch is listed as refused, and the exit code is 1."""
     bad = tmp_path / "bad.png"
     bad.write_bytes(b"\x89PNG\r\n")
     good = sweep.run / "frames" / "000009.png"
@@ -153,7 +153,7 @@ def test_a_batch_goes_on_after_a_bad_picture(labrig: Labrig, tmp_path: Path, swe
     assert "bad.png" in rows[1]["reason"]
 
 
-def test_a_calibration_for_another_size_is_refused(labrig: Labrig, tmp_path: Path, sweep: Sweep) -> None:
+def test_a_calibration_for_another_size_is_refused(labrig: Labrig, tmp_path: Path, sweep: SweepRun) -> None:
     """Pictures of another size than the calibration's are refused with both sizes."""
     import cv2
 
@@ -171,7 +171,7 @@ def test_a_calibration_for_another_size_is_refused(labrig: Labrig, tmp_path: Pat
 
 
 def test_a_missing_camera_is_one_clear_error(labrig: Labrig, tmp_path: Path) -> None:
-    """The bench rig on a machine without a bench fails its check with what to enter, and no traceback."""
+    """The bench rig without hardware fails its check with the missing entries, without a traceback."""
     done = labrig("devices", "check", "--rig", RIG.with_name("rig-bench.yaml"), "--json")
     rows = done.json()
     assert done.exit_code == 1
@@ -183,7 +183,7 @@ def test_a_missing_camera_is_one_clear_error(labrig: Labrig, tmp_path: Path) -> 
 
 
 def test_an_existing_calibration_is_not_replaced(labrig: Labrig, tmp_path: Path) -> None:
-    """An existing --out is refused with exit code 2 before any work, and stays as it was."""
+    """An existing --out is refused with exit code 2 before any work, and stays unchanged."""
     out = tmp_path / "intrinsics.json"
     out.write_text("precious")
     done = labrig(
@@ -204,7 +204,7 @@ def test_an_existing_calibration_is_not_replaced(labrig: Labrig, tmp_path: Path)
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e999"])
 def test_a_number_that_is_not_finite_is_refused_by_every_command(number: str, labrig: Labrig) -> None:
-    """Nobody is asked to confirm a move by nan mm."""
+    """Every command refuses NaN and infinity as an option before it asks or moves."""
     for command in (
         ("devices", "jog", "--axis", "linear", "--distance", number, "--rig", RIG),
         ("design", "--radius-mm", number),
@@ -216,13 +216,13 @@ def test_a_number_that_is_not_finite_is_refused_by_every_command(number: str, la
 
 
 def test_a_board_beyond_reason_is_refused(labrig: Labrig, tmp_path: Path) -> None:
-    """Before a picture is opened."""
+    """An absurd board size is refused before a picture is opened."""
     done = labrig("calibrate", "intrinsics", "a.png", "--board", "999999999x999999999", "--square-mm", 2)
     assert (done.exit_code, "at most 99x99" in done.err) == (2, True)
 
 
 def test_a_named_pipe_holds_up_no_command(labrig: Labrig, tmp_path: Path) -> None:
-    """Wherever a file is expected, in a list of runs too."""
+    """A named pipe in place of a file is refused at once, also in a list of runs."""
     pipe = tmp_path / "runs" / "one" / "manifest.json"
     pipe.parent.mkdir(parents=True)
     (pipe.parent / "protocol.yaml").touch()
@@ -234,7 +234,7 @@ def test_a_named_pipe_holds_up_no_command(labrig: Labrig, tmp_path: Path) -> Non
 
 
 def test_a_list_of_brackets_hides_no_run(labrig: Labrig, tmp_path: Path) -> None:
-    """A manifest that is nested beyond all measure is a damaged run in the list, and no more."""
+    """A manifest of excessively nested brackets is listed as a damaged run."""
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "protocol.yaml").touch()
     (tmp_path / "one" / "manifest.json").write_text("[" * 200_000)
@@ -244,7 +244,7 @@ def test_a_list_of_brackets_hides_no_run(labrig: Labrig, tmp_path: Path) -> None
 
 @pytest.fixture
 def failing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let `labrig schema` be a command that raises the error of the test."""
+    """Make `labrig schema` raise the error of the test."""
 
     def schema(as_json: AsJson = False) -> None:
         raise request.param
@@ -257,7 +257,7 @@ def failing(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("failing", [KeyError("roll"), RecursionError("too deep")], indirect=True)
 @pytest.mark.usefixtures("failing")
 def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(labrig: Labrig) -> None:
-    """The terminal shows a sentence and the name of the file."""
+    """A bug exits with 5, prints one sentence, and leaves its traceback in the named file."""
     done = labrig("schema", "--json")
     error = done.json()["error"]
     assert (done.exit_code, error["type"]) == (5, "BugError")
@@ -272,7 +272,7 @@ def test_a_bug_has_a_code_of_its_own_and_leaves_its_traceback_in_a_file(labrig: 
 @pytest.mark.parametrize("failing", [MemoryError()], indirect=True)
 @pytest.mark.usefixtures("failing")
 def test_too_little_memory_is_a_fault_of_the_computer(labrig: Labrig) -> None:
-    """It is no bug, and nothing of the input is wrong."""
+    """Running out of memory exits with 3: it is neither a bug nor wrong input."""
     done = labrig("schema")
     assert (done.exit_code, "too little memory" in done.err) == (3, True)
 
@@ -280,7 +280,7 @@ def test_too_little_memory_is_a_fault_of_the_computer(labrig: Labrig) -> None:
 @pytest.mark.parametrize("failing", [KeyboardInterrupt()], indirect=True)
 @pytest.mark.usefixtures("failing")
 def test_an_interruption_that_a_library_raises_is_one(labrig: Labrig) -> None:
-    """Python's own, where a signal came while its handler was not labrig's."""
+    """A KeyboardInterrupt from a library exits with 130 like a signal."""
     assert labrig("schema").exit_code == 130
 
 
@@ -298,7 +298,7 @@ def test_an_interruption_that_a_library_raises_is_one(labrig: Labrig) -> None:
 def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
     error: LabrigError, name: str, code: int
 ) -> None:
-    """`error.fault` holds a word that stays, the number that manuals have, the register bit and a text."""
+    """`error.fault` holds a stable name, the code of the manuals, the register bit and a text."""
     fault = failure_document(error)["fault"]
     assert isinstance(fault, dict)
     assert (fault["name"], fault["code"]) == (name, code)
@@ -307,5 +307,5 @@ def test_a_fault_of_bus_or_drive_has_its_name_and_code_in_json(
 
 
 def test_an_error_of_no_bus_has_no_fault_in_json() -> None:
-    """Type, message and hint alone."""
+    """An error that is not of the bus or a drive has only type, message and hint."""
     assert set(failure_document(DiskError("full", "make room"))) == {"type", "message", "hint"}

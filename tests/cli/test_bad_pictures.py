@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.bad_pictures import write_bad_pictures
-from tests.cli.conftest import RIG, Labrig, Sweep
+from tests.cli.conftest import RIG, Labrig, SweepRun
 
 TEMPLATE = RIG.parent / "simulated-tip.png"
 
@@ -30,7 +30,7 @@ UNMEASURABLE = {
 
 
 @pytest.fixture(scope="module")
-def good(sweep: Sweep) -> Path:
+def good(sweep: SweepRun) -> Path:
     """Return a picture of an inserted needle."""
     lines = [json.loads(line) for line in (sweep.run / "frames.jsonl").read_text().splitlines()]
     return sweep.run / next(line["file"] for line in lines if line["role"] == "final")
@@ -42,13 +42,13 @@ def bad(good: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]
     return write_bad_pictures(good, tmp_path_factory.mktemp("bad"))
 
 
-def mapping(sweep: Sweep) -> tuple[object, ...]:
+def mapping(sweep: SweepRun) -> tuple[object, ...]:
     """Return the options that turn pixels of the sweep's pictures into mm."""
     calibration = sweep.run / "calibration"
     return ("--intrinsics", calibration / "intrinsics.json", "--plane", calibration / "plane.json")
 
 
-def commands(picture: Path, sweep: Sweep, out: Path) -> dict[str, tuple[object, ...]]:
+def commands(picture: Path, sweep: SweepRun, out: Path) -> dict[str, tuple[object, ...]]:
     """Return every command line that measures or calibrates from this one picture."""
     lens = sweep.run / "calibration" / "intrinsics.json"
     return {
@@ -64,7 +64,7 @@ def commands(picture: Path, sweep: Sweep, out: Path) -> dict[str, tuple[object, 
 
 @pytest.mark.parametrize("what", UNREADABLE)
 def test_a_picture_that_cannot_be_read_is_refused_by_every_command(
-    what: str, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
+    what: str, bad: dict[str, Path], labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
     """Exit code 2, with the name of the picture, the reason and a remedy."""
     for name, command in commands(bad[what], sweep, tmp_path / "tip.png").items():
@@ -79,7 +79,7 @@ def test_a_picture_that_cannot_be_read_is_refused_by_every_command(
 
 @pytest.mark.parametrize("what", UNMEASURABLE)
 def test_a_picture_that_shows_something_else_is_refused_by_every_command(
-    what: str, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
+    what: str, bad: dict[str, Path], labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
     """The answer is no, or wrong input for another size; nothing is written."""
     size = what == "wrong size"
@@ -95,7 +95,13 @@ def test_a_picture_that_shows_something_else_is_refused_by_every_command(
 
 @pytest.mark.parametrize(("command", "column"), [("curvature", 0), ("tip", 1)])
 def test_a_batch_of_measurements_goes_on(
-    command: str, column: int, good: Path, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
+    command: str,
+    column: int,
+    good: Path,
+    bad: dict[str, Path],
+    labrig: Labrig,
+    sweep: SweepRun,
+    tmp_path: Path,
 ) -> None:
     """Each bad picture is refused in its row with a reason, and the good ones are measured."""
     line = commands(good, sweep, tmp_path)[command]
@@ -111,7 +117,7 @@ def test_a_batch_of_measurements_goes_on(
 
 
 def test_a_folder_with_bad_pictures_becomes_a_run_that_says_so(
-    good: Path, bad: dict[str, Path], labrig: Labrig, sweep: Sweep, tmp_path: Path
+    good: Path, bad: dict[str, Path], labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
     """Import names unreadable ones; reanalyze refuses bad ones with reasons and measures the good."""
     folder = tmp_path / "pictures"
@@ -179,7 +185,7 @@ def test_one_view_alone_is_refused_with_what_to_photograph_next(labrig: Labrig, 
     assert not out.exists()
 
 
-def test_colour_is_measured_like_grey(good: Path, labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
+def test_colour_is_measured_like_grey(good: Path, labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
     """Three equal channels give the same numbers as a grey picture."""
     colour = tmp_path / "colour.png"
     cv2.imwrite(str(colour), cv2.cvtColor(cv2.imread(str(good), 0), cv2.COLOR_GRAY2BGR))

@@ -15,7 +15,7 @@ from labrig.cli.main import run_command
 from labrig.experiments.hinge_design.summary import summarise
 from labrig.needle.tube import TABLE_1, Tube
 from labrig.protocol.design_file import load_design
-from tests.cli.conftest import Labrig, Sweep
+from tests.cli.conftest import Labrig, SweepRun
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Designed:
 
 
 @pytest.fixture(scope="module")
-def designed(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Designed:
+def designed(sweep: SweepRun, tmp_path_factory: pytest.TempPathFactory) -> Designed:
     """Return the paper's needle, with a sweep's measured radius, figure and table, on a coarse grid."""
     folder = tmp_path_factory.mktemp("a design, é")
     figure, table, design = folder / "figure 3.png", folder / "figure 3.csv", folder / "needle.json"
@@ -75,7 +75,7 @@ def test_the_search_is_printed_next_to_the_equations(designed: Designed) -> None
     assert search["inside_grid"] is True
 
 
-def test_a_sweep_gives_the_effective_clearance(designed: Designed, sweep: Sweep) -> None:
+def test_a_sweep_gives_the_effective_clearance(designed: Designed, sweep: SweepRun) -> None:
     """Its mean radius gives a rotation and a clearance, by equation (3) and our contour."""
     measured = designed.document["measured"]
     assert measured["radius_mm"] == sweep.document["result"]["mean_radius_mm"]

@@ -16,7 +16,7 @@ FIRST = ROOT / "data" / "first-record"
 
 
 def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None:
-    """The files are named, and a second export is refused until it is forced."""
+    """The written files are named, and a second export is refused without --force."""
     formats = ("--csv", "--parquet", "--mat", "--mcap")
     document = labrig("export", FIRST, *formats, "--out", tmp_path / "out", "--json").json()
     names = set(document["files"])
@@ -28,7 +28,7 @@ def test_all_formats_are_written_at_once(labrig: Labrig, tmp_path: Path) -> None
 
 
 def test_a_record_goes_to_an_object_store_and_comes_back(labrig: Labrig, tmp_path: Path) -> None:
-    """A copy behind a URL is exported from there, compared with its original, and copied back whole."""
+    """A copy at a URL can be exported, compared with its original, and copied back whole."""
     store = "memory://shelf/first-record"
     assert labrig("export", FIRST, "--record", "--out", store).exit_code == 0
     assert labrig("export", store, "--csv", "--out", tmp_path / "tables").exit_code == 0
@@ -39,7 +39,7 @@ def test_a_record_goes_to_an_object_store_and_comes_back(labrig: Labrig, tmp_pat
 
 
 def test_commands_that_read_take_a_url(labrig: Labrig, tmp_path: Path) -> None:
-    """Check, note, diff and replay look at a copy of what is behind it; nothing is written there."""
+    """Check, diff and replay read a copy of the run at a URL and write nothing there."""
     shutil.copytree(FIRST, tmp_path / "shelf")
     before = sorted(path.name for path in (tmp_path / "shelf").iterdir())
     url = f"file://{tmp_path}/shelf"
@@ -59,21 +59,21 @@ def test_commands_that_read_take_a_url(labrig: Labrig, tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_commands_that_write_into_the_run_refuse_a_url(words: list[str], labrig: Labrig) -> None:
-    """A result, a page or a tag is kept in the run; it is said how to have the run here first."""
+    """Reanalyze, report and tag refuse a URL and name the command that copies the run here."""
     done = labrig(*words, f"file://{FIRST}", "--json")
     assert done.exit_code == 2
     assert f"labrig export file://{FIRST} --record --out data/runs/first-record" in done.out + done.err
 
 
 def test_notes_and_verdict_are_not_written_behind_a_url(labrig: Labrig) -> None:
-    """Both are refused with the same hint."""
+    """Notes and verdicts are refused at a URL with the same hint."""
     for words in (["note", f"file://{FIRST}", "text"], ["verdict", f"file://{FIRST}", "good"]):
         done = labrig("runs", *words)
         assert (done.exit_code, "labrig export file://" in done.err) == (2, True)
 
 
 def test_a_live_run_writes_on_the_local_disk(labrig: Labrig) -> None:
-    """A URL as --runs-dir is refused with what to do instead."""
+    """A URL as --runs-dir is refused with an alternative."""
     done = labrig("run", SWEEP, "--runs-dir", "s3://lab/runs", "--json")
     assert done.exit_code == 2
     assert "local disk" in done.json()["error"]["message"]
@@ -87,7 +87,7 @@ def test_a_live_run_writes_on_the_local_disk(labrig: Labrig) -> None:
 def test_what_makes_no_sense_is_refused(
     arguments: list[str], exit_code: int, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """No place, no format, or a record mixed with tables exits with 2."""
+    """An export without a place or a format, or of a record together with tables, exits with 2."""
     assert labrig("export", FIRST, *arguments).exit_code == exit_code
 
 
@@ -97,7 +97,7 @@ def test_what_makes_no_sense_is_refused(
 def test_a_run_is_not_exported_into_itself(
     form: str, out: str, scheme: str, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """The run and every folder in it are refused as the place to write to, with --force too; nothing is written."""
+    """The run and its folders are refused as the destination, also with --force, and nothing is written."""
     run = tmp_path / "run"
     shutil.copytree(FIRST, run)
     (tmp_path / "same").symlink_to(run)
@@ -109,7 +109,7 @@ def test_a_run_is_not_exported_into_itself(
 
 
 def test_an_export_replaces_no_other_run(labrig: Labrig, tmp_path: Path) -> None:
-    """Even with --force tables do not go into a run, nor a record over another one; a copy of the same is renewed."""
+    """Tables never replace a run, nor a record another record, even with --force; a copy of the same run is renewed."""
     assert labrig("export", FIRST, "--record", "--out", tmp_path / "copy").exit_code == 0
     other = closed_run(tmp_path)
     manifest = (other / "manifest.json").read_bytes()
@@ -125,7 +125,7 @@ def test_an_export_replaces_no_other_run(labrig: Labrig, tmp_path: Path) -> None
 
 
 def test_tables_in_the_folder_of_runs_are_no_run(labrig: Labrig, tmp_path: Path) -> None:
-    """Of a run, its copy and its tables in one folder, the first two are listed and found."""
+    """In a folder with a run, its copy and its tables, only the first two are listed."""
     runs = tmp_path / "runs"
     shutil.copytree(FIRST, runs / "first")
     assert labrig("export", runs / "first", "--csv", "--parquet", "--out", runs / "tables").exit_code == 0
@@ -153,7 +153,7 @@ _PERSONAL = (b"lab-pc-7", b"chen-x")
 
 
 def test_a_private_report_names_no_person_and_no_computer(labrig: Labrig, personal_run: Path) -> None:
-    """Host, account, command line and authors are on the page; with --private they are not, and the rest is."""
+    """With --private the page leaves out host, account, command line and authors, and keeps the rest."""
     page = personal_run / "report.html"
     assert labrig("report", personal_run).exit_code == 0
     assert all(word in page.read_bytes() for word in _PERSONAL)
@@ -165,7 +165,7 @@ def test_a_private_report_names_no_person_and_no_computer(labrig: Labrig, person
 def test_private_tables_name_no_person_and_no_computer(
     labrig: Labrig, personal_run: Path, tmp_path: Path
 ) -> None:
-    """No file of any format holds them; a copy of the record would, and is refused."""
+    """Private tables hold no personal data in any format; a private copy of a record is refused."""
     out = tmp_path / "tables"
     formats = ("--csv", "--parquet", "--mat", "--mcap")
     assert labrig("export", personal_run, *formats, "--out", out).exit_code == 0
@@ -182,7 +182,7 @@ def test_private_tables_name_no_person_and_no_computer(
 
 
 def test_a_folder_that_is_no_run_is_named(labrig: Labrig, tmp_path: Path) -> None:
-    """Nothing is written for it."""
+    """A folder that is no run is named, and nothing is written for it."""
     done = labrig("export", tmp_path, "--csv", "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert list(tmp_path.iterdir()) == []

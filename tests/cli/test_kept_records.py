@@ -46,7 +46,7 @@ OF_THE_MEASUREMENT = frozenset({"created", "inputs", "parent", "provenance"})
 
 @pytest.fixture(params=NAMES)
 def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """Return a copy that may be written into."""
+    """Return a writable copy of a kept record."""
     return Path(shutil.copytree(KEPT / request.param, tmp_path / request.param))
 
 
@@ -70,7 +70,7 @@ def require_same(key: str, old: object, new: object) -> None:
 
 
 def test_one_of_each_experiment_is_kept() -> None:
-    """No experiment is without a record that says how its runs were written."""
+    """Every experiment has a kept record."""
     experiments = {
         json.loads((KEPT / name / "manifest.json").read_text(encoding="utf-8"))["experiment"]
         for name in NAMES
@@ -81,18 +81,18 @@ def test_one_of_each_experiment_is_kept() -> None:
 
 
 def test_together_they_are_small() -> None:
-    """A checkout is not made slow by them."""
+    """The kept records are small enough for a checkout."""
     assert sum(path.stat().st_size for path in KEPT.rglob("*") if path.is_file()) < 2_000_000
 
 
 def test_a_kept_record_is_sound(kept: Path, labrig: Labrig) -> None:
-    """Every byte is as it was written, whatever git did to it."""
+    """Every file of a kept record passes its checksums."""
     (row,) = labrig("runs", "check", kept, "--json").json()
     assert (row["ok"], row["damage"], row["torn"], row["exit_status"]) == (True, [], [], "success")
 
 
 def test_a_kept_record_is_measured_as_before(kept: Path, labrig: Labrig) -> None:
-    """Every number of its own result comes again."""
+    """A reanalysis gives every number of the kept result."""
     done = labrig("reanalyze", kept, "--json")
     (row,) = done.json()
     assert (done.exit_code, row["ok"], Path(row["analysis"]).name) == (0, True, "002")
@@ -104,7 +104,7 @@ def test_a_kept_record_is_measured_as_before(kept: Path, labrig: Labrig) -> None
 
 
 def test_a_kept_record_replays_identically(kept: Path, labrig: Labrig) -> None:
-    """Today's procedure sends the frames that were sent, to the last bit; imported pictures had none."""
+    """The replay sends the recorded frames, to the last bit; imported pictures have none."""
     done = labrig("replay", kept, "--json")
     if kept.name == "import":
         assert done.exit_code == 2
@@ -114,7 +114,7 @@ def test_a_kept_record_replays_identically(kept: Path, labrig: Labrig) -> None:
 
 
 def test_a_kept_record_is_reported(kept: Path, labrig: Labrig) -> None:
-    """A page is made from the record and the result that it came with."""
+    """The page can be made from the record and its kept result."""
     (row,) = labrig("report", kept, "--json").json()
     assert (row["ok"], row["reason"]) == (True, None)
     assert "<html" in Path(row["report"]).read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.cli.conftest import RIG, SWEEP, Labrig, Sweep
+from tests.cli.conftest import RIG, SWEEP, Labrig, SweepRun
 
 TEMPLATE = RIG.parent / "simulated-tip.png"
 ONE_INSERTION = (
@@ -19,7 +19,7 @@ BELOW = [[0, 400], [1279, 640], [1279, 719], [0, 719]]
 
 
 @pytest.fixture(scope="module")
-def good(sweep: Sweep) -> Path:
+def good(sweep: SweepRun) -> Path:
     """Return a picture of an inserted needle."""
     lines = [json.loads(line) for line in (sweep.run / "frames.jsonl").read_text().splitlines()]
     return sweep.run / next(line["file"] for line in lines if line["role"] == "final")
@@ -42,14 +42,14 @@ def polygon(path: Path, name: str, corners: Sequence[Sequence[float]]) -> Path:
     return path
 
 
-def mapping(sweep: Sweep) -> tuple[object, ...]:
+def mapping(sweep: SweepRun) -> tuple[object, ...]:
     """Return the options that turn pixels of the sweep's pictures into mm."""
     calibration = sweep.run / "calibration"
     return ("--intrinsics", calibration / "intrinsics.json", "--plane", calibration / "plane.json")
 
 
 def test_imported_pictures_keep_their_mask(
-    labrig: Labrig, sweep: Sweep, two_needles: Path, tmp_path: Path
+    labrig: Labrig, sweep: SweepRun, two_needles: Path, tmp_path: Path
 ) -> None:
     """Polygons by the names that the pictures had go into the run and count in every analysis, unless one is given."""
     mask, other = (
@@ -69,7 +69,7 @@ def test_imported_pictures_keep_their_mask(
         assert (analysis / "mask.json").read_bytes() == used.read_bytes()
 
 
-def test_a_masked_tip_is_not_found(labrig: Labrig, sweep: Sweep, good: Path, tmp_path: Path) -> None:
+def test_a_masked_tip_is_not_found(labrig: Labrig, sweep: SweepRun, good: Path, tmp_path: Path) -> None:
     """`measure tip` ignores masked pixels."""
     asked = ("measure", "tip", good, "--template", TEMPLATE, *mapping(sweep), "--json")
     u, v = labrig(*asked).json()[0]["tip_px"]

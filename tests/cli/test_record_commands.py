@@ -7,28 +7,28 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import ROOT, Labrig, Sweep
+from tests.cli.conftest import ROOT, Labrig, SweepRun
 
 REAL = ROOT.parent / "shared" / "data" / "real_insertions"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-def test_runs_lists_the_run(labrig: Labrig, sweep: Sweep) -> None:
-    """A finished sweep is listed with its status and its trials."""
+def test_runs_lists_the_run(labrig: Labrig, sweep: SweepRun) -> None:
+    """`labrig runs` lists a finished sweep with its status and its trials."""
     (row,) = labrig("runs", "--runs-dir", sweep.run.parent, "--json").json()
     assert Path(row["run"]) == sweep.run
     assert (row["exit_status"], row["trials_done"], row["trials_planned"]) == ("success", 4, 4)
 
 
 def test_a_folder_without_runs_says_how_to_make_one(labrig: Labrig, tmp_path: Path) -> None:
-    """No runs yet is no error: the list is empty and the first command is named."""
+    """A folder without runs gives an empty list and names the command that makes the first run."""
     done = labrig("runs", "--runs-dir", tmp_path)
     assert done.exit_code == 0
     assert "labrig run" in done.err
 
 
 def test_reanalyzing_gives_the_same_numbers_in_a_new_result(
-    labrig: Labrig, sweep: Sweep, tmp_path: Path
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
     """Unchanged settings give identical numbers; the result is a new one and the frames are untouched."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")
@@ -45,7 +45,7 @@ def test_reanalyzing_gives_the_same_numbers_in_a_new_result(
 
 
 def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> None:
-    """Unchanged settings give identical numbers; with others the first picture that differs is named for each run."""
+    """Unchanged settings give identical numbers; changed ones name the first picture that differs in each run."""
     first = ROOT / "data" / "first-record"
     runs = [shutil.copytree(first, tmp_path / name) for name in ("one", "two")]
     rows = labrig("reanalyze", *runs, "--set", "analysis.window_start_mm=5", "--json").json()
@@ -65,7 +65,7 @@ def test_several_runs_are_reanalyzed_at_once(labrig: Labrig, tmp_path: Path) -> 
 def test_a_setting_with_a_slip_is_refused_with_the_nearest(
     labrig: Labrig, tmp_path: Path, setting: str
 ) -> None:
-    """Section and key that were probably meant are named, and no result is made."""
+    """A misspelt section or key is refused with a suggestion, and no result is made."""
     run = shutil.copytree(ROOT / "data" / "first-record", tmp_path / "run")
     done = labrig("reanalyze", run, "--set", setting)
     assert done.exit_code == 2
@@ -73,8 +73,10 @@ def test_a_setting_with_a_slip_is_refused_with_the_nearest(
     assert [path.name for path in (run / "analysis").iterdir()] == ["001"]
 
 
-def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """report writes the page again, and nothing in it is fetched from anywhere."""
+def test_a_page_needs_no_network_and_is_written_again(
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path
+) -> None:
+    """`labrig report` writes the page again, and the page fetches nothing from a network."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")
     (run / "report.html").unlink()
     (row,) = labrig("report", run, "--json").json()
@@ -85,9 +87,9 @@ def test_a_page_needs_no_network_and_is_written_again(labrig: Labrig, sweep: Swe
 
 @pytest.mark.parametrize("command", ["reanalyze", "report"])
 def test_damage_to_a_closed_record_is_named_with_exit_code_4(
-    command: str, labrig: Labrig, sweep: Sweep, tmp_path: Path
+    command: str, labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
-    """A picture that is gone from a closed run is named; what can be done is done all the same."""
+    """A missing picture of a closed run is named with exit code 4; the command still does what it can."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")
     (run / "frames" / "000003.png").unlink()
     done = labrig(command, run, "--json")
@@ -99,8 +101,8 @@ def test_damage_to_a_closed_record_is_named_with_exit_code_4(
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed, so the page is not opened")
-def test_a_browser_shows_the_page_without_an_error(sweep: Sweep, tmp_path: Path) -> None:
-    """Headless Chromium loads the report and its figures and writes a picture of it."""
+def test_a_browser_shows_the_page_without_an_error(sweep: SweepRun, tmp_path: Path) -> None:
+    """Headless Chromium loads the report with its figures without an error."""
     picture = tmp_path / "page.png"
     command = [
         str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -112,8 +114,8 @@ def test_a_browser_shows_the_page_without_an_error(sweep: Sweep, tmp_path: Path)
     assert picture.stat().st_size > 50_000
 
 
-def test_the_view_is_made_from_the_record(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """view makes RUN/view.rrd without opening anything when told so."""
+def test_the_view_is_made_from_the_record(labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
+    """`labrig view` can make RUN/view.rrd without opening the viewer."""
     run = shutil.copytree(sweep.run, tmp_path / "copy")
     document = labrig("view", run, "--no-open", "--json").json()
     assert Path(document["view"]).stat().st_size > 100_000

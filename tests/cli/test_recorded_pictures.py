@@ -52,7 +52,7 @@ def _run(labrig: Labrig, rig: Path, *more: object) -> Path:
 
 
 def test_a_sweep_runs_whole_on_the_pictures_of_another(labrig: Labrig, tmp_path: Path) -> None:
-    """Radii are those of the pictures; record and page say `recorded pictures`; the world's truth is left out."""
+    """The radii are those of the pictures, the page says `recorded pictures`, and no truth of the world is recorded."""
     run = _run(labrig, _rig(tmp_path))
     before = json.loads((RECORD / "analysis" / "001" / "result.json").read_text(encoding="utf-8"))
     after = json.loads((run / "analysis" / "001" / "result.json").read_text(encoding="utf-8"))
@@ -66,13 +66,13 @@ def test_a_sweep_runs_whole_on_the_pictures_of_another(labrig: Labrig, tmp_path:
 
 
 def _write_times(folder: Path, later_s: float = 0.0) -> None:
-    """Write when the pictures of the kept record were taken, each so much later than the one before it was."""
+    """Write the times of the kept record's pictures, each later than the one before by a given interval."""
     lines = [f"{line['frame']:06d}.png,{line['t_s'] + line['frame'] * later_s}" for line in _frames(RECORD)]
     (folder / "times.csv").write_text("\n".join(["picture,t_s", *lines]), encoding="utf-8")
 
 
 def test_a_picture_that_is_still_to_come_is_waited_for(labrig: Labrig, tmp_path: Path) -> None:
-    """The drives are held by heartbeats meanwhile; where the axes stood at the picture is told, and comes again."""
+    """While a picture is awaited heartbeats go on; its axis positions are recorded, and replayed identically."""
     rig = _rig(tmp_path, times="sidecar")
     _write_times(tmp_path / "pictures", later_s=0.6)
     run = _run(labrig, rig)
@@ -85,7 +85,7 @@ def test_a_picture_that_is_still_to_come_is_waited_for(labrig: Labrig, tmp_path:
 
 @pytest.mark.parametrize("times", ["null", "sidecar"])
 def test_such_a_run_is_replayed_to_the_last_bit(labrig: Labrig, tmp_path: Path, times: str) -> None:
-    """Also where pictures come at their own times: each look takes the one that was taken for it then."""
+    """A replay takes the same pictures at the same times, also if the pictures have times of their own."""
     rig = _rig(tmp_path, times=times)
     _write_times(tmp_path / "pictures")
     run = _run(labrig, rig)
@@ -96,7 +96,7 @@ def test_such_a_run_is_replayed_to_the_last_bit(labrig: Labrig, tmp_path: Path, 
 
 
 def test_pictures_that_end_too_soon_end_the_run(labrig: Labrig, tmp_path: Path) -> None:
-    """Exit 3; how many there were, and how to know how many are needed."""
+    """If the pictures run out the run exits with 3 and states their number, and how to find the number needed."""
     rig = _rig(tmp_path)
     (tmp_path / "pictures" / "000007.png").unlink()
     done = labrig("run", RECORD / "protocol.yaml", "--rig", rig, "--runs-dir", tmp_path / "runs", "--json")
@@ -108,7 +108,7 @@ def test_pictures_that_end_too_soon_end_the_run(labrig: Labrig, tmp_path: Path) 
 
 
 def test_real_drives_are_not_steered_by_recorded_pictures(labrig: Labrig, tmp_path: Path) -> None:
-    """An insertion and a roll zero are refused before anything is opened; a sweep, whose moves are set, is not."""
+    """An insertion and a roll zero are refused before anything is opened; a sweep with fixed moves is accepted."""
     text = (ROOT / "calibration" / "rig-bench.yaml").read_text(encoding="utf-8")
     before, rest = text.split("camera:\n", 1)
     after = rest.split("\n\n", 1)[1]
@@ -130,17 +130,17 @@ def test_real_drives_are_not_steered_by_recorded_pictures(labrig: Labrig, tmp_pa
 
 
 def test_devices_check_says_that_pictures_are_recorded(labrig: Labrig, tmp_path: Path) -> None:
-    """In place of a rate, that they never steer."""
+    """`labrig devices check` states that the pictures are recorded and never steer, in place of a rate."""
     done = labrig("devices", "check", "--rig", _rig(tmp_path))
     assert "352x224 px, recorded pictures of pictures: they never steer" in done.out
     assert "camera rate" not in done.out
 
 
 class _Stream(BaseHTTPRequestHandler):
-    """Sends one picture over and over to whoever knows the password, as network cameras do."""
+    """Sends one picture repeatedly to clients that know the password, as network cameras do."""
 
     def do_GET(self) -> None:
-        """Send until the other end has gone."""
+        """Send until the client disconnects."""
         if self.headers.get("Authorization") != "Basic " + b64encode(b"lab:secret").decode():
             self.send_response(401)
             self.send_header("WWW-Authenticate", 'Basic realm="lab"')
@@ -157,7 +157,7 @@ class _Stream(BaseHTTPRequestHandler):
                 self.wfile.write(part + jpeg + b"\r\n")
 
     def log_message(self, *_words: object) -> None:
-        """Stay silent."""
+        """Log nothing."""
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def stream() -> Iterator[str]:
 
 
 def test_a_stream_is_recorded_without_its_password(tmp_path: Path, stream: str) -> None:
-    """Its pictures are the run's; the password, typed on the command line, is in no file and no message."""
+    """The run has the stream's pictures; no file and no message contains the password of the command line."""
     rig = _rig(tmp_path)
     done = subprocess.run(
         [
@@ -194,7 +194,7 @@ def test_a_stream_is_recorded_without_its_password(tmp_path: Path, stream: str) 
 
 
 def test_a_stream_with_another_password_is_not_opened(labrig: Labrig, tmp_path: Path, stream: str) -> None:
-    """What is told has no password."""
+    """The error of a refused stream contains no password."""
     wrong = stream.replace("secret", "guess")
     done = labrig(
         "run", RECORD / "protocol.yaml", "--rig", _rig(tmp_path), "--runs-dir", tmp_path / "runs",

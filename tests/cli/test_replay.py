@@ -4,12 +4,12 @@ import shutil
 from pathlib import Path
 
 from labrig.record.json_lines import decode_line, encode_line
-from tests.cli.conftest import ROOT, Labrig, Sweep
+from tests.cli.conftest import ROOT, Labrig, SweepRun
 from tests.cli.cut_runs import open_again
 
 
-def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
-    """A simulated sweep comes again to the last bit; commands, pictures and lines are counted."""
+def test_a_sweep_is_identical(sweep: SweepRun, labrig: Labrig) -> None:
+    """The replay of a simulated sweep is identical to the last bit; commands, pictures and lines are counted."""
     done = labrig("replay", sweep.run, "--json")
     assert done.exit_code == 0
     document = done.json()
@@ -18,8 +18,8 @@ def test_a_sweep_is_identical(sweep: Sweep, labrig: Labrig) -> None:
     assert "identical, to the last bit" in labrig("replay", sweep.run).out
 
 
-def edit_event(sweep: Sweep, tmp_path: Path) -> Path:
-    """Return the sweep as an open run in which one event says another position than was sent."""
+def edit_event(sweep: SweepRun, tmp_path: Path) -> Path:
+    """Return the sweep as an open run in which one event states another position than was sent."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "edited"))
     (run / "SHA256SUMS").unlink()
     lines = [decode_line(line) for line in (run / "events.jsonl").read_bytes().splitlines()]
@@ -30,8 +30,8 @@ def edit_event(sweep: Sweep, tmp_path: Path) -> Path:
     return run
 
 
-def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """The first difference is named with what the record has, what the replay has, the picture and the trial."""
+def test_a_difference_exits_with_1_and_both_values(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """The first difference is printed with the recorded and the new value, its picture and its trial."""
     run = edit_event(sweep, tmp_path)
     done = labrig("replay", run, "--json")
     assert done.exit_code == 1
@@ -47,15 +47,15 @@ def test_a_difference_exits_with_1_and_both_values(sweep: Sweep, labrig: Labrig,
 
 
 def test_a_record_of_other_code_says_so(labrig: Labrig) -> None:
-    """The first record was made before the drives were read as now: where it differs, and which code made it."""
+    """The replay of a record made by older code states where it differs, and which code made it."""
     done = labrig("replay", ROOT / "data" / "first-record")
     assert done.exit_code == 1
     assert "command in the record: no such read so far" in done.out
     assert "other code made this record: labrig 0.1.0, 44a250595045; this is labrig" in done.out
 
 
-def test_a_damaged_run_is_not_replayed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """A record that has lost a picture, or whose CAN frames were changed, exits with 4; so does what is no run."""
+def test_a_damaged_run_is_not_replayed(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """A lost picture, changed CAN frames, and a folder that is no run exit with 4."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "damaged"))
     log = (run / "can.log").read_bytes()
     (run / "can.log").write_bytes(log.replace(b" T\n", b" R\n", 1))

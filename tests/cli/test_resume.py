@@ -14,7 +14,7 @@ from labrig.record.check import check_run
 from labrig.record.lock import FileLock
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
-from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, Sweep
+from tests.cli.conftest import RIG, ROOT, SWEEP, Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
 from tests.record.faults import killed_run
 from tests.record.runs import ENDED
@@ -30,16 +30,16 @@ def radii(document: dict[str, Any]) -> dict[int, float]:
 
 
 @pytest.fixture(scope="module")
-def cut(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four insertions, cut short in the second when its needle was deep in the gel."""
+def cut(sweep: SweepRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a sweep of four insertions, killed in the second while its needle is deep in the gel."""
     start_s = float(open_run(sweep.run).trials["start_t_s"][1])
     return cut_short(sweep.run, tmp_path_factory.mktemp("runs") / "cut, é", start_s + 30.0)
 
 
 def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
-    cut: Path, sweep: Sweep, labrig: Labrig, tmp_path: Path
+    cut: Path, sweep: SweepRun, labrig: Labrig, tmp_path: Path
 ) -> None:
-    """Finished insertions are kept, the interrupted one is marked and repeated elsewhere, the others are the same."""
+    """Finished insertions are kept, the interrupted one is repeated elsewhere, and the others are unchanged."""
     run = cut_short(sweep.run, tmp_path / "run", float(open_run(cut).states["t_s"].iloc[-1]))
     kept = {path.name: path.read_bytes() for path in (run / "frames").iterdir()}
     done = labrig("resume", run, "--json")
@@ -72,7 +72,7 @@ def test_a_sweep_goes_on_and_gives_what_it_would_have_given(
 
 
 def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: Path) -> None:
-    """A drive that restarts in gel ends a run as failed, which says what to type; resumed, it comes to its end."""
+    """A run that failed on a restarted drive prints the command that resumes it; resumed, it is completed."""
     one_gel = "specimens=[{name: gel-13, gelatin_percent: 13}]"
     fault = "rig.faults=[{fault: boot-up, axis: linear, at_s: 20, once: moving}]"
     words = ["--runs-dir", tmp_path, "--run-name", "a run", "--set", "insertions_per_specimen=1"]
@@ -90,8 +90,8 @@ def test_a_run_that_failed_goes_on_without_its_fault(labrig: Labrig, tmp_path: P
     assert ending["exit_status"] == "failed"
 
 
-def test_a_run_that_had_only_to_be_closed_is_closed(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """Killed after its last insertion, a run needs no rig: it is closed, measured and reported."""
+def test_a_run_that_had_only_to_be_closed_is_closed(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """A run killed after its last insertion needs no rig: it is closed, measured and reported."""
     run = cut_short(sweep.run, tmp_path / "run", 1e9)
     done = labrig("resume", run, "--json")
     assert done.exit_code == 0
@@ -99,8 +99,8 @@ def test_a_run_that_had_only_to_be_closed_is_closed(sweep: Sweep, labrig: Labrig
     assert check_run(run).exit_status == "success"
 
 
-def test_a_finished_run_is_only_measured(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """A run that has come to its end moves nothing."""
+def test_a_finished_run_is_only_measured(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """Resuming a completed run moves nothing and only measures it."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "run"))
     done = labrig("resume", run, "--json")
     assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
@@ -118,7 +118,7 @@ def test_a_finished_run_is_only_measured(sweep: Sweep, labrig: Labrig, tmp_path:
 def test_what_has_changed_is_refused_with_the_difference(
     cut: Path, labrig: Labrig, tmp_path: Path, what: str, words: str
 ) -> None:
-    """Another protocol, rig or calibration exits with 2, names each value, and leaves the record as it is."""
+    """Another protocol, rig or calibration exits with 2, names each value, and leaves the record unchanged."""
     before = {path: path.read_bytes() for path in cut.rglob("*") if path.is_file()}
     settings = json.loads((cut / "manifest.json").read_text())["sources"]["settings"]
     assert settings
@@ -142,7 +142,7 @@ def test_what_has_changed_is_refused_with_the_difference(
 
 
 def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig) -> None:
-    """While another process writes the run, resuming exits with 3 and names it."""
+    """Resuming a run that another process is writing exits with 3 and names the process."""
     with FileLock(cut / ".lock").acquire("labrig run"):
         done = labrig("resume", cut, "--json")
     assert done.exit_code == 3
@@ -150,7 +150,7 @@ def test_a_run_that_is_being_written_is_not_continued(cut: Path, labrig: Labrig)
 
 
 def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> None:
-    """A folder that is no run exits with 4; a run of another experiment, of which nothing can be kept, with 2."""
+    """A folder that is no run exits with 4; a run whose experiment cannot be resumed exits with 2."""
     assert labrig("resume", tmp_path).exit_code == 4
     done = labrig("resume", killed_run(tmp_path))
     assert done.exit_code == 2
@@ -158,7 +158,7 @@ def test_what_cannot_be_continued_is_named(labrig: Labrig, tmp_path: Path) -> No
 
 
 def test_an_insertion_that_cannot_be_continued_names_the_way_out(labrig: Labrig, tmp_path: Path) -> None:
-    """Of a real rig the refusal says how its needle is taken out; a simulated one has none left in its gel."""
+    """The refusal names the command that withdraws a real needle; a simulated rig has no needle left in its gel."""
     protocol = dump_yaml(load_protocol(ROOT / "protocols" / "insertion.yaml", PROTOCOL_MODELS))
     for kind in ("real", "simulated"):
         manifest = {

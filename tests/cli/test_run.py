@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig, Sweep, sweep_command
+from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Labrig, SweepRun, sweep_command
 
 
 def _lines(path: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-def test_a_sweep_succeeds_and_states_a_radius_for_each_gel(sweep: Sweep) -> None:
+def test_a_sweep_succeeds_and_states_a_radius_for_each_gel(sweep: SweepRun) -> None:
     """The JSON document names the run, its report and each gel's mean radius, SD, n and interval."""
     assert sweep.document["exit_status"] == "success"
     assert Path(sweep.document["report"]).is_file()
@@ -27,7 +27,7 @@ def test_a_sweep_succeeds_and_states_a_radius_for_each_gel(sweep: Sweep) -> None
         assert low < specimen["mean_radius_mm"] < high
 
 
-def test_the_measured_radii_are_the_drawn_ones(sweep: Sweep) -> None:
+def test_the_measured_radii_are_the_drawn_ones(sweep: SweepRun) -> None:
     """Each picture's radius lies within 0.25 mm of the radius that the world drew for that insertion."""
     drawn = {line["trial"]: line["radius_mm"] for line in _lines(sweep.run / "truth.jsonl")}
     measured = {
@@ -39,14 +39,14 @@ def test_the_measured_radii_are_the_drawn_ones(sweep: Sweep) -> None:
     assert [trial for trial in drawn if abs(measured[trial] - drawn[trial]) > 0.25] == []
 
 
-def test_every_insertion_leaves_its_pictures(sweep: Sweep) -> None:
-    """A picture of the hole, of the sheath, one every 5 mm of 40, and one of the final shape."""
+def test_every_insertion_leaves_its_pictures(sweep: SweepRun) -> None:
+    """An insertion of 40 mm has pictures of the hole, the sheath, every 5 mm, and the final shape."""
     roles = [line["role"] for line in _lines(sweep.run / "frames.jsonl") if line["trial"] == 0]
     assert roles == ["hole", "sheath", *["advance"] * 7, "final"]
 
 
-def test_the_closed_record_is_covered_by_checksums(sweep: Sweep) -> None:
-    """SHA256SUMS names every raw file of the run with the hash that it has."""
+def test_the_closed_record_is_covered_by_checksums(sweep: SweepRun) -> None:
+    """SHA256SUMS lists every raw file of the run with its hash."""
     lines = [line.split("  ", 1) for line in (sweep.run / "SHA256SUMS").read_text().splitlines()]
     listed = {file: digest for digest, file in lines}
     raw = {"protocol.yaml", "rig.yaml", "frames.jsonl", "states.jsonl", "events.jsonl", "truth.jsonl"}
@@ -55,8 +55,8 @@ def test_the_closed_record_is_covered_by_checksums(sweep: Sweep) -> None:
         assert hashlib.sha256((sweep.run / name).read_bytes()).hexdigest() == digest
 
 
-def test_the_same_seed_gives_the_same_bytes(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """Protocol, rig and seed decide frames, states and events byte for byte."""
+def test_the_same_seed_gives_the_same_bytes(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """The same protocol, rig and seed give the same frames, states and events, byte for byte."""
     again = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *SHORT_SWEEP)
     run = Path(again.json()["run"])
     for name in ("states.jsonl", "events.jsonl", "frames.jsonl", "truth.jsonl", "can.log"):
@@ -66,8 +66,8 @@ def test_the_same_seed_gives_the_same_bytes(sweep: Sweep, labrig: Labrig, tmp_pa
     }
 
 
-def test_another_seed_gives_other_radii(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """--seed changes what the world draws, and is what the record keeps."""
+def test_another_seed_gives_other_radii(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """--seed changes the draws of the simulated world, and is recorded."""
     shortened = (
         "--set",
         "insertions_per_specimen=1",
@@ -84,7 +84,7 @@ def test_another_seed_gives_other_radii(sweep: Sweep, labrig: Labrig, tmp_path: 
 
 
 def test_an_existing_run_is_never_overwritten(labrig: Labrig, tmp_path: Path) -> None:
-    """A run name that is taken is refused with exit code 2, and what is there stays."""
+    """A run name that exists is refused with exit code 2, and the existing run is unchanged."""
     taken = tmp_path / "taken"
     taken.mkdir()
     (taken / "precious").write_text("data")
@@ -104,7 +104,7 @@ def test_a_move_beyond_the_limits_is_refused_before_anything_moves(labrig: Labri
 
 
 def test_an_unreachable_bus_is_one_clear_error(labrig: Labrig, tmp_path: Path) -> None:
-    """A CAN interface that is not there exits with 3, names the channel, and leaves no run."""
+    """A missing CAN interface exits with 3, names the channel, and leaves no run."""
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text().replace("interface: simulated", "interface: socketcan"), encoding="utf-8")
     done = labrig("run", SWEEP, "--rig", rig, "--runs-dir", tmp_path / "runs", "--json")
@@ -114,7 +114,7 @@ def test_an_unreachable_bus_is_one_clear_error(labrig: Labrig, tmp_path: Path) -
 
 @pytest.mark.parametrize("name", ["INT", "TERM", "HUP"])
 def test_a_signal_stops_the_run_and_closes_its_record(name: str, tmp_path: Path) -> None:
-    """INT, TERM and HUP end a background run with exit code 130, the axes stopped and the record aborted."""
+    """INT, TERM and HUP stop the axes of a background run, close its record as aborted, and exit with 130."""
     number = getattr(signal, f"SIG{name}")
     command = sweep_command(RIG, tmp_path)
     started = subprocess.Popen(

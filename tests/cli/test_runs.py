@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from labrig.record.lock import FileLock
-from tests.cli.conftest import Labrig, Sweep
+from tests.cli.conftest import Labrig, SweepRun
 from tests.record.runs import begin
 
 
 @pytest.fixture
-def shelf(sweep: Sweep, tmp_path: Path) -> Path:
+def shelf(sweep: SweepRun, tmp_path: Path) -> Path:
     """A folder with two copies of a sweep."""
     for name in ("one", "two"):
         shutil.copytree(sweep.run, tmp_path / name)
@@ -19,7 +19,7 @@ def shelf(sweep: Sweep, tmp_path: Path) -> Path:
 
 
 def test_runs_are_filtered_and_sorted(labrig: Labrig, shelf: Path) -> None:
-    """The condition of the README finds the runs, and its fields stand beside them."""
+    """The condition of the README finds the runs, and lists the fields that it uses."""
     labrig("runs", "tag", shelf / "two", "-t", "pilot")
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=19 and tag=pilot", "--json")
     (row,) = done.json()
@@ -32,20 +32,20 @@ def test_runs_are_filtered_and_sorted(labrig: Labrig, shelf: Path) -> None:
 
 @pytest.mark.parametrize("condition", ["gelatin_percent", "gelatine_percent=13", "exit_status=success and"])
 def test_a_condition_that_makes_no_sense_exits_with_2(condition: str, labrig: Labrig, shelf: Path) -> None:
-    """The message names the character."""
+    """An invalid condition exits with 2 and names the character."""
     done = labrig("runs", "--runs-dir", shelf, "--where", condition, "--json")
     assert done.exit_code == 2
     assert "character" in done.json()["error"]["message"]
 
 
 def test_nothing_that_fits_is_no_error(labrig: Labrig, shelf: Path) -> None:
-    """A condition that no run fits gives an empty list."""
+    """A condition that matches no run gives an empty list."""
     done = labrig("runs", "--runs-dir", shelf, "--where", "gelatin_percent=11")
     assert (done.exit_code, done.out, done.err) == (0, "", "no run fits\n")
 
 
 def test_the_list_says_what_to_do_about_interrupted_runs(labrig: Labrig, tmp_path: Path) -> None:
-    """A sweep is gone on with, a real needle taken out, any other run closed; one that goes on names its process."""
+    """The list names the command that resumes, withdraws or closes a run, or the process that writes it."""
     for name, experiment, kind in (
         ("a sweep", "steerability", "real"),
         ("needle", "insertion", "real"),
@@ -79,7 +79,7 @@ def test_notes_and_verdict_are_kept_in_the_run(labrig: Labrig, shelf: Path) -> N
 
 
 def test_two_runs_are_compared(labrig: Labrig, shelf: Path) -> None:
-    """Copies do not differ; another analysis of one differs in its results."""
+    """A copy of a run has no differences; another analysis of it differs in its results."""
     document = labrig("runs", "diff", shelf / "one", shelf / "two", "--json").json()
     assert (document["identical"], document["differences"]) == (True, [])
     labrig("reanalyze", shelf / "two", "--set", "analysis.window_start_mm=6")

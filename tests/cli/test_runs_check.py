@@ -3,12 +3,12 @@
 import shutil
 from pathlib import Path
 
-from tests.cli.conftest import Labrig, Sweep
+from tests.cli.conftest import Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
 
 
-def test_a_finished_run_is_sound(sweep: Sweep, labrig: Labrig) -> None:
-    """A run of `labrig run` passes, and says how much it holds."""
+def test_a_finished_run_is_sound(sweep: SweepRun, labrig: Labrig) -> None:
+    """A run of `labrig run` passes, and its contents are counted."""
     done = labrig("runs", "check", sweep.run, "--json")
     (row,) = done.json()
     assert done.exit_code == 0
@@ -16,8 +16,8 @@ def test_a_finished_run_is_sound(sweep: Sweep, labrig: Labrig) -> None:
     assert "sound, closed as success" in labrig("runs", "check", sweep.run).out
 
 
-def test_an_interrupted_run_is_told_and_repaired(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """Checking changes nothing and tells what is torn; --repair closes the run, which is then sound and listed so."""
+def test_an_interrupted_run_is_told_and_repaired(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """A check names torn ends and changes nothing; --repair closes the run, which then passes."""
     run = cut_short(sweep.run, tmp_path / "cut, é", 30.0)
     before = labrig("runs", "check", run)
     assert before.exit_code == 0
@@ -30,8 +30,8 @@ def test_an_interrupted_run_is_told_and_repaired(sweep: Sweep, labrig: Labrig, t
     ]
 
 
-def test_a_damaged_run_exits_with_4_and_what_is_lost(sweep: Sweep, labrig: Labrig, tmp_path: Path) -> None:
-    """Each damaged place is named, other runs are checked all the same, and nothing is repaired."""
+def test_a_damaged_run_exits_with_4_and_what_is_lost(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """Each damaged place is named, other runs are still checked, and nothing is repaired."""
     run = Path(shutil.copytree(sweep.run, tmp_path / "rotten"))
     content = bytearray((run / "states.jsonl").read_bytes())
     content[100] ^= 1

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from labrig.cli.signals import Interruption, note_signals, raise_on_signals
-from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, Sweep, sweep_command
+from tests.cli.conftest import RIG, SHORT_SWEEP, SWEEP, SweepRun, sweep_command
 
 LABRIG = f'"{sys.executable}" -m labrig'
 
@@ -20,13 +20,13 @@ def _shell(command: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
-    """`labrig runs >&-` says nothing and exits with 0."""
+    """`labrig runs >&-` exits with 0 and prints no error."""
     done = _shell(f"{LABRIG} schema >&-")
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_closed_standard_error_does_not_keep_a_run_from_succeeding(tmp_path: Path) -> None:
-    """With standard error closed from the start a sweep succeeds all the same."""
+    """A sweep succeeds with standard error closed from the start."""
     settings = " ".join(f"'{word}'" for word in SHORT_SWEEP)
     done = _shell(f"{LABRIG} run '{SWEEP}' --rig '{RIG}' --runs-dir '{tmp_path}' {settings} --json 2>&-")
     assert done.returncode == 0
@@ -34,7 +34,7 @@ def test_a_closed_standard_error_does_not_keep_a_run_from_succeeding(tmp_path: P
 
 
 def test_a_full_standard_output_is_one_line(tmp_path: Path) -> None:
-    """Writing to a full device exits with 3 and says so without a traceback."""
+    """Writing to a full device exits with 3 and a one-line error, without a traceback."""
     done = _shell(f"{LABRIG} schema >/dev/full")
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
@@ -42,13 +42,13 @@ def test_a_full_standard_output_is_one_line(tmp_path: Path) -> None:
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
-    """`labrig schema | true` exits with 0 and complains of nothing."""
+    """`labrig schema | true` exits with 0 and prints no error."""
     done = _shell(f"{LABRIG} schema | true; exit ${{PIPESTATUS[0]}}")
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_log_that_dies_does_not_end_a_run(tmp_path: Path) -> None:
-    """When nobody reads the progress any more, the needle is still withdrawn and the run succeeds."""
+    """If the reader of the progress goes away the needle is still withdrawn, and the run succeeds."""
     command = sweep_command(RIG, tmp_path)
     reader, writer = os.pipe()
     os.close(reader)
@@ -61,7 +61,7 @@ def test_a_log_that_dies_does_not_end_a_run(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_is_taken_before_anything_is_imported() -> None:
-    """Whoever presses it at once sees no traceback: what starts labrig loads none of its modules first."""
+    """Ctrl+C right after the start prints no traceback, because the signal handler is set before any import."""
     code = "import sys, labrig.cli.start; print([m for m in sys.modules if m.startswith('labrig.cli.')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "['labrig.cli.start']"
@@ -69,7 +69,7 @@ def test_ctrl_c_is_taken_before_anything_is_imported() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.Signals) -> None:
-    """A signal is no Exception, so that an import guarded against all of them cannot swallow it."""
+    """A signal is not an Exception, so that a library that catches all exceptions cannot swallow it."""
 
     def import_guarded() -> None:
         try:
@@ -83,15 +83,15 @@ def test_a_signal_passes_through_libraries_that_catch_everything(number: signal.
 
 
 def test_a_signal_is_only_noted_while_a_rig_is_open() -> None:
-    """Between two bus transactions nothing is raised; the note holds the name, and still does afterwards."""
+    """While a rig is open a signal raises nothing; it is noted by name until the rig is closed."""
     with note_signals() as note:
         assert note() is None
         os.kill(os.getpid(), signal.SIGTERM)
     assert note() == "SIGTERM"
 
 
-def test_a_damaged_result_can_be_made_again(sweep: Sweep, tmp_path: Path) -> None:
-    """A result that cannot be read is named, and reanalyze makes the next one."""
+def test_a_damaged_result_can_be_made_again(sweep: SweepRun, tmp_path: Path) -> None:
+    """A damaged result is named, and `labrig reanalyze` makes a new one."""
     done = _shell(
         f"cp -r '{sweep.run}' '{tmp_path}/copy' && echo '{{' > '{tmp_path}/copy/analysis/001/result.json' && "
         f"{LABRIG} reanalyze '{tmp_path}/copy' --json"

@@ -1,4 +1,4 @@
-"""What a terminal is given: lines that fit it, folded between words, and no control character of somebody else."""
+"""Output on a terminal: lines wrapped to its width between words, and no control characters from data."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ HOSTILE = "gel \x1b[2J\x1b]0;owned\x07 was \x9b31mcloudy\u202e <b>"
 
 
 def _at_terminal(columns: int, *arguments: object) -> list[str]:
-    """Return the lines that a command prints on a terminal of so many columns."""
+    """Return the lines that a command prints on a terminal of a given width."""
     screen, program = os.openpty()
     command = [sys.executable, "-m", "labrig", *map(str, arguments)]
     environment = {**os.environ, "COLUMNS": str(columns), "TERM": "dumb"}
@@ -31,7 +31,7 @@ def _at_terminal(columns: int, *arguments: object) -> list[str]:
 
 
 def _read(screen: int) -> bytes:
-    """Return what has been printed; nothing once the program has ended, which Linux tells by an error."""
+    """Return the output so far; empty after the end of the program, which Linux reports as an error."""
     try:
         return os.read(screen, 4096)
     except OSError:
@@ -40,7 +40,7 @@ def _read(screen: int) -> bytes:
 
 @pytest.mark.parametrize("columns", [20, 40, 80])
 def test_progress_is_shown_and_ends(columns: int) -> None:
-    """The bar, and what is said while it stands, reach the terminal once and end; how far it is always has room."""
+    """The progress bar and its text are printed once and end; the percentage always fits."""
     code = (
         "from labrig.cli.output import say\n"
         "from labrig.cli.progress import progress\n"
@@ -66,7 +66,7 @@ def _words_too_long(lines: list[str], columns: int) -> list[str]:
 
 @pytest.mark.parametrize("columns", [40, 80])
 def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -> None:
-    """No line of `labrig check` is wider than the terminal, and further lines of a problem stand further in."""
+    """`labrig check` prints no line wider than the terminal, and indents the further lines of a problem."""
     lines = _at_terminal(columns, "check", SWEEP, "--rig", RIG, "--set", "insertion.length_mm=500")
     assert _words_too_long(lines, columns) == []
     assert " ".join(" ".join(lines).split()).count("cannot run on rig simulated") == 1
@@ -75,7 +75,7 @@ def test_what_cannot_run_is_folded_between_words(columns: int, tmp_path: Path) -
 
 
 def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
-    """`labrig devices check` at 40 columns."""
+    """`labrig devices check` prints no line wider than 40 columns."""
     lines = _at_terminal(40, "devices", "check", "--rig", RIG)
     assert _words_too_long(lines, 40) == []
     assert any(line.startswith("PASS  bus") for line in lines)
@@ -83,7 +83,7 @@ def test_the_rig_is_checked_on_a_narrow_terminal() -> None:
 
 @pytest.fixture
 def shelf(tmp_path: Path, labrig: Labrig) -> Path:
-    """Two runs, one of which has been called names."""
+    """Two runs, one of which has tags and a verdict."""
     for name in ("20261121-091022-steerability", "run with spaces, \u00e9"):
         shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
     run = tmp_path / "20261121-091022-steerability"
@@ -95,7 +95,7 @@ def shelf(tmp_path: Path, labrig: Labrig) -> Path:
 
 @pytest.mark.parametrize("columns", [80, 40])
 def test_the_list_of_runs_fits(shelf: Path, columns: int) -> None:
-    """Names are whole, tags and verdict are there, and no line is wider than the terminal."""
+    """The list shows whole names, tags and verdicts within the width of the terminal."""
     lines = _at_terminal(columns, "runs", "--runs-dir", shelf)
     listed = "\n".join(lines)
     assert "20261121-091022-steerability" in listed
@@ -105,7 +105,7 @@ def test_the_list_of_runs_fits(shelf: Path, columns: int) -> None:
 
 
 def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
-    """Escape sequences of a note, asked for by a condition or printed whole, are written out."""
+    """Escape sequences in a note are printed as text, in the list and in full."""
     run = str(shelf / "20261121-091022-steerability")
     for arguments in (("runs", "note", run), ("runs", "--runs-dir", str(shelf), "--where", "note~gel")):
         printed = "\n".join(_at_terminal(200, *arguments))
@@ -115,14 +115,14 @@ def test_what_others_wrote_does_not_speak_to_the_terminal(shelf: Path) -> None:
 
 
 def test_json_keeps_what_was_written_and_holds_no_control_character(shelf: Path, labrig: Labrig) -> None:
-    """The document reads back as the note was, with every control character escaped."""
+    """The JSON document escapes every control character and parses back to the original note."""
     done = labrig("runs", "note", shelf / "20261121-091022-steerability", "--json")
     assert done.json()["notes"][0]["text"] == HOSTILE
     assert not set(done.out) & set("\x1b\x07\x9b\u202e")
 
 
 def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> None:
-    """Half a character is written out, in the list and in JSON."""
+    """A file name that is not UTF-8 is listed with its bytes escaped, also in JSON."""
     name = os.fsdecode(b"run-\xff")
     shutil.copytree(ROOT / "data" / "first-record", tmp_path / name)
     assert "run-\\udcff" in labrig("runs", "--runs-dir", tmp_path).out
@@ -130,5 +130,5 @@ def test_a_name_that_is_no_utf_8_is_listed(tmp_path: Path, labrig: Labrig) -> No
 
 
 def test_letters_of_any_language_and_line_ends_stay() -> None:
-    """Only what controls a terminal is written out."""
+    """Only control characters are escaped; letters of any language and line ends stay."""
     assert escape_controls("Gel gr\u00fcn\t\u6c34\nzwei") == "Gel gr\u00fcn\t\u6c34\nzwei"

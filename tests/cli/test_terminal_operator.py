@@ -1,4 +1,4 @@
-"""What the person at the bench is asked, at a real pseudo-terminal."""
+"""Questions to the operator, at a real pseudo-terminal."""
 
 import io
 import os
@@ -18,13 +18,13 @@ REQUEST = PlaceSpecimen("gel 10 %", 10)
 
 @dataclass(frozen=True)
 class Terminal:
-    """Both ends of a pseudo-terminal: what labrig reads, and where the person types."""
+    """Both ends of a pseudo-terminal: labrig's and the operator's."""
 
     stream: TextIO
     keyboard: int
 
     def type(self, text: str) -> None:
-        """Type ahead."""
+        """Write input for the next question."""
         os.write(self.keyboard, text.encode())
 
 
@@ -41,20 +41,20 @@ def terminal() -> Iterator[Terminal]:
     ("typed", "confirmed"), [("yes\n", True), ("Y\n", True), ("no\n", False), ("n\n", False)]
 )
 def test_yes_and_no_are_taken(typed: str, confirmed: bool, terminal: Terminal) -> None:
-    """Yes and no, long or short, are the answers."""
+    """Yes and no are accepted in their long and short forms."""
     terminal.type(typed)
     assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed is confirmed
 
 
 def test_anything_else_is_asked_again(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
-    """A mistyped answer, or only the return key, repeats the question."""
+    """A mistyped or empty answer repeats the question."""
     terminal.type("maybe\n\nyes\n")
     assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed
     assert capsys.readouterr().err.count("gel 10 %") == 3
 
 
 def test_a_pixel_is_two_numbers(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
-    """One number, words and infinity are asked again; two numbers are the pixel."""
+    """Two finite numbers are a pixel; one number, words and infinity repeat the question."""
     terminal.type("1020\nthere\ninf 3\n1020 290.5\n")
     answer = TerminalOperator(SignalNote(), terminal.stream).ask(PickTarget("000003.png"), lambda: None)
     assert (answer.confirmed, answer.pixel) == (True, (1020.0, 290.5))
@@ -73,21 +73,21 @@ def test_a_pixel_is_two_numbers(terminal: Terminal, capsys: pytest.CaptureFixtur
 def test_an_answer_of_another_kind_is_told_what_is_wanted(
     request_: OperatorRequest, typed: str, wanted: str, terminal: Terminal, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A yes where a number is wanted does not repeat the question in silence."""
+    """A yes in answer to a number repeats the question with the expected form."""
     terminal.type(f"{typed}\nno\n")
     assert not TerminalOperator(SignalNote(), terminal.stream).ask(request_, lambda: None).confirmed
     assert f"'{typed}' is not understood: {wanted}" in capsys.readouterr().err
 
 
 def test_a_scale_is_read_with_a_point_or_a_comma(terminal: Terminal) -> None:
-    """Both are one number, with its sign."""
+    """A reading may have a decimal point or comma, and a sign."""
     terminal.type("-12,5\n")
     answer = TerminalOperator(SignalNote(), terminal.stream).ask(ReadScale("linear", "mm", ""), lambda: None)
     assert (answer.confirmed, answer.reading) == (True, -12.5)
 
 
 def test_a_signal_ends_the_question(terminal: Terminal) -> None:
-    """A signal that arrives while nobody answers interrupts the run."""
+    """A signal during a question interrupts the run."""
     note = SignalNote()
     note.take(15, None)
     with pytest.raises(InterruptedRunError, match="SIGTERM"):
@@ -95,6 +95,6 @@ def test_a_signal_ends_the_question(terminal: Terminal) -> None:
 
 
 def test_a_pipe_cannot_confirm() -> None:
-    """What is piped in never answers for a person: no terminal, no confirmation."""
+    """Input from a pipe is not accepted as a confirmation."""
     with pytest.raises(SafetyStopError, match="nobody is there"):
         TerminalOperator(SignalNote(), io.StringIO("yes\n")).ask(REQUEST, lambda: None)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.cli.conftest import RIG, Labrig, Sweep
+from tests.cli.conftest import RIG, Labrig, SweepRun
 
 CALIBRATION = RIG.parent
 MAPPING = (
@@ -21,15 +21,15 @@ SCALE = ("--px-per-mm", 10, "--origin-px", 0, 0, "--insertion", "right")
 TEMPLATE = CALIBRATION / "simulated-tip.png"
 
 
-def _finals(sweep: Sweep) -> list[Path]:
+def _finals(sweep: SweepRun) -> list[Path]:
     lines = [json.loads(line) for line in (sweep.run / "frames.jsonl").read_text().splitlines()]
     return [sweep.run / line["file"] for line in lines if line["role"] == "final"]
 
 
 def test_a_template_of_one_frame_finds_the_tips_of_others(
-    labrig: Labrig, sweep: Sweep, tmp_path: Path
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
-    """Cut from one insertion by its shaft, it finds the final tips of all, where the shaft says they are."""
+    """A template cut from one insertion finds the final tips of all insertions where their shafts end."""
     template = tmp_path / "tip.png"
     made = labrig("calibrate", "template", sweep.run, "--frame", 5, "--out", template, "--json")
     assert made.exit_code == 0
@@ -43,8 +43,8 @@ def test_a_template_of_one_frame_finds_the_tips_of_others(
         assert math.dist(row["tip_mm"], other["tip_mm"]) < 0.4
 
 
-def test_heading_and_place_that_are_given_narrow_the_search(labrig: Labrig, sweep: Sweep) -> None:
-    """Near the tip it is found; elsewhere it is not, and the answer is no."""
+def test_heading_and_place_that_are_given_narrow_the_search(labrig: Labrig, sweep: SweepRun) -> None:
+    """The tip is found near a given place, and not elsewhere, which exits with 1."""
     picture = _finals(sweep)[0]
     asked = ("measure", "tip", picture, "--template", TEMPLATE, *MAPPING, "--json")
     tip = labrig(*asked).json()[0]
@@ -57,8 +57,8 @@ def test_heading_and_place_that_are_given_narrow_the_search(labrig: Labrig, swee
     assert far.json()[0]["reason"]
 
 
-def test_a_picture_and_both_ends_by_hand_need_no_map(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """With tip and heading given, no shaft is measured."""
+def test_a_picture_and_both_ends_by_hand_need_no_map(labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
+    """If tip and heading are given the shaft is not measured, and no plane map is needed."""
     out = tmp_path / "by-hand.png"
     picture = _finals(sweep)[0]
     asked = ("calibrate", "template", picture, "--tip-px", 300, 350, "--out", out)
@@ -67,8 +67,8 @@ def test_a_picture_and_both_ends_by_hand_need_no_map(labrig: Labrig, sweep: Swee
     assert json.loads(out.with_suffix(".json").read_text())["heading_rad"] == pytest.approx(math.radians(-30))
 
 
-def test_a_template_is_not_replaced_without_force(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """An existing file is refused, be it the picture or the JSON."""
+def test_a_template_is_not_replaced_without_force(labrig: Labrig, sweep: SweepRun, tmp_path: Path) -> None:
+    """An existing file is refused, whether it is the picture or the JSON."""
     out = tmp_path / "tip.png"
     (tmp_path / "tip.json").write_text("{}")
     asked = ("calibrate", "template", sweep.run, "--frame", 5, "--out", out)
@@ -82,9 +82,9 @@ def test_a_template_is_not_replaced_without_force(labrig: Labrig, sweep: Sweep, 
     "arguments", [("--frame", 9999), ("--tip-px", 2, 2, "--heading-deg", 0), ("--tip-px", "nan", 5)]
 )
 def test_what_cannot_be_cut_out_is_refused(
-    labrig: Labrig, sweep: Sweep, tmp_path: Path, arguments: tuple[object, ...]
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path, arguments: tuple[object, ...]
 ) -> None:
-    """A frame that is not there, and a tip at the border or nowhere, are named; no file is written."""
+    """A missing frame and a tip at the border or absent are named, and no file is written."""
     out = tmp_path / "tip.png"
     done = labrig("calibrate", "template", sweep.run, "--out", out, *arguments)
     assert done.exit_code in {2, 4}
@@ -93,9 +93,9 @@ def test_what_cannot_be_cut_out_is_refused(
 
 
 def test_bad_pictures_are_refused_within_a_batch_that_goes_on(
-    labrig: Labrig, sweep: Sweep, tmp_path: Path
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path
 ) -> None:
-    """Dark, 16-bit, small and missing pictures are refused by name; the good one is measured."""
+    """Dark, 16-bit, small and missing pictures are refused by name; the valid one is measured."""
     cv2.imwrite(str(tmp_path / "dark.png"), np.zeros((720, 1280), np.uint8))
     cv2.imwrite(str(tmp_path / "deep.png"), np.zeros((720, 1280), np.uint16))
     cv2.imwrite(str(tmp_path / "small.png"), np.full((20, 20), 90, np.uint8))
@@ -108,8 +108,10 @@ def test_bad_pictures_are_refused_within_a_batch_that_goes_on(
     assert labrig("measure", "tip", *bad[1:], "--template", TEMPLATE, *SCALE).exit_code == 2
 
 
-def test_a_template_that_cannot_be_used_is_wrong_input(labrig: Labrig, sweep: Sweep, tmp_path: Path) -> None:
-    """Without its JSON, or with another kind of JSON beside it, nothing is measured."""
+def test_a_template_that_cannot_be_used_is_wrong_input(
+    labrig: Labrig, sweep: SweepRun, tmp_path: Path
+) -> None:
+    """A template without its JSON, or with JSON of another kind, exits with 2."""
     picture = _finals(sweep)[0]
     (tmp_path / "tip.png").write_bytes(TEMPLATE.read_bytes())
     asked = ("measure", "tip", picture, "--template", tmp_path / "tip.png", *SCALE)

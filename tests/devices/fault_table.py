@@ -64,7 +64,7 @@ class Lost(Enum):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """What must come of a fault.
 
     Parameters
@@ -97,8 +97,8 @@ class Outcome:
     fault: tuple[str, int] | None = None
 
 
-SURVIVED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counted=True)
-UNNOTICED = Outcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
+SURVIVED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE, counted=True)
+UNNOTICED = FaultOutcome("success", None, "", Stop.NO_DEADLINE, Lost.NONE)
 
 
 _ONLY_FAULT: dict[type[LabrigError], tuple[str, int]] = {
@@ -119,17 +119,17 @@ def _fails(
     stop: Stop = Stop.BY_ANYBODY,
     lost: Lost = Lost.STRUCK,
     fault: tuple[str, int] | None = None,
-) -> Outcome:
-    return Outcome("failed", error, words, stop, lost, fault=fault or _ONLY_FAULT.get(error))
+) -> FaultOutcome:
+    return FaultOutcome("failed", error, words, stop, lost, fault=fault or _ONLY_FAULT.get(error))
 
 
-def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK) -> Outcome:
+def _emergency(code: int, words: str, stop: Stop = Stop.BY_ANYBODY, lost: Lost = Lost.STRUCK) -> FaultOutcome:
     return _fails(DriveFaultError, f"error 0x{code:04X}, {words}", stop, lost, ("emergency", code))
 
 
 def _find_later(
     error: type[LabrigError], words: str, *, found_in_tissue: bool = False
-) -> dict[Phase, Outcome]:
+) -> dict[Phase, FaultOutcome]:
     """Return what comes of a fault that is found when the next picture is taken, or the next line written."""
     return {
         Phase.IDLE: replace(_fails(error, words, lost=Lost.NONE), found_in_tissue=found_in_tissue),
@@ -147,7 +147,7 @@ _REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
 _UNANSWERED = _fails(DriveSilentError, "did not answer", lost=Lost.NONE, fault=_NO_ANSWER)
 
 
-def _at_the_next_question(outcome: Outcome) -> dict[Phase, Outcome]:
+def _at_the_next_question(outcome: FaultOutcome) -> dict[Phase, FaultOutcome]:
     """Return what comes of a fault in an answer: axes report without being asked, until the next move is to start."""
     return {
         Phase.IDLE: outcome,
@@ -156,7 +156,7 @@ def _at_the_next_question(outcome: Outcome) -> dict[Phase, Outcome]:
     }
 
 
-FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
+FAULTS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Survived and counted
     "one frame duplicated": SURVIVED,
     "one frame lost": SURVIVED,
@@ -210,7 +210,9 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
     "fingerprint mismatch": _RESTARTED,
     # The computer
     "computer hangs": _emergency(0x8130, "life guarding", Stop.BY_THE_DRIVE, Lost.ALL),
-    "signal": Outcome("aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE),
+    "signal": FaultOutcome(
+        "aborted", InterruptedRunError, "interrupted by SIGINT", Stop.BY_ANYBODY, Lost.NONE
+    ),
     "camera lost": _find_later(CameraError, "gave no picture"),
     "camera frozen": _find_later(CameraError, "the same picture", found_in_tissue=True),
     "disk full": _find_later(DiskError, "cannot write"),
@@ -218,15 +220,15 @@ FAULTS: dict[str, Outcome | dict[Phase, Outcome]] = {
 """Fault -> what must come of it, in every phase or by phase."""
 
 
-def _second_master(words: str, lost: Lost = Lost.NONE) -> Outcome:
+def _second_master(words: str, lost: Lost = Lost.NONE) -> FaultOutcome:
     return _fails(SecondMasterError, words, lost=lost)
 
 
-def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> Outcome:
+def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> FaultOutcome:
     return _fails(DriveStrayedError, words, lost=lost, fault=(fault, 0))
 
 
-SCENARIOS: dict[str, Outcome | dict[Phase, Outcome]] = {
+SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Another program commands the drives
     "second master retargets": _second_master("target position (0x607A:00) = 240000 quadcounts, 60.0000 mm"),
     "second master retargets by process data": _second_master("CAN frame 401#"),
@@ -260,10 +262,10 @@ REFUSED_AT_CONNECT = {
 """Fault -> what the next run says when it finds it there; these are not mended by switching off and on."""
 
 
-def outcome_of(fault: str, phase: Phase) -> Outcome:
+def outcome_of(fault: str, phase: Phase) -> FaultOutcome:
     """Return what must come of a fault in a phase."""
     expected = (FAULTS | SCENARIOS)[fault]
-    return expected if isinstance(expected, Outcome) else expected[phase]
+    return expected if isinstance(expected, FaultOutcome) else expected[phase]
 
 
 CELLS = [

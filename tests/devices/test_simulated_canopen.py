@@ -17,7 +17,7 @@ NODE = 5
 
 
 @dataclass
-class Bench:
+class CanopenBench:
     """One drive, a clock, and everything that was on the bus."""
 
     clock: SimulatedClock
@@ -65,18 +65,18 @@ class Bench:
 
 
 @pytest.fixture(name="bench")
-def _bench() -> Iterator[Bench]:
+def _bench() -> Iterator[CanopenBench]:
     clock, wire = SimulatedClock(), InProcessWire()
     heard: list[can.Message] = []
     bus = InProcessBus(wire, heard.append)
     drive = SimulatedDrive(wire, NODE, clock)
     clock.on_advance(drive.tick)
-    yield Bench(clock, wire, drive, bus, heard)
+    yield CanopenBench(clock, wire, drive, bus, heard)
     drive.unplug()
     bus.shutdown()
 
 
-def test_the_heartbeat_carries_the_nmt_state(bench: Bench) -> None:
+def test_the_heartbeat_carries_the_nmt_state(bench: CanopenBench) -> None:
     """Pre-operational, operational and stopped are 127, 5 and 4, once per period."""
     bench.frames(0x705)
     bench.write(co.PRODUCER_HEARTBEAT, 100)
@@ -88,7 +88,7 @@ def test_the_heartbeat_carries_the_nmt_state(bench: Bench) -> None:
         assert bench.frames(0x705) == [bytes([state])] * 5
 
 
-def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Bench) -> None:
+def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: CanopenBench) -> None:
     """0x8130 comes 500 ms after the last heartbeat, and never before the first one."""
     bench.write(co.CONSUMER_HEARTBEAT, 127 << 16 | 500)
     bench.clock.sleep(2.0)
@@ -106,7 +106,7 @@ def test_a_missed_heartbeat_is_an_error_after_its_time_and_not_before(bench: Ben
     assert bench.frames(0x085) == [bytes(8)]
 
 
-def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
+def test_guarding_answers_remote_frames_with_a_toggle(bench: CanopenBench) -> None:
     """State and toggle bit; no answer with heartbeats on; a silent master is an error."""
     bench.frames(0x705)
     for _ in range(3):
@@ -122,7 +122,7 @@ def test_guarding_answers_remote_frames_with_a_toggle(bench: Bench) -> None:
     assert bench.frames(0x705) == []
 
 
-def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> None:
+def test_a_status_change_is_sent_by_itself_when_operational(bench: CanopenBench) -> None:
     """TxPDO 1 sends the statusword on change; PRE-OPERATIONAL has no PDOs in either direction."""
     bench.send(0x205, b"\x06\0")
     assert bench.frames(0x185) == []
@@ -136,7 +136,7 @@ def test_a_status_change_is_sent_by_itself_when_operational(bench: Bench) -> Non
     assert bench.frames(0x185) == []
 
 
-def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
+def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: CanopenBench) -> None:
     """Position and following error in a PDO: on SYNC with type 1, on a remote frame with type 253."""
     mapping = co.TPDO_MAPS[2]
     for entry, value in (
@@ -158,7 +158,7 @@ def test_a_remapped_pdo_comes_on_sync_and_on_request(bench: Bench) -> None:
     assert bench.frames(0x385) == [bytes(6)]
 
 
-def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
+def test_a_synchronous_receive_pdo_waits_for_sync(bench: CanopenBench) -> None:
     """Type 1 takes effect at the next SYNC; a PDO that is too short is an emergency."""
     bench.write(co.RPDO_TYPES[0], 1)
     bench.nmt(0x01)
@@ -185,12 +185,12 @@ def test_a_synchronous_receive_pdo_waits_for_sync(bench: Bench) -> None:
         (od.FOLLOWING_ERROR_ACTUAL, 1, 0x06010002),
     ],
 )
-def test_refusals_carry_maxons_codes(bench: Bench, entry: Entry, value: int, code: int) -> None:
+def test_refusals_carry_maxons_codes(bench: CanopenBench, entry: Entry, value: int, code: int) -> None:
     """Each invalid write is aborted with the code for its reason."""
     assert bench.write(entry, value) == code
 
 
-def test_mapping_has_rules(bench: Bench) -> None:
+def test_mapping_has_rules(bench: CanopenBench) -> None:
     """Unmappable objects, wrong or excessive lengths, and mapping outside PRE-OPERATIONAL are refused."""
     mapping = co.TPDO_MAPS[0]
     assert bench.write(mapping[0], 0) == 0
@@ -205,7 +205,7 @@ def test_mapping_has_rules(bench: Bench) -> None:
     assert bench.write(co.LOWER_LIMIT, 11) == 0x06090036
 
 
-def test_only_saved_settings_survive_a_reset(bench: Bench) -> None:
+def test_only_saved_settings_survive_a_reset(bench: CanopenBench) -> None:
     """0x1010 saves settings, 0x1011 restores defaults; reset communication keeps motion settings."""
     bench.write(co.PROFILE_ACCELERATION, 77)
     bench.nmt(0x82)
@@ -222,7 +222,7 @@ def test_only_saved_settings_survive_a_reset(bench: Bench) -> None:
     assert bench.read(co.TRANSMIT_PDO_COB_IDS[0]) == 0x40000185
 
 
-def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) -> None:
+def test_a_changed_setting_clears_the_configuration_fingerprint(bench: CanopenBench) -> None:
     """A new parameter value sets 0x1020 to zero; an equal value or process data does not."""
     bench.write(od.CONFIGURATION_DATE, 7)
     bench.write(od.CONFIGURATION_TIME, 9)
@@ -233,7 +233,7 @@ def test_a_changed_setting_clears_the_configuration_fingerprint(bench: Bench) ->
     assert (bench.read(od.CONFIGURATION_DATE), bench.read(od.CONFIGURATION_TIME)) == (0, 0)
 
 
-def test_error_history_is_newest_first_and_can_be_cleared(bench: Bench) -> None:
+def test_error_history_is_newest_first_and_can_be_cleared(bench: CanopenBench) -> None:
     """Writing zero to the count of 0x1003 empties it."""
     for code in (0x2310, 0x3210):
         bench.drive.fail(code)
@@ -243,7 +243,7 @@ def test_error_history_is_newest_first_and_can_be_cleared(bench: Bench) -> None:
     assert bench.read(co.LAST_ERROR) == 0
 
 
-def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Bench) -> None:
+def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: CanopenBench) -> None:
     """After CAN passive a fault reset does nothing until NMT reset communication."""
     bench.drive.fail(0x8120)
     bench.write(co.CONTROLWORD, 0x80)
@@ -254,7 +254,7 @@ def test_bus_errors_need_reset_communication_before_they_can_be_reset(bench: Ben
     assert bench.read(co.STATUSWORD) & 0x4F == 0x40
 
 
-def test_a_stopped_node_sends_no_emergency(bench: Bench) -> None:
+def test_a_stopped_node_sends_no_emergency(bench: CanopenBench) -> None:
     """In NMT STOPPED there is no EMCY; the error is in the history."""
     bench.nmt(0x02)
     bench.drive.fail(0x2310)
@@ -263,7 +263,7 @@ def test_a_stopped_node_sends_no_emergency(bench: Bench) -> None:
     assert bench.read(co.LAST_ERROR) == 0x2310
 
 
-def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
+def test_segmented_and_unsized_downloads_are_understood(bench: CanopenBench) -> None:
     """Clients may send four bytes in segments, or not state the number of bytes."""
     bench.send(0x605, b"\x21\x83\x60\0\x04\0\0\0")
     bench.send(0x605, b"\x07\x05\0\0\0\0\0\0")
@@ -276,7 +276,7 @@ def test_segmented_and_unsized_downloads_are_understood(bench: Bench) -> None:
     assert bench.frames(0x585)[0][0] == 0x80
 
 
-def test_the_wire_loses_repeats_and_delays_frames(bench: Bench) -> None:
+def test_the_wire_loses_repeats_and_delays_frames(bench: CanopenBench) -> None:
     """Bus faults: a lost, a repeated and an overtaken frame, and no frames at all."""
     ask = b"\x40\x41\x60\0\0\0\0\0"
     bench.wire.lose(1)

@@ -26,7 +26,7 @@ MECHANICS = Mechanics(
 )
 
 
-class Bench:
+class MotionBench:
     """A drive whose objects are written directly, and its clock."""
 
     def __init__(self, mechanics: Mechanics) -> None:
@@ -65,9 +65,9 @@ class Bench:
 
 
 @contextmanager
-def bench(mechanics: Mechanics = MECHANICS) -> Iterator[Bench]:
+def bench(mechanics: Mechanics = MECHANICS) -> Iterator[MotionBench]:
     """Set up an enabled drive."""
-    made = Bench(mechanics)
+    made = MotionBench(mechanics)
     yield made
     made.drive.unplug()
 

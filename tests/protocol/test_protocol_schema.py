@@ -90,10 +90,10 @@ def test_the_text_of_a_schema_is_the_same_each_time_and_ends_with_a_line_break()
 def test_any_model_has_a_schema_under_the_title_given():
     """The rig file's schema is made by the same function."""
 
-    class Rig(Model):
+    class RigModel(Model):
         gain_db: float = Field(description="Gain [dB].")
 
-    schema: Any = model_schema(Rig, "labrig rig")
+    schema: Any = model_schema(RigModel, "labrig rig")
     assert list(schema)[:2] == ["$schema", "title"]
     assert schema["title"] == "labrig rig"
     assert schema["properties"]["gain_db"] == {"description": "Gain [dB].", "type": "number"}

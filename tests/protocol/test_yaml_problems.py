@@ -285,7 +285,7 @@ class Slow(Model):
     exposure_s: float = Field(gt=0, le=10, description="Exposure [s].")
 
 
-class Bench(Model):
+class BenchModel(Model):
     """A file as another room would describe it: kinds, maps, switches."""
 
     camera: Annotated[Fast | Slow, Field(discriminator="kind")] = Field(description="The camera.")
@@ -305,7 +305,7 @@ class Bench(Model):
 def bench_problem(text: str) -> Problem:
     """Return the one problem of a rig text."""
     with pytest.raises(FileFormatError) as caught:
-        validate_tree(read_tree(text, "rig.yaml"), Bench)
+        validate_tree(read_tree(text, "rig.yaml"), BenchModel)
     (problem,) = caught.value.problems
     return problem
 
@@ -360,10 +360,10 @@ def test_models_of_other_rooms_are_explained_as_well(text: str, where: str, mess
 def test_values_that_stand_in_no_file_are_told_by_their_source():
     """Options of a command make a model through the same checks."""
     with pytest.raises(FileFormatError) as caught:
-        validate_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", Bench)
+        validate_values({"camera": {"kind": "fast", "rate_hz": -1}}, "labrig import", BenchModel)
     assert caught.value.problems[0].where == "labrig import camera.rate_hz"
     made = validate_values(
-        {"camera": {"kind": "fast", "rate_hz": 1}, "origin_px": (1, 2)}, "labrig import", Bench
+        {"camera": {"kind": "fast", "rate_hz": 1}, "origin_px": (1, 2)}, "labrig import", BenchModel
     )
     assert made.origin_px == (1.0, 2.0)
 
@@ -371,6 +371,8 @@ def test_values_that_stand_in_no_file_are_told_by_their_source():
 def test_notes_may_have_lines_and_any_script_joins_its_letters():
     """User-written text is kept as written; only what nobody can see is refused."""
     made = validate_values(
-        {"camera": {"kind": "fast", "rate_hz": 1}, "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"}, "test", Bench
+        {"camera": {"kind": "fast", "rate_hz": 1}, "notes": "a\n\tb", "name": "می‌خواهم 👩‍🔬 é"},
+        "test",
+        BenchModel,
     )
     assert (made.notes, made.name) == ("a\n\tb", "می‌خواهم 👩‍🔬 é")

@@ -9,14 +9,14 @@ from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
 from labrig.experiments.registry import experiment_of
 from labrig.record.reader import Run, open_run
-from tests.analysis.synthetic import NOW, PROVENANCE, Sweep, record_sweep
+from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 from tests.pages import write_page
 
 HOSTILE = "<script>alert('x')</script> --> $x$ & \"gel\""
 
 
 @dataclass(frozen=True)
-class Page:
+class WrittenPage:
     """A run, its result and its page."""
 
     run: Run
@@ -24,7 +24,7 @@ class Page:
     html: str
 
 
-def make_page(run: Run, *, analysed: bool = True) -> Page:
+def make_page(run: Run, *, analysed: bool = True) -> WrittenPage:
     """Analyse a run, unless told not to, and write its page."""
     result = (
         analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
@@ -32,19 +32,21 @@ def make_page(run: Run, *, analysed: bool = True) -> Page:
         else None
     )
     again = open_run(run.path)
-    return Page(again, result, write_page(again, result, NOW).read_text(encoding="utf-8"))
+    return WrittenPage(again, result, write_page(again, result, NOW).read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="session")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+def page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
     """A sweep of two gels; the last picture shows no needle."""
-    return make_page(record_sweep(tmp_path_factory.mktemp("page"), Sweep(without_needle=frozenset({3}))))
+    return make_page(
+        record_sweep(tmp_path_factory.mktemp("page"), SyntheticSweep(without_needle=frozenset({3})))
+    )
 
 
 @pytest.fixture(scope="session")
-def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
     """A sweep whose people wrote HTML into every field that is theirs."""
-    sweep = Sweep(
+    sweep = SyntheticSweep(
         radii_mm={HOSTILE: (28.0,)}, gelatin_percent=(10.0,), title=HOSTILE, operator=HOSTILE, notes=HOSTILE
     )
     return make_page(record_sweep(tmp_path_factory.mktemp("hostile"), sweep))

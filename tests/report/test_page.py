@@ -13,14 +13,14 @@ from labrig.record.reader import open_run
 from tests.analysis.synthetic import (
     NOW,
     PROVENANCE,
-    Sweep,
+    SyntheticSweep,
     abort_sweep,
     record_calibration,
     record_import,
     record_sweep,
 )
 from tests.pages import write_page
-from tests.report.conftest import HOSTILE, Page, make_page
+from tests.report.conftest import HOSTILE, WrittenPage, make_page
 
 VOID = {"meta", "br", "wbr", "img", "link", "input", "hr"}
 
@@ -62,7 +62,7 @@ def _words(html: str) -> str:
     return re.sub(r"\s+", " ", _read(html).text)
 
 
-def test_the_page_is_well_formed(page: Page) -> None:
+def test_the_page_is_well_formed(page: WrittenPage) -> None:
     """Every element that is opened is closed, in order, and no identifier occurs twice."""
     elements = _read(page.html)
     assert elements.open == []
@@ -70,7 +70,7 @@ def test_the_page_is_well_formed(page: Page) -> None:
     assert len(identifiers) == len(set(identifiers))
 
 
-def test_nothing_is_fetched_from_anywhere(page: Page) -> None:
+def test_nothing_is_fetched_from_anywhere(page: WrittenPage) -> None:
     """The page has no network address and no script, and contains its pictures."""
     elements = _read(page.html).elements
     links = [
@@ -85,14 +85,14 @@ def test_nothing_is_fetched_from_anywhere(page: Page) -> None:
     assert re.findall(r"https?://|url\((?!#)", page.html) == []
 
 
-def test_linked_files_are_there(page: Page) -> None:
+def test_linked_files_are_there(page: WrittenPage) -> None:
     """The tables that the page links to stand beside it, by relative paths."""
     links = {a["href"] or "" for tag, a in _read(page.html).elements if tag == "a"}
     assert {Path(link).name for link in links} == {"specimens.csv", "measurements.csv", "origins.csv"}
     assert all((page.run.path / link).is_file() for link in links)
 
 
-def test_what_people_wrote_is_text(hostile_page: Page) -> None:
+def test_what_people_wrote_is_text(hostile_page: WrittenPage) -> None:
     """HTML in title, operator, notes and specimen is shown as text and is no element of the page."""
     elements = _read(hostile_page.html)
     assert elements.open == []
@@ -118,7 +118,7 @@ def test_what_people_say_afterwards_is_on_the_page(folder: Path) -> None:
     assert "notes.jsonl" in _words(write_page(open_run(run.path), None, NOW).read_text(encoding="utf-8"))
 
 
-def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: Page) -> None:
+def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: WrittenPage) -> None:
     """A row a gel: n, mean, SD, interval, refused; the paper's figures; what was drawn; the mean of means."""
     words = _words(page.html)
     assert re.search(r"10 % gel A N1 2 28\.3\d 0\.4\d\d 2\d\.\d\d to 3\d\.\d\d 0 28\.34 0\.247 28\.30", words)
@@ -126,7 +126,7 @@ def test_the_table_states_the_gels_beside_the_paper_and_the_truth(page: Page) ->
     assert re.search(r"Mean of the means 27\.6\d 27\.6 27\.75", words)
 
 
-def test_the_verdict_stands_at_the_top(page: Page) -> None:
+def test_the_verdict_stands_at_the_top(page: WrittenPage) -> None:
     """The first sentences say how much was measured, what came out, and that the rig is simulated."""
     verdict = _words(page.html.split("</header>")[0])
     assert "3 of 4 insertions measured." in verdict
@@ -134,7 +134,7 @@ def test_the_verdict_stands_at_the_top(page: Page) -> None:
     assert "The rig is simulated" in verdict
 
 
-def test_every_refusal_is_listed_with_its_reason(page: Page) -> None:
+def test_every_refusal_is_listed_with_its_reason(page: WrittenPage) -> None:
     """A refused final picture has a line of its own; short insertions are counted by their length."""
     assert page.result is not None
     words = _words(page.html)
@@ -143,7 +143,7 @@ def test_every_refusal_is_listed_with_its_reason(page: Page) -> None:
     assert re.search(r"10 3 Of 1\d\.\d mm of needle", words)
 
 
-def test_every_final_picture_is_shown_with_shaft_and_circle(page: Page) -> None:
+def test_every_final_picture_is_shown_with_shaft_and_circle(page: WrittenPage) -> None:
     """The contact sheet has a picture a final frame; the measured ones carry shaft and circle."""
     sheet = page.html.split("Every final picture")[1]
     assert sheet.count("<image ") == 4
@@ -151,13 +151,13 @@ def test_every_final_picture_is_shown_with_shaft_and_circle(page: Page) -> None:
     assert sheet.count('<polyline class="circle"') >= 3
 
 
-def test_the_camera_view_has_axes_scale_bar_and_sheath(page: Page) -> None:
+def test_the_camera_view_has_axes_scale_bar_and_sheath(page: WrittenPage) -> None:
     """Figure 7c: z and y at the tip of the sheath, a bar of a round length, the sheath by name."""
     view = page.html.split("camera's view</h2>")[1].split("</svg>")[0]
     assert re.findall(r">(z|y|sheath|\d+ mm)</text>", view) == ["z", "y", "5 mm", "sheath"]
 
 
-def test_provenance_names_code_settings_and_hashes(page: Page) -> None:
+def test_provenance_names_code_settings_and_hashes(page: WrittenPage) -> None:
     """The page names the code, the settings and the files behind its numbers."""
     assert page.result is not None
     words = _words(page.html)
@@ -167,7 +167,7 @@ def test_provenance_names_code_settings_and_hashes(page: Page) -> None:
     assert "exposure_s 0.01; 0.01 read back" in words
 
 
-def test_the_same_run_gives_the_same_page(page: Page) -> None:
+def test_the_same_run_gives_the_same_page(page: WrittenPage) -> None:
     """Written twice from the same result, the page is the same, byte for byte."""
     assert write_page(page.run, page.result, NOW).read_text(encoding="utf-8") == page.html
 
@@ -176,20 +176,20 @@ def test_the_same_run_gives_the_same_page(page: Page) -> None:
     ("sweep", "word", "sentence"),
     [
         (
-            abort_sweep(Sweep()),
+            abort_sweep(SyntheticSweep()),
             "aborted",
             "The run was aborted: the operator said no. 3 of 4 planned insertions ended.",
         ),
-        (Sweep(exit_status="failed"), "failed", "The run failed: the operator said no."),
+        (SyntheticSweep(exit_status="failed"), "failed", "The run failed: the operator said no."),
         (
-            Sweep(exit_status=None),
+            SyntheticSweep(exit_status=None),
             "incomplete",
             "The run was never closed: it is still going on, or it was killed.",
         ),
     ],
 )
 def test_a_run_that_did_not_end_has_a_page_that_says_so(
-    folder: Path, sweep: Sweep, word: str, sentence: str
+    folder: Path, sweep: SyntheticSweep, word: str, sentence: str
 ) -> None:
     """The status is beside the title, and the first sentence states what is missing."""
     made = make_page(record_sweep(folder, sweep))
@@ -211,7 +211,7 @@ def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
     folder: Path, exit_status: str | None
 ) -> None:
     """The page warns that the needle may be in tissue, and gives the positions of insertion and linear axis."""
-    sweep = Sweep(exit_status=exit_status, without_final=frozenset({3}))
+    sweep = SyntheticSweep(exit_status=exit_status, without_final=frozenset({3}))
     head = _words(make_page(record_sweep(folder, sweep)).html.split("</header>")[0])
     assert "The needle may still be in tissue: the run stopped within trial 3." in head
     assert "insertion axis stood at 30.00 mm" in head
@@ -221,12 +221,14 @@ def test_a_run_that_stopped_within_an_insertion_warns_of_the_needle(
 
 def test_a_run_that_stopped_between_insertions_warns_of_no_needle(folder: Path) -> None:
     """After the last withdrawal there is nothing in tissue."""
-    assert "in tissue" not in _words(make_page(record_sweep(folder, Sweep(exit_status="aborted"))).html)
+    assert "in tissue" not in _words(
+        make_page(record_sweep(folder, SyntheticSweep(exit_status="aborted"))).html
+    )
 
 
 def test_a_run_without_any_picture_has_a_page(folder: Path) -> None:
     """A run that stopped before its first picture states no mean and breaks nothing."""
-    sweep = Sweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
+    sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
     assert "No radius could be stated" in _words(make_page(record_sweep(folder, sweep)).html)
 
 
@@ -244,7 +246,7 @@ def test_a_picture_that_is_gone_leaves_a_gap_and_a_problem(folder: Path) -> None
 
 def test_faults_of_the_record_are_shown(folder: Path) -> None:
     """A record with a torn line has a page with a warning at its top."""
-    run = record_sweep(folder, Sweep(exit_status=None))
+    run = record_sweep(folder, SyntheticSweep(exit_status=None))
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
     assert "The record is not whole" in _words(make_page(run).html)
@@ -265,7 +267,7 @@ def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:
     assert f"frames/{file.name}: {file.name} is damaged: its SHA-256 does not fit" in head
 
 
-def test_devices_are_shown_as_their_manuals_write_them(page: Page) -> None:
+def test_devices_are_shown_as_their_manuals_write_them(page: WrittenPage) -> None:
     """Versions of drives are hexadecimal, ratios have their unit, and keys break between words only."""
     words = _words(page.html)
     assert "axes.insertion.drive.hardware_version 0x6220" in words
@@ -274,13 +276,13 @@ def test_devices_are_shown_as_their_manuals_write_them(page: Page) -> None:
     assert "axes.<wbr>insertion.<wbr>rpm_<wbr>per_<wbr>speed" in page.html
 
 
-def test_the_key_shows_the_circle_as_it_is_drawn(page: Page) -> None:
+def test_the_key_shows_the_circle_as_it_is_drawn(page: WrittenPage) -> None:
     """The fitted circle is dashed in the pictures and in their key."""
     assert '<span class="swatch dashed" style="color:#ffa600"></span>fitted circle' in page.html
     assert re.search(r"\.circle {[^}]*stroke-dasharray", page.html)
 
 
-def test_pages_spell_as_the_protocols_do(page: Page) -> None:
+def test_pages_spell_as_the_protocols_do(page: WrittenPage) -> None:
     """The powder is gelatin, in text and figures."""
     assert "gelatin, powder to water" in _words(page.html)
     assert "gelatine" not in page.html
@@ -288,7 +290,7 @@ def test_pages_spell_as_the_protocols_do(page: Page) -> None:
 
 def test_a_real_rig_has_no_columns_of_truth(folder: Path) -> None:
     """Without a truth the page says nothing of a simulation."""
-    made = make_page(record_sweep(folder, Sweep(truth=False)))
+    made = make_page(record_sweep(folder, SyntheticSweep(truth=False)))
     assert "simulat" not in _words(made.html).lower()
 
 

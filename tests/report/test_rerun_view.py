@@ -9,16 +9,16 @@ from labrig.errors import RecordError
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
 from tests.analysis.synthetic import record_sweep
-from tests.report.conftest import Page
+from tests.report.conftest import WrittenPage
 
 
-def _lines(page: Page) -> CentreLines:
+def _lines(page: WrittenPage) -> CentreLines:
     """Return the shafts that were found."""
     assert page.result is not None
     return load_centre_lines(page.result.path)
 
 
-def test_the_view_is_made_with_and_without_a_result(page: Page, folder: Path) -> None:
+def test_the_view_is_made_with_and_without_a_result(page: WrittenPage, folder: Path) -> None:
     """A view holds the pictures either way, is replaced when made again, and leaves nothing half-written."""
     with_lines = write_view(page.run, _lines(page), NO_VIEW)
     assert with_lines == page.run.path / "view.rrd"

@@ -307,7 +307,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
 
 
 @dataclass(frozen=True)
-class Result:
+class CellResult:
     """What came of a cell: how the run ended, when the axes stood still, and what differs from the table."""
 
     outcome: Outcome
@@ -340,7 +340,7 @@ def _hardware(description: RigDescription) -> SimulatedHardware:
     return hardware
 
 
-def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
+def run_cell(folder: Path, fault: str, phase: Phase) -> CellResult:
     """Run a cell and compare it with the table.
 
     Parameters
@@ -366,7 +366,7 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> Result:
         *_next_run_differences(cell, description, run.path.name),
     ]
     hardware.close()
-    return Result(outcome, run, still_after_s, tuple(differences))
+    return CellResult(outcome, run, still_after_s, tuple(differences))
 
 
 def _conduct(

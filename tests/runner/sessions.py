@@ -62,7 +62,7 @@ class Watched:
 
 
 @dataclass
-class Bench:
+class RunBench:
     """An opened rig with its recorder."""
 
     opened: OpenedRig
@@ -81,7 +81,7 @@ class Bench:
 
 
 @contextmanager
-def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[Bench]:
+def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()) -> Iterator[RunBench]:
     """Open a simulated rig and a record."""
     description = simulated_rig(*overrides)
     with opened_rig(description) as opened:
@@ -99,7 +99,7 @@ def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str]
             dump_yaml(description),
             description.calibration_files(),
         )
-        yield Bench(opened, recorder, Told())
+        yield RunBench(opened, recorder, Told())
 
 
 def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:

@@ -22,13 +22,13 @@ from labrig.runner.conduct import Outcome
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.insertion.test_procedure import EVEN, insertion, open_certified_rig
 from tests.pages import write_page
-from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench
 
 NEAR = ("target.position_mm=[0,-2,20]", "sentinel={pitch_mm: 1}")
 STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
 
 
-def nearer(opened: Bench, part: float) -> None:
+def nearer(opened: RunBench, part: float) -> None:
     """Bring the camera nearer to the bench by a part of its distance."""
     world = opened.opened.hardware.world
     lens = world.description.lens
@@ -37,7 +37,7 @@ def nearer(opened: Bench, part: float) -> None:
 
 
 def conduct(
-    opened: Bench, protocol: ExperimentProtocol, bump: float, when: type[object]
+    opened: RunBench, protocol: ExperimentProtocol, bump: float, when: type[object]
 ) -> tuple[Outcome, Run]:
     """Conduct a run in which the camera comes nearer once the operator has answered a kind of request."""
     bumps = [bump]

@@ -29,7 +29,7 @@ from labrig.runner.conduct import conduct, conduct_remainder, conduct_without_ri
 from labrig.runner.replay import Replay, _replay_session, _Replayed, replay_run
 from labrig.runner.session import Session
 from tests.record.faults import killed_run
-from tests.runner.sessions import PROTOCOLS, Bench, Told, Watched, bench, sweep
+from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, sweep
 
 
 def replay(run: Run) -> Replay:
@@ -162,7 +162,7 @@ def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run
     )
 
 
-def _signal_while_withdrawing(at: Bench) -> Session:
+def _signal_while_withdrawing(at: RunBench) -> Session:
     def then(doing: str) -> None:
         if "withdrawing" in doing:
             at.opened.signal.name = "TERM"

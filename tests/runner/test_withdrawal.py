@@ -20,7 +20,7 @@ from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
 from labrig.runner.axis_positions import AxisPositions, axis_positions_of
 from labrig.runner.withdrawal import ReverseMove, plan_reverse_moves, read_needle_path, withdraw
-from tests.runner.sessions import Bench, Watched, bench, sweep
+from tests.runner.sessions import RunBench, Watched, bench, sweep
 
 TURNED = (
     AxisPositions(0, 0, 0),
@@ -99,7 +99,7 @@ def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[
         depth_mm = move.position
 
 
-def _turn_in_gel(rig: Bench) -> None:
+def _turn_in_gel(rig: RunBench) -> None:
     """Put the needle into gel, turning its bevel on the way."""
     session = rig.session
     for request in (MountNeedle("N-1"), ConfirmAxesAtZero()):

@@ -23,7 +23,7 @@ PROCESS_SD_RAD, START_SD_RAD = math.radians(0.3), 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Insertion:
+class SimulatedInsertion:
     """Truth (T + 1, 4, 4) and its curvature; observed positions (T + 1, 3) and rolls (T,)."""
 
     truth: Floats
@@ -46,7 +46,7 @@ def settings(planar: bool, **changes: object) -> EstimatorSettings:
     return EstimatorSettings(RADIUS_MM, SIGMA_MM, PROCESS_SD_RAD, **given)  # type: ignore[arg-type]
 
 
-def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float = 1.0) -> Insertion:
+def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float = 1.0) -> SimulatedInsertion:
     """Simulate one insertion in closed form; `noise` scales every disturbance and the observations' noise."""
     rng = np.random.default_rng([seed, planar])
     rolls = np.zeros(STEPS)
@@ -65,10 +65,10 @@ def insert(seed: int, planar: bool, radius_mm: float = RADIUS_MM, noise: float =
     poses = np.stack(truth)
     seen_along = np.array((0.0, 1.0, 1.0) if planar else (1.0, 1.0, 1.0))
     seen = poses[:, :3, 3] + noise * seen_along * rng.normal(0.0, SIGMA_MM, (STEPS + 1, 3))
-    return Insertion(poses, 1.0 / radius_mm, seen, rolls)
+    return SimulatedInsertion(poses, 1.0 / radius_mm, seen, rolls)
 
 
-def follow(insertion: Insertion, chosen: EstimatorSettings) -> list[TipState]:
+def follow(insertion: SimulatedInsertion, chosen: EstimatorSettings) -> list[TipState]:
     """Return the states of a whole insertion, from a start along z at the first position."""
     pose = np.eye(4)
     pose[:3, 3] = insertion.positions_mm[0]

@@ -3,7 +3,14 @@
 import numpy as np
 from scipy.linalg import expm
 
-from tests.steering.insertions import PROCESS_SD_RAD, RADIUS_MM, SIGMA_MM, START_SD_RAD, Floats, Insertion
+from tests.steering.insertions import (
+    PROCESS_SD_RAD,
+    RADIUS_MM,
+    SIGMA_MM,
+    START_SD_RAD,
+    Floats,
+    SimulatedInsertion,
+)
 
 
 def hat(v: Floats) -> Floats:
@@ -20,7 +27,7 @@ def apply_error(pose: Floats, error: Floats) -> Floats:
     )
 
 
-def plain_ekf(insertion: Insertion) -> tuple[Floats, Floats]:
+def plain_ekf(insertion: SimulatedInsertion) -> tuple[Floats, Floats]:
     """Return poses (T + 1, 4, 4) and covariances (T + 1, 6, 6), in space, with the radius known."""
     pose = np.eye(4)
     pose[:3, 3] = insertion.positions_mm[0]

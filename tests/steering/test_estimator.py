@@ -17,7 +17,7 @@ from tests.steering.insertions import (
     PROCESS_SD_RAD,
     RADIUS_MM,
     SIGMA_MM,
-    Insertion,
+    SimulatedInsertion,
     follow,
     heading_errors_rad,
     heading_rmse_deg,
@@ -31,7 +31,7 @@ METHODS = ("error-state", "paper")
 PLANES = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
 
 
-def estimate(insertion: Insertion, **changes: object) -> np.ndarray:
+def estimate(insertion: SimulatedInsertion, **changes: object) -> np.ndarray:
     """Estimate a whole insertion, with the noise of the simulated world unless told otherwise."""
     given_values: dict[str, Any] = {
         "positions_mm": insertion.positions_mm,

@@ -12,7 +12,7 @@ LINES = ((1, 0.05, 0.3), (5, 0.08, 0.45), (10, 0.11, 0.55))
 
 
 @dataclass(frozen=True)
-class Bench:
+class PaperBench:
     """A camera over a sheet: points (right, down) [mm] from the sheet's middle, pixels through OpenCV's own lens."""
 
     intrinsics: Intrinsics
@@ -81,7 +81,7 @@ def make_bench(
     tilt = cv2.Rodrigues(np.deg2rad(np.array([tilt_deg, 0.7 * tilt_deg, 0.0])))[0]
     turned = tilt @ cv2.Rodrigues(np.deg2rad(np.array([0.0, 0.0, turn_deg])))[0]
     pose = np.column_stack((turned[:, :2], (0.0, 0.0, focal / px_per_mm)))
-    return Bench(intrinsics, intrinsics.camera_matrix() @ pose)
+    return PaperBench(intrinsics, intrinsics.camera_matrix() @ pose)
 
 
 def draw_paper(

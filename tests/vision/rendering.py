@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Lens:
+class RenderedLens:
     """A pinhole camera with radial distortion before a plane that may lean."""
 
     width: int = 1280
@@ -78,7 +78,7 @@ class Lens:
 
 
 @dataclass(frozen=True)
-class Needle:
+class RenderedNeedle:
     """What stands in the gel; a negative length leaves the needle inside its sheath."""
 
     radius_mm: float = 28.0
@@ -106,7 +106,7 @@ class Needle:
 
 
 @dataclass(frozen=True)
-class Gel:
+class RenderedGel:
     """What else the picture shows."""
 
     level: float = 165.0
@@ -118,22 +118,22 @@ class Gel:
     tracks_mm: tuple[float, ...] = (10.0, 20.0, -10.0)
     blur_px: float = 0.8
     noise: float = 3.0
-    extra: tuple[Needle, ...] = field(default=())
+    extra: tuple[RenderedNeedle, ...] = field(default=())
 
 
-class Bench:
+class RenderedBench:
     """A lens looking at a gel; draws any number of pictures."""
 
-    def __init__(self, lens: Lens) -> None:
+    def __init__(self, lens: RenderedLens) -> None:
         self.lens = lens
         self.mm = lens.pixels_mm()
         self.px_per_mm = 1.0 / float(np.median(np.hypot(*np.moveaxis(np.diff(self.mm, axis=1), -1, 0))))
 
-    def picture(self, needle: Needle | None, gel: Gel, seed: int) -> NDArray[np.uint8]:
+    def picture(self, needle: RenderedNeedle | None, gel: RenderedGel, seed: int) -> NDArray[np.uint8]:
         """Return the picture (H, W) of `needle` (None: neither needle nor sheath) in `gel`."""
         random = np.random.default_rng(seed)
         image = np.full(self.mm.shape[:2], gel.level)
-        model = needle or Needle()
+        model = needle or RenderedNeedle()
         for offset in gel.tracks_mm:
             self._track(image, model, offset, random)
         self._bubbles(image, gel, random)
@@ -144,7 +144,7 @@ class Bench:
         image += random.normal(0.0, gel.noise, image.shape) if gel.noise else 0.0
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def _light(self, gel: Gel, random: np.random.Generator) -> FloatArray:
+    def _light(self, gel: RenderedGel, random: np.random.Generator) -> FloatArray:
         h, w = self.mm.shape[:2]
         v, u = np.mgrid[:h, :w]
         x, y = (u - w / 2) / (w / 2), (v - h / 2) / (w / 2)
@@ -157,7 +157,7 @@ class Bench:
     ) -> None:
         image[where] = image[where] * (1.0 - cover) + level * cover
 
-    def _shaft(self, image: FloatArray, needle: Needle, gel: Gel) -> None:
+    def _shaft(self, image: FloatArray, needle: RenderedNeedle, gel: RenderedGel) -> None:
         s, points, heading = needle.centre_line()
         back = points[0] - np.outer(
             np.arange(0.02, 80.0, 0.02)[::-1], [np.sin(heading[0]), np.cos(heading[0])]
@@ -211,10 +211,10 @@ class Bench:
         return np.clip(np.rint(px[:, 0]), -20000, 20000).astype(np.int32)
 
     def _track(
-        self, image: FloatArray, needle: Needle, offset_mm: float, random: np.random.Generator
+        self, image: FloatArray, needle: RenderedNeedle, offset_mm: float, random: np.random.Generator
     ) -> None:
         radius = needle.radius_mm + random.normal(0.0, 0.5)
-        shape = Needle(
+        shape = RenderedNeedle(
             radius, 40.0, sheath_tip_mm=(offset_mm, 0.0), bend=needle.bend, bevel_rad=needle.bevel_rad
         )
         points = self._to_px(shape.centre_line()[1][::20])
@@ -223,7 +223,7 @@ class Bench:
         cv2.polylines(mask, [points], False, 255, width, cv2.LINE_AA)
         image -= cv2.GaussianBlur(mask, (0, 0), 1.0).astype(np.float64) / 255.0 * random.uniform(15.0, 25.0)
 
-    def _bubbles(self, image: FloatArray, gel: Gel, random: np.random.Generator) -> None:
+    def _bubbles(self, image: FloatArray, gel: RenderedGel, random: np.random.Generator) -> None:
         h, w = image.shape
         for _ in range(gel.bubbles):
             centre = (int(random.uniform(0, w)), int(random.uniform(0, h)))

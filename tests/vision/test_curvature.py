@@ -14,9 +14,9 @@ from hypothesis.extra.numpy import arrays
 from labrig.errors import InputError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
-LENS = Lens()
+LENS = RenderedLens()
 SETTINGS = CurvatureSettings()
 PICTURES = 24
 
@@ -24,12 +24,12 @@ PICTURES = 24
 @cache
 def bench():
     """Return the lens and its picture of the plane."""
-    return Bench(LENS)
+    return RenderedBench(LENS)
 
 
 def measure_picture(needle, gel=None, seed=1, wanted=SETTINGS):
     """Return the measurement of a picture of `needle`."""
-    return measure_curvature(bench().picture(needle, gel or Gel(), seed), LENS.plane_map(), wanted)
+    return measure_curvature(bench().picture(needle, gel or RenderedGel(), seed), LENS.plane_map(), wanted)
 
 
 @cache
@@ -38,13 +38,13 @@ def sweep():
     random = np.random.default_rng(18)
     pairs = []
     for seed in range(PICTURES):
-        needle = Needle(
+        needle = RenderedNeedle(
             radius_mm=random.normal(28.0, 1.0),
             heading_rad=random.normal(0.0, 0.01),
             bevel_rad=np.deg2rad(random.uniform(20.0, 60.0)),
         )
         tracks = tuple(10.0 * k for k in range(-int(random.integers(0, 3)), int(random.integers(1, 3))) if k)
-        pairs.append((measure_picture(needle, Gel(tracks_mm=tracks), seed), needle.radius_mm))
+        pairs.append((measure_picture(needle, RenderedGel(tracks_mm=tracks), seed), needle.radius_mm))
     return pairs
 
 
@@ -65,8 +65,8 @@ def test_interval_holds_the_truth_about_as_often_as_it_says():
 
 def test_measurement_names_the_needles_ends_and_bend():
     """Entry, tip, arc length, centre and bend are those of the needle drawn."""
-    m = measure_picture(Needle())
-    path = Needle().centre_line()[1]
+    m = measure_picture(RenderedNeedle())
+    path = RenderedNeedle().centre_line()[1]
     assert m.sheath_tip_mm == pytest.approx((0.0, 0.0), abs=0.05)
     assert m.entry_mm == m.sheath_tip_mm
     assert m.tip_mm == pytest.approx(tuple(path[-1]), abs=0.1)
@@ -78,14 +78,14 @@ def test_measurement_names_the_needles_ends_and_bend():
 
 def test_needle_that_bends_the_other_way_says_so():
     """A needle that bends up in the picture bends towards +y and has the same radius."""
-    m = measure_picture(Needle(bend=1, sheath_tip_mm=(-25.0, 0.0)))
+    m = measure_picture(RenderedNeedle(bend=1, sheath_tip_mm=(-25.0, 0.0)))
     assert m.bend == "+y"
     assert m.radius_mm == pytest.approx(28.0, abs=0.05)
 
 
 def test_window_leaves_out_what_it_declares():
     """The fitted rows lie between the declared ends, and the hinges' closing beyond them biases the radius."""
-    m = measure_picture(Needle())
+    m = measure_picture(RenderedNeedle())
     first, end = m.window
     fitted = m.centre_line_mm[first:end]
     length_mm = np.hypot(*np.diff(fitted, axis=0).T).sum()
@@ -94,7 +94,7 @@ def test_window_leaves_out_what_it_declares():
 
 def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
     """The interval shows twelve millimetres of closing hinges in the window; outside the window they are harmless."""
-    image = bench().picture(Needle(ramp_mm=12.0), Gel(), 1)
+    image = bench().picture(RenderedNeedle(ramp_mm=12.0), RenderedGel(), 1)
     inside, outside = (
         measure_curvature(image, LENS.plane_map(), replace(SETTINGS, window_start_mm=start))
         for start in (0.0, 13.0)
@@ -108,7 +108,7 @@ def test_hinges_closing_inside_the_window_cost_the_radius_its_certainty():
 @pytest.mark.parametrize("length_mm", [5.0, 10.0, 15.0, 20.0])
 def test_short_needles_are_found_and_their_radius_is_not_stated(length_mm):
     """A window below the least is refused with both lengths in the sentence."""
-    m = measure_picture(Needle(length_mm=length_mm), seed=6)
+    m = measure_picture(RenderedNeedle(length_mm=length_mm), seed=6)
     assert m.found
     assert not m.accepted
     assert m.radius_mm is None
@@ -118,7 +118,7 @@ def test_short_needles_are_found_and_their_radius_is_not_stated(length_mm):
 
 def test_gentle_arc_is_refused_for_its_standard_deviation():
     """The radius of an almost straight needle is refused, and the reason names the limit."""
-    m = measure_picture(Needle(radius_mm=900.0))
+    m = measure_picture(RenderedNeedle(radius_mm=900.0))
     assert m.found
     assert not m.accepted
     assert "standard deviation" in m.reason
@@ -127,7 +127,7 @@ def test_gentle_arc_is_refused_for_its_standard_deviation():
 
 def test_needle_on_two_arcs_is_refused():
     """A path that follows no single circle is refused, even if a part of it fits a circle well."""
-    image = bench().picture(Needle(ramp_mm=80.0, radius_mm=12.0), Gel(), 5)
+    image = bench().picture(RenderedNeedle(ramp_mm=80.0, radius_mm=12.0), RenderedGel(), 5)
     wanted = replace(SETTINGS, max_radius_sigma_mm=50.0)
     m = measure_curvature(image, LENS.plane_map(), wanted)
     assert m.found
@@ -140,7 +140,7 @@ def test_needle_on_two_arcs_is_refused():
 def test_needle_without_a_sheath_enters_at_the_border():
     """Without a stated sheath the arc length counts from the border, and the sheath's tip is unknown."""
     m = measure_picture(
-        Needle(sheath_diameter_mm=1.2),
+        RenderedNeedle(sheath_diameter_mm=1.2),
         wanted=replace(SETTINGS, sheath_diameter_mm=None, window_start_mm=24.0),
     )
     assert m.accepted
@@ -152,17 +152,17 @@ def test_needle_without_a_sheath_enters_at_the_border():
 @pytest.mark.parametrize(
     "gel",
     [
-        Gel(noise=12.0),
-        Gel(blur_px=3.0),
-        Gel(bubbles=300),
-        Gel(needle_level=130.0, sheath_level=130.0, glint_level=150.0),
-        Gel(unevenness=0.6),
+        RenderedGel(noise=12.0),
+        RenderedGel(blur_px=3.0),
+        RenderedGel(bubbles=300),
+        RenderedGel(needle_level=130.0, sheath_level=130.0, glint_level=150.0),
+        RenderedGel(unevenness=0.6),
     ],
     ids=["noise", "blur", "bubbles", "faint", "uneven-light"],
 )
 def test_harder_pictures_still_give_the_radius(gel):
     """Noise, blur, bubbles, a faint needle and uneven light cost less than a tenth of a millimetre."""
-    m = measure_picture(Needle(), gel, seed=7)
+    m = measure_picture(RenderedNeedle(), gel, seed=7)
     assert m.accepted
     assert m.radius_mm == pytest.approx(28.0, abs=0.1)
 
@@ -178,7 +178,7 @@ def test_refused_picture_is_all_none_but_the_reason():
 
 def test_json_has_the_documented_keys_and_only_numbers_that_json_knows():
     """The document of a found and of a refused picture has the same keys, and no NaN or infinity."""
-    documents = [measure_picture(needle).to_json() for needle in (Needle(), None)]
+    documents = [measure_picture(needle).to_json() for needle in (RenderedNeedle(), None)]
     wanted = {
         "found", "accepted", "reason", "radius_mm", "radius_ci95_mm", "centre_mm", "tip_mm", "arc_length_mm",
         "residual_rms_mm",
@@ -212,7 +212,7 @@ def test_impossible_settings_are_refused(wrong):
 
 def test_same_picture_gives_the_same_numbers():
     """Nothing is drawn at random."""
-    assert measure_picture(Needle()).to_json() == measure_picture(Needle()).to_json()
+    assert measure_picture(RenderedNeedle()).to_json() == measure_picture(RenderedNeedle()).to_json()
 
 
 @settings(max_examples=40, deadline=None)

@@ -10,17 +10,17 @@ from labrig.errors import FileFormatError, InputError, PictureError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.mask import load_mask
 
-from .rendering import Bench, Gel, Lens, Needle
+from .rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
-LENS = Lens()
+LENS = RenderedLens()
 SETTINGS = CurvatureSettings()
 
 
 @pytest.fixture(scope="module")
 def two_needles():
     """Return a picture with a second needle above the first, and the polygon around it."""
-    other = Needle(sheath_tip_mm=(8.0, 0.0), bend=1)
-    picture = Bench(LENS).picture(Needle(), Gel(extra=(other,), tracks_mm=()), 3)
+    other = RenderedNeedle(sheath_tip_mm=(8.0, 0.0), bend=1)
+    picture = RenderedBench(LENS).picture(RenderedNeedle(), RenderedGel(extra=(other,), tracks_mm=()), 3)
     return picture, [[0, 0], [1279, 0], [1279, 60], [420, 130], [0, 130]]
 
 
@@ -60,7 +60,7 @@ def test_picture_is_white_where_there_is_no_needle(two_needles, tmp_path):
 
 def test_masked_stretch_of_the_needle_does_not_count():
     """Edges under a mask are not used, and the radius stays the same."""
-    picture = Bench(LENS).picture(Needle(), Gel(tracks_mm=()), 4)
+    picture = RenderedBench(LENS).picture(RenderedNeedle(), RenderedGel(tracks_mm=()), 4)
     masked = np.zeros(picture.shape, bool)
     masked[:, 560:580] = True
     whole = measure_curvature(picture, LENS.plane_map(), SETTINGS)

@@ -8,16 +8,16 @@ import pytest
 from labrig.errors import MeasurementRefusedError
 from labrig.vision.plane import PlaneMap
 from labrig.vision.shaft import locate_shaft
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
-LENS = Lens()
-PLAIN = Gel(bubbles=0, tracks_mm=())
+LENS = RenderedLens()
+PLAIN = RenderedGel(bubbles=0, tracks_mm=())
 
 
 @cache
 def bench():
     """Return the lens and its picture of the plane."""
-    return Bench(LENS)
+    return RenderedBench(LENS)
 
 
 def locate(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
@@ -27,8 +27,8 @@ def locate(needle, gel=PLAIN, seed=1, diameter_mm=1.2, sheath_mm=2.0):
 
 def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
     """Both ends of the centre line are found in mm, and the arc between them has the needle's length."""
-    needle = Needle()
-    shaft = locate(needle, Gel())
+    needle = RenderedNeedle()
+    shaft = locate(needle, RenderedGel())
     ends_mm = LENS.plane_map().to_mm(np.vstack((shaft.entry_px, shaft.tip_px)))
     path = needle.centre_line()[1]
     assert np.hypot(*(ends_mm - path[[0, -1]]).T) == pytest.approx(0.0, abs=0.1)
@@ -38,12 +38,14 @@ def test_tip_and_sheath_tip_are_located_within_a_tenth_of_a_millimetre():
 @pytest.mark.parametrize("length_mm", [3.0, 5.0, 12.0, 25.0])
 def test_short_needles_are_found(length_mm):
     """A needle of a few millimetres beyond its sheath has a tip and a length."""
-    assert locate(Needle(length_mm=length_mm), Gel(), seed=4).length_mm == pytest.approx(length_mm, abs=0.15)
+    assert locate(RenderedNeedle(length_mm=length_mm), RenderedGel(), seed=4).length_mm == pytest.approx(
+        length_mm, abs=0.15
+    )
 
 
 def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
     """No row of the centre line is off by 0.05 mm, and the width is the needle's."""
-    needle = Needle()
+    needle = RenderedNeedle()
     shaft = locate(needle)
     path = needle.centre_line(0.02)[1]
     inner = shaft.arc_mm < 37.0
@@ -55,7 +57,7 @@ def test_centre_line_lies_on_the_needles_axis_in_spite_of_an_off_centre_glint():
 @pytest.mark.parametrize("stated_mm", [0.85, 1.0, 1.5, 1.75])
 def test_stated_diameter_may_be_off_by_half(stated_mm):
     """The measured shaft does not depend on the diameter that the caller states."""
-    shaft = locate(Needle(), Gel(), diameter_mm=stated_mm)
+    shaft = locate(RenderedNeedle(), RenderedGel(), diameter_mm=stated_mm)
     assert shaft.width_mm == pytest.approx(1.2, abs=0.02)
     assert shaft.length_mm == pytest.approx(40.0, abs=0.1)
 
@@ -70,7 +72,7 @@ def test_stated_diameter_may_be_off_by_half(stated_mm):
 )
 def test_turning_the_picture_turns_the_measurement_with_it(insertion, turned):
     """A picture turned with its insertion gives the same points in mm, to rounding."""
-    image = bench().picture(Needle(), Gel(), 2)
+    image = bench().picture(RenderedNeedle(), RenderedGel(), 2)
     px_per_mm, origin = 15.5, np.array([320.0, 200.0])
     h, w = image.shape
     places = {
@@ -87,7 +89,7 @@ def test_turning_the_picture_turns_the_measurement_with_it(insertion, turned):
 
 def test_colour_pictures_are_measured_like_grey_ones():
     """Three equal channels change nothing."""
-    image = bench().picture(Needle(), Gel(), 2)
+    image = bench().picture(RenderedNeedle(), RenderedGel(), 2)
     grey = locate_shaft(image, LENS.plane_map(), 1.2, 2.0)
     colour = locate_shaft(np.repeat(image[..., None], 3, axis=2), LENS.plane_map(), 1.2, 2.0)
     assert colour.centre_mm == pytest.approx(grey.centre_mm, abs=0.01)
@@ -96,13 +98,17 @@ def test_colour_pictures_are_measured_like_grey_ones():
 @pytest.mark.parametrize(
     ("needle", "gel", "words"),
     [
-        (Needle(length_mm=-5.0), Gel(), "no needle is seen beyond the sheath"),
-        (Needle(length_mm=-5.0), Gel(tracks_mm=(0.0, 10.0)), "no needle is seen beyond the sheath"),
-        (Needle(sheath_diameter_mm=1.2), Gel(), "no sheath is seen"),
-        (None, Gel(), "nothing dark and straight enters"),
-        (Needle(sheath_tip_mm=(-20.0, 0.0)), Gel(), "runs out of the picture"),
-        (Needle(), Gel(extra=(Needle(sheath_tip_mm=(-15.0, 0.0)),)), "two shafts"),
-        (Needle(diameter_mm=0.5, sheath_diameter_mm=1.9), PLAIN, "may look between"),
+        (RenderedNeedle(length_mm=-5.0), RenderedGel(), "no needle is seen beyond the sheath"),
+        (
+            RenderedNeedle(length_mm=-5.0),
+            RenderedGel(tracks_mm=(0.0, 10.0)),
+            "no needle is seen beyond the sheath",
+        ),
+        (RenderedNeedle(sheath_diameter_mm=1.2), RenderedGel(), "no sheath is seen"),
+        (None, RenderedGel(), "nothing dark and straight enters"),
+        (RenderedNeedle(sheath_tip_mm=(-20.0, 0.0)), RenderedGel(), "runs out of the picture"),
+        (RenderedNeedle(), RenderedGel(extra=(RenderedNeedle(sheath_tip_mm=(-15.0, 0.0)),)), "two shafts"),
+        (RenderedNeedle(diameter_mm=0.5, sheath_diameter_mm=1.9), PLAIN, "may look between"),
     ],
     ids=["sheath", "sheath-before-its-own-track", "no-sheath", "gel", "out-of-frame", "two-needles", "thin"],
 )
@@ -115,8 +121,8 @@ def test_what_is_no_needle_with_its_tip_is_refused_with_the_reason(needle, gel, 
 @pytest.mark.parametrize(("heading_rad", "seed"), [(0.0647, 1016), (0.09, 1), (-0.09, 2), (0.12, 3)])
 def test_slanting_sheath_is_one_shaft(heading_rad, seed):
     """A sheath that crosses several rows at the border is not taken for two shafts."""
-    needle = Needle(15.1, 24.0, sheath_tip_mm=(4.95, 2.67), heading_rad=heading_rad)
-    assert locate(needle, Gel(), seed).length_mm == pytest.approx(24.0, abs=0.15)
+    needle = RenderedNeedle(15.1, 24.0, sheath_tip_mm=(4.95, 2.67), heading_rad=heading_rad)
+    assert locate(needle, RenderedGel(), seed).length_mm == pytest.approx(24.0, abs=0.15)
 
 
 @pytest.mark.parametrize(("level", "looks"), [(0, "black"), (128, "even grey"), (255, "white")])

@@ -8,17 +8,17 @@ from labrig.errors import MeasurementRefusedError, PictureError
 from labrig.vision.curvature import CurvatureSettings, measure_curvature
 from labrig.vision.plane import PlaneMap
 from labrig.vision.sheath import measure_sheath
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
-LENS = Lens()
-BENCH = Bench(LENS)
+LENS = RenderedLens()
+BENCH = RenderedBench(LENS)
 PLANE = LENS.plane_map()
 INSIDE = -1.0
 
 
-def sheath(tip_mm: tuple[float, float] = (0.0, 0.0), heading_rad: float = 0.0) -> Needle:
+def sheath(tip_mm: tuple[float, float] = (0.0, 0.0), heading_rad: float = 0.0) -> RenderedNeedle:
     """Return a needle that is still inside its sheath."""
-    return Needle(length_mm=INSIDE, sheath_tip_mm=tip_mm, heading_rad=heading_rad)
+    return RenderedNeedle(length_mm=INSIDE, sheath_tip_mm=tip_mm, heading_rad=heading_rad)
 
 
 def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
@@ -30,7 +30,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
             (float(random.normal(0.0, 0.5)), float(random.normal(0.0, 1.0))),
             float(random.normal(0.0, 0.02)),
         )
-        found = measure_sheath(BENCH.picture(sheath(tip, heading), Gel(), seed), PLANE, 2.0)
+        found = measure_sheath(BENCH.picture(sheath(tip, heading), RenderedGel(), seed), PLANE, 2.0)
         off.append((found.tip_mm[1] - tip[1], found.tip_mm[0] - tip[0], found.heading_rad - heading))
     along, across, turn = np.abs(off).T
     assert along.max() < 0.05
@@ -41,7 +41,7 @@ def test_tip_and_heading_are_found_among_glints_bubbles_and_tracks() -> None:
 
 def test_a_bubble_at_the_end_moves_nothing() -> None:
     """A dark bubble of 0.8 mm in front of two thirds of the end moves the tip by less than 0.1 mm."""
-    image = BENCH.picture(sheath(), Gel(bubbles=0), 1)
+    image = BENCH.picture(sheath(), RenderedGel(bubbles=0), 1)
     u, v = PLANE.to_px(np.array([[0.55, 0.5]]))[0]
     cv2.circle(image, (round(u), round(v)), round(0.8 / PLANE.mm_per_px), 60, -1, cv2.LINE_AA)
     assert measure_sheath(image, PLANE, 2.0).tip_mm == pytest.approx((0.0, 0.0), abs=0.1)
@@ -49,10 +49,10 @@ def test_a_bubble_at_the_end_moves_nothing() -> None:
 
 def test_heading_is_measured_after_the_needle_is_out() -> None:
     """The sheath behind the step of width still shows its heading; without a sheath there is no heading."""
-    image = BENCH.picture(Needle(heading_rad=0.03), Gel(), 2)
+    image = BENCH.picture(RenderedNeedle(heading_rad=0.03), RenderedGel(), 2)
     measured = measure_curvature(image, PLANE, CurvatureSettings())
     assert measured.sheath_heading_rad == pytest.approx(0.03, abs=0.005)
-    bare = BENCH.picture(Needle(sheath_diameter_mm=1.2), Gel(), 2)
+    bare = BENCH.picture(RenderedNeedle(sheath_diameter_mm=1.2), RenderedGel(), 2)
     assert (
         measure_curvature(bare, PLANE, CurvatureSettings(sheath_diameter_mm=None)).sheath_heading_rad is None
     )
@@ -61,14 +61,14 @@ def test_heading_is_measured_after_the_needle_is_out() -> None:
 def test_a_picture_without_a_sheath_is_refused() -> None:
     """A picture without a shaft, or of another camera, is refused."""
     with pytest.raises(MeasurementRefusedError):
-        measure_sheath(BENCH.picture(None, Gel(bubbles=0, tracks_mm=()), 1), PLANE, 2.0)
+        measure_sheath(BENCH.picture(None, RenderedGel(bubbles=0, tracks_mm=()), 1), PLANE, 2.0)
     other = PlaneMap.from_scale(15.0, (320.0, 200.0), "right", (640, 480))
     with pytest.raises(PictureError):
-        measure_sheath(BENCH.picture(sheath(), Gel(), 1), other, 2.0)
+        measure_sheath(BENCH.picture(sheath(), RenderedGel(), 1), other, 2.0)
 
 
 def test_a_sheath_that_hardly_enters_the_picture_is_refused() -> None:
     """A visible length of 2 mm does not determine the heading."""
-    image = BENCH.picture(sheath((0.0, -18.5)), Gel(bubbles=0), 1)
+    image = BENCH.picture(sheath((0.0, -18.5)), RenderedGel(bubbles=0), 1)
     with pytest.raises(MeasurementRefusedError):
         measure_sheath(image, PLANE, 2.0)

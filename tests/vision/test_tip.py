@@ -16,7 +16,7 @@ from labrig.protocol.model import Direction
 from labrig.vision.template_file import load_template, save_template
 from labrig.vision.tip import locate_tip, next_region_px
 from labrig.vision.tip_template import TipTemplate
-from tests.vision.rendering import Gel
+from tests.vision.rendering import RenderedGel
 from tests.vision.tips import bench, tip
 
 TEMPLATE = tip(0.0, 100).template()
@@ -90,7 +90,7 @@ def test_a_flat_picture_shows_no_tip(level: int) -> None:
 
 def test_a_gel_without_a_needle_shows_no_tip() -> None:
     """Bubbles, tracks and noise are not taken for a tip."""
-    empty = bench().picture(None, Gel(), 1)
+    empty = bench().picture(None, RenderedGel(), 1)
     assert not locate_tip(empty, TEMPLATE).accepted
 
 

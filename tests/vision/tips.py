@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from labrig.vision.plane import Insertion
 from labrig.vision.tip_template import TipTemplate
-from tests.vision.rendering import Bench, Gel, Lens, Needle
+from tests.vision.rendering import RenderedBench, RenderedGel, RenderedLens, RenderedNeedle
 
-PLAIN = Gel(bubbles=0, tracks_mm=(), unevenness=0.1)
+PLAIN = RenderedGel(bubbles=0, tracks_mm=(), unevenness=0.1)
 _STRAIGHT_MM = 1e9
 
 
@@ -31,10 +31,10 @@ class Tip:
 
 
 @cache
-def bench() -> Bench:
+def bench() -> RenderedBench:
     """Return a camera that looks straight down through a lens without distortion."""
-    return Bench(
-        Lens(
+    return RenderedBench(
+        RenderedLens(
             width=640,
             height=480,
             centre_px=(320.0, 240.0),
@@ -47,10 +47,10 @@ def bench() -> Bench:
 
 
 @cache
-def tip(heading_rad: float = 0.0, seed: int = 0, *, over: bool = False, gel: Gel = PLAIN) -> Tip:
+def tip(heading_rad: float = 0.0, seed: int = 0, *, over: bool = False, gel: RenderedGel = PLAIN) -> Tip:
     """Draw a needle that heads so; at another fraction of a pixel for each seed."""
     shift = np.random.default_rng(seed).uniform(0.0, 0.5, 2)
-    needle = Needle(
+    needle = RenderedNeedle(
         radius_mm=_STRAIGHT_MM,
         length_mm=12.0,
         heading_rad=heading_rad,

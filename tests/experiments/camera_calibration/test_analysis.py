@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_lens_and_plane_are_found_and_written(run: Run) -> None:
-    """The simulated lens (fx 1800 px) is found within 4 sigma, and both files can be loaded together."""
+    """The simulated lens (fx 1800 px) is found within 4 sigma, and both files load together."""
     content, folder = _analyse(run)
     lens = load_intrinsics(folder / "intrinsics.json")
     assert lens.fx == pytest.approx(1800.0, abs=4.0 * (lens.sigma["fx"] or 0.0))
@@ -40,7 +40,7 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
-    """Index, depth and the paper's place reach the plane map; behind 10 mm of gel a pixel is longer than on it."""
+    """Index, depth and paper position reach the plane map; a pixel is longer behind 10 mm of gel than on it."""
     run = record_calibration(tmp_path, views=10, gel="{index: 1.35, depth_mm: 10, paper_at: surface}")
     content, folder = _analyse(run)
     lens = load_intrinsics(folder / "intrinsics.json")
@@ -53,7 +53,7 @@ def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_p
 
 
 def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
-    """What the map of coverage needs is in the result: 9 x 6 corners for each photograph that was used."""
+    """The result holds the 9 x 6 corners of each photograph that was used."""
     content, _ = _analyse(run)
     assert content.intrinsics is not None
     used = {view["image"] for view in content.intrinsics["views"] if view["used"]}
@@ -62,13 +62,13 @@ def test_the_corners_of_each_used_photograph_are_kept(run: Run) -> None:
 
 
 def test_unchanged_settings_give_identical_numbers(run: Run) -> None:
-    """Lens and plane come out the same to the last digit, however many threads OpenCV has."""
+    """Lens and plane are identical to the last digit, whatever the number of OpenCV threads."""
     first, second = (_analyse(run)[0].model_dump(mode="json") for _ in range(2))
     assert find_divergence(first, second) is None
 
 
 def test_progress_counts_the_pictures(run: Run) -> None:
-    """The callback hears of every picture."""
+    """Progress is reported for every picture."""
     updates: list[tuple[int, int]] = []
     analyze_run(
         run,
@@ -81,7 +81,7 @@ def test_progress_counts_the_pictures(run: Run) -> None:
 
 
 def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) -> None:
-    """A calibration run that was stopped gives a result that says what is missing, and no files."""
+    """The result of a run without photographs states what is missing, and no calibration is written."""
     content, folder = _analyse(record_calibration(tmp_path, views=0))
     assert (content.accepted, content.intrinsics, content.plane) == (False, None, None)
     assert "no picture of the board" in content.reasons[0]
@@ -89,7 +89,7 @@ def test_a_run_without_photographs_is_refused_with_the_reason(tmp_path: Path) ->
 
 
 def test_photographs_without_a_board_are_refused(tmp_path: Path) -> None:
-    """Pictures in which no board is found give no lens, and the plane is not made without one."""
+    """Without a board there is no lens, and without a lens no plane."""
     content, _ = _analyse(record_calibration(tmp_path, views=2, hold_board=False))
     assert content.accepted is False
     assert "in any of 2 pictures" in content.reasons[0]

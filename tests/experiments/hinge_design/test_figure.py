@@ -17,7 +17,7 @@ CELLS = tuple(
     ("picture_format", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
 )
 def test_the_same_cells_give_the_same_bytes(picture_format: str, start: bytes) -> None:
-    """The figure is drawn in the format asked for, and again the same to the byte."""
+    """The figure has the requested format, and the same data give the same bytes."""
     first = draw_hinge_figure(CELLS, EQUATION_3, picture_format)
     assert first.startswith(start)
     assert draw_hinge_figure(CELLS, EQUATION_3, picture_format) == first

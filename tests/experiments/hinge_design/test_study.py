@@ -1,4 +1,4 @@
-"""The study of a design, beside what the commands of tests/cli show of it."""
+"""The study of a design, beyond what tests/cli cover."""
 
 import pytest
 
@@ -15,7 +15,7 @@ CELLS = tuple(
 
 
 def test_the_table_holds_what_the_plane_leaves() -> None:
-    """Cells that lie in the plane leave nothing, and each line carries both hinges' rotations."""
+    """Cells in the plane have a residual of zero, and each row holds the rotations of both hinges."""
     lines = encode_hinge_table(CELLS, EQUATION_3).decode().splitlines()
     assert len(lines) == 1 + len(CELLS)
     heads = lines[0].split(",")
@@ -26,14 +26,14 @@ def test_the_table_holds_what_the_plane_leaves() -> None:
 
 
 def test_hinges_that_might_not_turn_make_no_design_file() -> None:
-    """A radius without an upper limit cannot be handed on."""
+    """A design whose radius has no upper limit has no design file."""
     document = {"accepted": True, "equation_3": {"same_tube": True}, "tolerance": {"radius_mm": [20.0, None]}}
     with pytest.raises(InputError, match="no upper limit"):
         design_file(document, {})
 
 
 def test_a_study_that_found_nothing_makes_no_design_file() -> None:
-    """Where neither equation (3) nor our contour says what to cut, the contour's reason is the refusal."""
+    """Without an answer of equation (3) or the contour, the design file is refused with the contour's reason."""
     document = {"accepted": False, "search": {"reason": "on our contour no inclination gives 7 degrees"}}
     with pytest.raises(AnswerIsNoError, match="no inclination gives 7"):
         design_file(document, {})

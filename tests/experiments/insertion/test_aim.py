@@ -1,4 +1,4 @@
-"""What rules an insertion out before anything moves."""
+"""Checks of an insertion before anything moves."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ SIMULATED = Path(__file__).parents[3] / "calibration" / "rig-simulated.yaml"
 
 
 def insertion(*overrides: str) -> ExperimentProtocol:
-    """Return the example with some values changed."""
+    """Return the example protocol with some values changed."""
     return load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, overrides)
 
 
 def test_the_example_suits_the_simulated_rig() -> None:
-    """Nothing of it is refused, and a path leads to its target."""
+    """The example protocol has no problem, and a path leads to its target."""
     assert find_problems(insertion(), simulated_rig()) == ()
     assert plan_of(insertion(), simulated_rig()).refusal is None
 
@@ -55,13 +55,13 @@ def test_the_example_suits_the_simulated_rig() -> None:
     ],
 )
 def test_a_target_that_cannot_be_aimed_at_is_refused(override: str, message: str) -> None:
-    """Each with the number and its limit, before anything is opened."""
+    """A target out of tissue or view is refused with its value and the limit."""
     problems = find_problems(insertion(override), simulated_rig())
     assert any(message in problem.message for problem in problems)
 
 
 def test_an_obstacle_out_of_view_is_refused() -> None:
-    """In the tissue, but so far aside that the camera sees none of it: its place cannot be confirmed on the picture."""
+    """An obstacle in the tissue but outside the camera's view is refused."""
     (problem,) = find_problems(
         insertion("specimen.width_mm=200", "obstacles=[{position_mm: [0, -70, 60], radius_mm: 5}]"),
         simulated_rig(),
@@ -71,13 +71,13 @@ def test_an_obstacle_out_of_view_is_refused() -> None:
 
 
 def test_an_obstacle_that_reaches_into_the_tissue_is_taken() -> None:
-    """Its centre may stand beside the block."""
+    """An obstacle is accepted if any part of it lies in the tissue."""
     edge = insertion("obstacles=[{position_mm: [0, -44, 60], radius_mm: 12}]")
     assert find_problems(edge, simulated_rig()) == ()
 
 
 def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
-    """Of this needle, on this rig, as its state file has it; that of another needle does not do."""
+    """A certified roll zero of this needle in the rig's state suffices; that of another needle does not."""
     rig = simulated_rig("state_file=state.json").placed_in(tmp_path)
     protocol = insertion("roll_zero=null")
     assert isinstance(protocol, InsertionProtocol)
@@ -89,12 +89,12 @@ def test_a_certified_roll_zero_need_not_be_found_again(tmp_path: Path) -> None:
 
 
 def test_a_target_named_by_its_pixel_is_aimed_at() -> None:
-    """A pixel in view is as good as millimetres."""
+    """A target may be given by a pixel in view."""
     assert find_problems(insertion("target={pixel: [1100, 290]}"), simulated_rig()) == ()
 
 
 def test_a_target_without_a_path_is_told_by_the_check() -> None:
-    """The planner's reason stands beside the target's key."""
+    """The check reports the planner's reason at the target's key."""
     refusal = plan_of(insertion("target.position_mm=[0,25,12]"), simulated_rig()).refusal
     assert refusal is not None
     assert refusal.where == "target"
@@ -102,14 +102,14 @@ def test_a_target_without_a_path_is_told_by_the_check() -> None:
 
 
 def test_a_rig_without_a_template_is_refused_with_the_command_that_makes_one() -> None:
-    """Nothing could be seen."""
+    """A rig without a template is refused with the command that makes one."""
     problems = find_problems(insertion(), simulated_rig("calibration.template=null"))
     assert [problem.where for problem in problems] == ["calibration.template"]
     assert "labrig calibrate template" in problems[0].hint
 
 
 def test_a_template_that_is_not_there_is_refused() -> None:
-    """A name that leads nowhere is told before anything moves."""
+    """A missing template file is reported before anything moves."""
     problems = find_problems(insertion(), load_rig(SIMULATED, ["calibration.template=none.png"]))
     assert [problem.where for problem in problems] == ["calibration.template"]
 
@@ -130,6 +130,6 @@ def test_a_template_that_is_not_there_is_refused() -> None:
     ],
 )
 def test_values_that_mean_nothing_are_refused_at_their_key(override: str) -> None:
-    """NaN, zero or negative radii, a target told twice or not at all, a filter that cannot do what is asked."""
+    """NaN, radii of zero or less, an ambiguous or missing target, and impossible filters are refused at their keys."""
     with pytest.raises(FileFormatError):
         insertion(override)

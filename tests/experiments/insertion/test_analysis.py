@@ -1,4 +1,4 @@
-"""What is said of an insertion run: errors by the shaft, and the way to it estimated again."""
+"""The analysis of an insertion run: errors by the shaft, and estimates from the recorded pictures."""
 
 import hashlib
 import re
@@ -17,7 +17,7 @@ from tests.experiments.insertion.test_procedure import EVEN, insertion, open_cer
 
 
 def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
-    """It is within 0.3 mm of the world's own, and comes with the keys that others rely on."""
+    """The measured error is within 0.3 mm of the true one, under the keys of the interface."""
     content = analyse(record_insertion())
     assert content.reached
     assert content.target_error_mm is not None
@@ -31,7 +31,7 @@ def test_the_error_is_measured_by_the_shaft_near_what_is_true() -> None:
 
 
 def test_estimated_again_everything_comes_out_as_it_was() -> None:
-    """From the recorded pictures and turns, with the protocol's settings, every estimate is the live one."""
+    """With the protocol's settings, recorded pictures and turns give every live estimate again."""
     run = record_insertion()
     steps = analyse(run).insertions[0].steps
     live = observations(run)
@@ -43,7 +43,7 @@ def test_estimated_again_everything_comes_out_as_it_was() -> None:
 
 
 def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
-    """With another noise the innovations weigh otherwise; where the needle ended does not change."""
+    """Another observation noise changes the estimates, not the measured end of the needle."""
     run = record_insertion()
     was, would_be = analyse(run), analyse(run, "estimator.observation_sd_mm=0.05")
     assert would_be.insertions[0].mean_nis != was.insertions[0].mean_nis
@@ -54,7 +54,7 @@ def test_other_settings_of_the_estimator_tell_what_would_have_been() -> None:
 
 
 def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
-    """The tip as estimated is within half a millimetre of the truth on the whole way; without truth it is unknown."""
+    """The estimated tip is within half a millimetre of the truth all the way; without a truth that error is unknown."""
     run = record_insertion()
     steps = analyse(run).insertions[0].steps
     for step in steps:
@@ -68,7 +68,7 @@ def test_truth_is_compared_where_there_is_one(tmp_path: Path) -> None:
 
 
 def test_insertions_that_missed_are_counted_with_their_causes() -> None:
-    """Of repetitions those that arrived are counted, and the others by cause."""
+    """Successful repetitions are counted, and the others by cause."""
     content = analyse(record_insertion("repetitions=2", "target.tolerance_mm=0.001"))
     assert (content.made, content.arrived, content.reached) == (2, 0, False)
     assert content.causes == {"target_missed": 2}
@@ -76,7 +76,7 @@ def test_insertions_that_missed_are_counted_with_their_causes() -> None:
 
 
 def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path) -> None:
-    """The reason is told, and what happened on the way is told all the same."""
+    """A damaged final picture leaves the error unknown, with the reason; the steps are still estimated."""
     run = record_insertion()
     copy = shutil.copytree(run.path, tmp_path / "damaged")
     final = run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
@@ -88,7 +88,7 @@ def test_a_final_picture_that_is_damaged_leaves_the_error_unknown(tmp_path: Path
 
 
 def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path) -> None:
-    """Steered within the tolerance and measured outside of it, it counts as missed, and the cause says so."""
+    """An insertion that arrived by the estimate but not by the shaft counts as missed, with its cause."""
     run = record_insertion()
     error_mm = analyse(run).target_error_mm
     assert error_mm is not None
@@ -105,7 +105,7 @@ def test_an_insertion_that_the_shaft_says_missed_was_not_reached(tmp_path: Path)
 
 
 class _CoveredSource:
-    """A camera before which something is held from its eighth exposure to its tenth."""
+    """A camera that is covered from its eighth exposure to its tenth."""
 
     def __init__(self, source: PictureSource) -> None:
         self.exposures = 0
@@ -113,7 +113,7 @@ class _CoveredSource:
         self.set, self.get, self.close = source.set, source.get, source.close
 
     def read(self) -> Exposure | None:
-        """Return the picture, or that of what is held before the lens."""
+        """Return the picture, or that of the cover."""
         exposure = self._source.read()
         self.exposures += 1
         if exposure is None or not 8 <= self.exposures <= 10:
@@ -122,7 +122,7 @@ class _CoveredSource:
 
 
 def test_an_insertion_whose_tip_was_lost_from_sight_comes_out_as_it_was(tmp_path: Path) -> None:
-    """After misses the search is wider and tries every heading, in the analysis as it did in the run."""
+    """After misses the analysis widens its search exactly as the live run did."""
     protocol = insertion()
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         camera = opened.opened.rig.camera

@@ -17,14 +17,14 @@ from tests.pages import write_page
 
 @pytest.fixture(scope="module")
 def html() -> str:
-    """The page of an insertion past one obstacle."""
+    """Return the page of an insertion past one obstacle."""
     run = record_insertion()
     result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
     return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 
 
 def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
-    """Depth, time, scale bar, plan, former plans, obstacle, target, and at the end path and truth are drawn."""
+    """Each picture shows depth, time, scale, plans, obstacle and target; the last one also path and truth."""
     plates = re.findall(r'<svg class="view".*?</svg>', html, re.DOTALL)
     assert len(plates) >= 3
     for plate in plates:
@@ -39,7 +39,7 @@ def test_each_replan_has_its_picture_with_everything_in_it(html: str) -> None:
 
 
 def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -> None:
-    """The sheath enlarged, an arrow for each with its name; how far apart they are stands below and in a table."""
+    """The enlarged sheath has a labelled arrow for found and commanded pose; their distance is in text and table."""
     (cut,) = re.findall(r'<svg class="view cut".*?</svg>', html, re.DOTALL)
     for kind in ("found", "commanded"):
         assert f'<line class="{kind}"' in cut
@@ -54,13 +54,13 @@ def test_origin_and_direction_are_drawn_as_found_beside_the_command(html: str) -
 
 
 def test_error_clearance_nis_and_heading_are_drawn_over_the_length(html: str) -> None:
-    """The four curves stand in the page, with the truth of a simulated rig."""
+    """The page has the four curves, with the truth of a simulated rig."""
     for words in ("error of the estimate", "Clearance", "NIS", "Heading", "truth"):
         assert words in html
 
 
 def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
-    """The verdict tells the measured error and the true one."""
+    """The verdict states the measured and the true error."""
     assert "1 of 1 insertion reached the target" in html
     assert "Measured by the shaft" in html
     assert re.search(r"from it \(standard deviation 0\.\d\d mm\)", html)
@@ -68,7 +68,7 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
 
 
 def test_the_view_shows_the_insertion_too() -> None:
-    """The rerun file of an insertion holds more than its pictures: paths, plans and the estimate's curves."""
+    """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
     run = record_insertion()
     analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
     assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW).read_bytes()
@@ -76,6 +76,6 @@ def test_the_view_shows_the_insertion_too() -> None:
 
 
 def test_what_a_person_wrote_stays_text(html: str) -> None:
-    """A title with markup is escaped."""
+    """Markup in a title is escaped."""
     assert "To &lt;b&gt;there&lt;/b&gt;" in html
     assert "<b>there" not in html

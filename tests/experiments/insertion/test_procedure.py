@@ -1,4 +1,4 @@
-"""The closed loop: what it moves, asks and records, how it ends, and what stops it."""
+"""The closed loop: its moves, questions and records, its endings, and what stops it."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.reader import Run, open_run
 from labrig.runner.conduct import Outcome, conduct
 from labrig.runner.session import Progress, Session
-from tests.runner.sessions import PROTOCOLS, Bench, Watched, bench
+from tests.runner.sessions import PROTOCOLS, RunBench, Watched, bench
 
 SHORT = ("target.position_mm=[0,-6,40]", "obstacles=[]", "roll_zero=null")
 EVEN = (
@@ -33,15 +33,15 @@ EVEN = (
 
 
 def insertion(*overrides: str) -> ExperimentProtocol:
-    """Return a short insertion without obstacles, with the needle's roll zero certified before."""
+    """Return a short insertion without obstacles, whose roll zero is already certified."""
     return load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, [*SHORT, *overrides])
 
 
 @contextmanager
 def open_certified_rig(
     tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str] = ()
-) -> Iterator[Bench]:
-    """Open a rig on which a needle is mounted, the axes are referenced, and its roll zero is certified."""
+) -> Iterator[RunBench]:
+    """Open a rig with a mounted needle, referenced axes and a certified roll zero."""
     with bench(tmp_path, protocol, overrides) as opened:
         rig = opened.opened.rig
         opened.opened.hardware.world.mount_needle("N1")
@@ -58,32 +58,32 @@ def conduct_insertion(
         return opened.conduct(protocol)
 
 
-def conduct_telling(opened: Bench, protocol: ExperimentProtocol, then: Progress) -> tuple[Outcome, Run]:
-    """Conduct an insertion and call back with each progress that it tells."""
+def conduct_telling(opened: RunBench, protocol: ExperimentProtocol, then: Progress) -> tuple[Outcome, Run]:
+    """Conduct an insertion, and call back at each progress report."""
     session = Session(opened.opened.rig, opened.recorder, then)
     outcome = conduct(find_experiment(protocol.experiment), protocol, session)
     return outcome, open_run(opened.recorder.path)
 
 
 def events(run: Run, kind: str) -> list[dict[str, Any]]:
-    """Return the events of one kind, as they were written."""
+    """Return the recorded events of one kind."""
     lines = (run.path / "events.jsonl").read_text(encoding="utf-8").splitlines()
     return [event for event in map(json.loads, lines) if event["kind"] == kind]
 
 
 def truth(run: Run) -> dict[str, Any]:
-    """Return what is true of the only insertion."""
+    """Return the truth of the only insertion."""
     return json.loads((run.path / "truth.jsonl").read_text(encoding="utf-8").splitlines()[0])
 
 
 @pytest.fixture(scope="module")
 def arrived(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, Run]:
-    """An insertion that arrived."""
+    """An insertion that reached its target."""
     return conduct_insertion(tmp_path_factory.mktemp("insertion"), insertion())
 
 
 def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, Run]) -> None:
-    """In even gel the tip ends within 0.3 mm of the target, and every axis is back at zero afterwards."""
+    """In even gel the tip ends within 0.3 mm of the target, and every axis returns to zero."""
     outcome, run = arrived
     assert (outcome.exit_status, outcome.error) == ("success", None)
     assert truth(run)["true_target_error_mm"] < 0.3
@@ -93,7 +93,7 @@ def test_the_target_is_reached_and_the_needle_withdrawn(arrived: tuple[Outcome, 
 
 
 def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> None:
-    """While it is inserted it advances at the set speed, but where the bevel is turned, at the start and at the end."""
+    """The needle advances at the set speed except at turns of the bevel, the start and the end."""
     _, run = arrived
     stops_s = [flip["t_s"] for flip in events(run, "flip")]
     looks = events(run, "observation")
@@ -105,7 +105,7 @@ def test_between_turns_the_needle_never_stops(arrived: tuple[Outcome, Run]) -> N
 
 
 def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived: tuple[Outcome, Run]) -> None:
-    """Two pictures are at most 1.3 mm apart, and each line says where the needle stood when it was taken."""
+    """Pictures are at most 1.3 mm apart, and each has the needle's position at its exposure."""
     _, run = arrived
     frames = run.frame_table[run.frame_table["role"] == "observe"]
     depths = frames["insertion_mm"].to_numpy()
@@ -115,7 +115,7 @@ def test_frames_are_taken_every_millimetre_with_the_encoder_beside_them(arrived:
 
 
 def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tuple[Outcome, Run]) -> None:
-    """Each flip ends half a turn from where it began, within a turn of where the bevel was mounted."""
+    """Each flip is half a turn, and the bevel stays within a turn of its certified zero."""
     _, run = arrived
     for flip in events(run, "flip"):
         assert abs(flip["to_rad"] - flip["from_rad"]) == pytest.approx(math.pi)
@@ -123,7 +123,7 @@ def test_the_bevel_is_turned_by_half_turns_about_the_certified_zero(arrived: tup
 
 
 def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
-    """The first at the start, the next where the sheath was found, later ones on schedule, deviation or nearness."""
+    """The first plan is for the start, the next for the sheath, later ones for schedule, deviation or nearness."""
     _, run = arrived
     plans = events(run, "plan")
     assert [plan["because"] for plan in plans[:2]] == ["start", "origin"]
@@ -132,7 +132,7 @@ def test_every_plan_says_why_it_was_made(arrived: tuple[Outcome, Run]) -> None:
 
 
 def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
-    """With a lag of two seconds the needle goes on no sooner than that after each turn."""
+    """With a lag of two seconds the needle waits at least that long after each turn."""
     protocol = insertion("target.position_mm=[0,3,25]")
     with open_certified_rig(tmp_path, protocol, (*EVEN, "axes.rotation.lag_s=2")) as opened:
         _, run = opened.conduct(protocol)
@@ -146,7 +146,7 @@ def test_a_turn_waits_for_the_lag_of_the_bevel(tmp_path: Path) -> None:
 
 
 def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) -> None:
-    """Axes that stand elsewhere than at zero, the needle being out, are taken there first."""
+    """If the needle is out, axes away from zero are moved there first."""
     protocol = insertion("target.position_mm=[0,-3,25]")
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.session.move("linear", 3.0, 5.0)
@@ -156,7 +156,7 @@ def test_needle_and_sheath_are_drawn_back_before_an_insertion(tmp_path: Path) ->
 
 
 def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
-    """The operator is asked with a picture on disk, in colour, while the needle stands flush with the sheath."""
+    """The operator gets a colour picture of the plan while the needle is still flush with the sheath."""
     protocol = insertion()
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         rig, shown = opened.opened.rig, []
@@ -171,7 +171,7 @@ def test_the_plan_is_shown_before_the_needle_moves(tmp_path: Path) -> None:
 
 
 def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) -> None:
-    """No means no: the run is aborted, and the needle has not left the sheath."""
+    """If the operator declines, the run is aborted before the needle leaves the sheath."""
     protocol = insertion()
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         opened.opened.rig.operator = Watched(opened.opened.rig.operator, declines=ConfirmPlan)
@@ -182,7 +182,7 @@ def test_a_plan_that_the_operator_declines_is_not_carried_out(tmp_path: Path) ->
 
 
 def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
-    """Nothing moves, and the hint names the command that makes one."""
+    """Without a roll zero nothing moves, and the hint names the command that finds one."""
     protocol = insertion()
     with bench(tmp_path, protocol) as opened:
         outcome, run = opened.conduct(protocol)
@@ -193,14 +193,14 @@ def test_without_a_roll_zero_an_insertion_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_roll_zero_of_another_needle_does_not_count(tmp_path: Path) -> None:
-    """It is certified for the needle that was mounted."""
+    """A roll zero certified for another needle is not used."""
     protocol = insertion("needle.needle_id=N2")
     outcome, _ = conduct_insertion(tmp_path, protocol)
     assert outcome.reason == "no_roll_zero"
 
 
 def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -> None:
-    """With the bevel at 40 degrees where the axis reads zero, the zero found is -40 degrees and the target reached."""
+    """A needle clamped at 40 degrees has a roll zero of -40 degrees and reaches its target."""
     steps = "{specimen: {name: plain, gelatin_percent: 13}, rolls: 4}"
     protocol = insertion(f"roll_zero={steps}")
     with bench(tmp_path, protocol, (*EVEN, "world.needle.clamp_roll_deg=40")) as opened:
@@ -213,7 +213,7 @@ def test_a_needle_clamped_askew_arrives_once_its_zero_is_known(tmp_path: Path) -
 
 
 def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
-    """With a tolerance that nothing can keep the reason is target_missed; the needle is out all the same."""
+    """A missed target ends the run with the reason target_missed, and the needle is still withdrawn."""
     protocol = insertion("target.tolerance_mm=0.001")
     with open_certified_rig(tmp_path, protocol) as opened:
         outcome, run = opened.conduct(protocol)
@@ -225,7 +225,7 @@ def test_a_target_that_is_missed_ends_the_run_as_failed(tmp_path: Path) -> None:
 
 
 def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tmp_path: Path) -> None:
-    """There is no path, with the planner's reason; the sheath has stayed where it was."""
+    """A target without a path is refused with the planner's reason before the sheath moves."""
     outcome, run = conduct_insertion(tmp_path, insertion("target.position_mm=[0,20,10]"))
     assert outcome.reason == "no_path"
     assert outcome.error is not None
@@ -234,7 +234,7 @@ def test_a_target_behind_the_turning_circles_is_refused_before_anything_moves(tm
 
 
 def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
-    """The light has gone: the error names the mean grey and its limit, and the axes stand."""
+    """A dark picture stops the axes; the error names the mean grey level and its limit."""
     protocol = insertion()
     with open_certified_rig(
         tmp_path, protocol, (*EVEN, "world.light.level=8", "world.light.glint=0")
@@ -245,7 +245,7 @@ def test_a_dark_picture_stops_the_insertion(tmp_path: Path) -> None:
 
 
 def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> None:
-    """In a picture drowned in noise the tip is lost after the misses allowed; the operator is told, then it is out."""
+    """Too many misses stop the needle; the operator is informed, and then the needle is withdrawn."""
     protocol = insertion("policy.most_misses=3", "sheath.origin=null")
     with open_certified_rig(tmp_path, protocol, (*EVEN, "world.noise_sd=90")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
@@ -257,7 +257,7 @@ def test_a_tip_that_is_never_found_stops_the_needle_and_asks(tmp_path: Path) -> 
 
 
 def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
-    """With half a millimetre and a degree of play: tip and heading as the world has them, in plan and picture too."""
+    """The path starts at the sheath's true pose, with its play of half a millimetre and a degree."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.7")
     protocol = insertion("target.position_mm=[0,-3,25]")
     outcome, run = conduct_insertion(tmp_path, protocol, (*EVEN[:2], *play))
@@ -276,7 +276,7 @@ def test_the_path_starts_where_the_sheath_is_found(tmp_path: Path) -> None:
 
 
 def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
-    """A millimetre along: the needle never leaves it, the operator is told why, the sheath is drawn back, exit 1."""
+    """A sheath that slipped by a millimetre keeps its needle: the operator is informed, and the run exits with 1."""
     protocol = insertion()
     with open_certified_rig(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
@@ -294,7 +294,7 @@ def test_a_sheath_that_slipped_keeps_its_needle(tmp_path: Path) -> None:
 
 
 def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> None:
-    """A protocol that does not say what to expect starts at the plane's origin, as records of before do."""
+    """Without `sheath: origin:` the path starts at the plane's origin, as in older records."""
     _, run = conduct_insertion(tmp_path, insertion("sheath.origin=null", "target.position_mm=[0,-3,25]"))
     assert not events(run, "origin")
     assert [plan["because"] for plan in events(run, "plan")].count("start") == 1
@@ -302,7 +302,7 @@ def test_a_sheath_that_is_not_asked_for_is_not_looked_for(tmp_path: Path) -> Non
 
 
 def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
-    """The operator names a pixel; what is aimed at is where that pixel lies in the plane."""
+    """A pixel picked by the operator becomes the target in the plane."""
     protocol = insertion("target={ask: true}")
     with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-5,35]")) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
@@ -313,7 +313,7 @@ def test_the_target_may_be_picked_on_a_picture(tmp_path: Path) -> None:
 
 
 def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
-    """What is asked during the run is judged as what stands in the protocol."""
+    """A picked target is checked like one in the protocol."""
     protocol = insertion("target={ask: true}", "specimen.width_mm=20")
     with open_certified_rig(tmp_path, protocol, (*EVEN, "world.target_mark_mm=[-15,35]")) as opened:
         outcome, _ = opened.conduct(protocol)
@@ -322,14 +322,14 @@ def test_a_picked_target_out_of_the_tissue_is_refused(tmp_path: Path) -> None:
 
 
 def test_repetitions_are_all_made(tmp_path: Path) -> None:
-    """Each takes a block of its own, and is a trial."""
+    """Each repetition is a trial in a block of its own."""
     outcome, run = conduct_insertion(tmp_path, insertion("repetitions=2", "target.position_mm=[0,-3,25]"))
     assert outcome.exit_status == "success"
     assert list(run.trials["exit_status"]) == ["success", "success"]
 
 
 def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
-    """The screw jams at 12 mm: the drive lags behind, every axis stands, and the needle counts as in tissue."""
+    """A jammed screw stops every axis by its following error, and the needle counts as in tissue."""
     protocol = insertion()
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         insertion_drive = opened.opened.hardware.drives["insertion"]
@@ -348,7 +348,7 @@ def test_a_needle_that_does_not_advance_stops_the_run(tmp_path: Path) -> None:
 def test_the_same_seed_gives_the_same_record_byte_for_byte(
     tmp_path: Path, arrived: tuple[Outcome, Run]
 ) -> None:
-    """Frames, states, events and CAN frames of a second insertion are those of the first."""
+    """A second insertion with the same seed has the same frames, states, events and CAN frames."""
     _, first = arrived
     _, second = conduct_insertion(tmp_path, insertion())
     for name in ("frames.jsonl", "states.jsonl", "events.jsonl", "truth.jsonl", "can.log"):

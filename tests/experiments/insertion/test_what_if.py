@@ -1,4 +1,4 @@
-"""What an insertion would have been told with other settings, on its recorded pictures: one result beside another."""
+"""The commands that other settings would have given on the recorded pictures: one result compared with another."""
 
 from functools import cache
 from typing import Any
@@ -23,7 +23,7 @@ def _result(*overrides: str) -> InsertionResult:
 
 
 def test_unchanged_settings_give_every_command_again() -> None:
-    """Every estimate is that of the record to the last digit; the bevel is told to turn where it was turned."""
+    """Unchanged settings give every recorded estimate and every turn of the bevel, to the last digit."""
     (insertion,) = _result().insertions
     assert insertion.as_recorded is True
     (found,) = compare_steering(_document(), _document())
@@ -37,7 +37,7 @@ def test_unchanged_settings_give_every_command_again() -> None:
 
 
 def test_the_first_command_that_differs_is_named() -> None:
-    """A radius that the planner believes otherwise shows in the first command, before anything was seen."""
+    """Another radius for the planner already changes the first command, before any picture."""
     (found,) = compare_steering(_document(), _document("planner.radius_mm=33"))
     assert found.divergence is not None
     assert found.divergence.frame is None
@@ -45,7 +45,7 @@ def test_the_first_command_that_differs_is_named() -> None:
 
 
 def test_a_policy_shows_in_commands_alone() -> None:
-    """With a policy that never plans anew the estimates stay, since the turns that were made are known."""
+    """A policy that never replans changes commands but no estimates, since the recorded turns are known."""
     other = _document("policy.replan_every_mm=500", "policy.deviation_mm=null", "policy.final_mm=0")
     (found,) = compare_steering(_document(), other)
     assert found.new.replans < found.old.replans
@@ -57,7 +57,7 @@ def test_a_policy_shows_in_commands_alone() -> None:
 
 
 def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
-    """The first number that differs stands in a step, and its picture is named before what was computed from it."""
+    """The first difference is in a step, and its picture is named."""
     found = find_divergence(_document(), _document("estimator.observation_sd_mm=2.0"))
     assert found is not None
     assert found.key.startswith("insertions.0.steps.")
@@ -65,7 +65,7 @@ def test_an_estimator_of_another_kind_parts_at_a_picture() -> None:
 
 
 def test_after_a_stop_no_more_commands_are_given() -> None:
-    """Settings that would have stopped the needle earlier end its commands there; it is estimated on to the end."""
+    """Commands end at a stop that comes earlier than in the run; the estimates continue to the end."""
     other = _document("planner.radius_mm=200")
     what_if = summarise_steering(other["insertions"][0])
     assert what_if.stop is not None
@@ -75,5 +75,5 @@ def test_after_a_stop_no_more_commands_are_given() -> None:
 
 @pytest.mark.parametrize("lacking", [{}, {"insertions": [{"trial": 0, "steps": []}]}])
 def test_a_result_without_commands_has_nothing_to_compare(lacking: dict[str, Any]) -> None:
-    """Results of other experiments, and insertions of a labrig that wrote none down, are left out."""
+    """Results of other experiments or of versions that stored no commands are left out."""
     assert compare_steering(lacking, _document()) == ()

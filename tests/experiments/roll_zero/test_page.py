@@ -12,19 +12,19 @@ from labrig.experiments.roll_zero.page import make_page as roll_zero_page
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
 from tests.analysis.synthetic import record_roll_zero
-from tests.report.conftest import Page, make_page
+from tests.report.conftest import WrittenPage, make_page
 
 ZERO_RAD = math.radians(20.0)
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
-    """A needle that bends towards -y at 20 degrees; the fourth picture shows none."""
+def page(tmp_path_factory: pytest.TempPathFactory) -> WrittenPage:
+    """The page of a needle that bends towards -y at 20 degrees; the fourth picture shows no needle."""
     return make_page(record_roll_zero(tmp_path_factory.mktemp("roll"), ZERO_RAD, frozenset({3})))
 
 
-def test_the_zero_and_its_cosine_are_drawn(page: Page) -> None:
-    """Verdict, curve and the zero stand in the page."""
+def test_the_zero_and_its_cosine_are_drawn(page: WrittenPage) -> None:
+    """The page states the zero and draws it with its cosine."""
     assert page.result is not None
     assert isinstance(page.result.content, RollZeroResult)
     assert page.result.content.fit is not None
@@ -34,8 +34,8 @@ def test_the_zero_and_its_cosine_are_drawn(page: Page) -> None:
     assert "roll zero, ± 2 SD" in page.html
 
 
-def test_each_insertion_has_its_line_and_its_picture(page: Page) -> None:
-    """Roll, deflection and distance from the cosine; every picture, also the one that took no part."""
+def test_each_insertion_has_its_line_and_its_picture(page: WrittenPage) -> None:
+    """Each insertion has a row with roll, deflection and residual, and a picture, even if it was refused."""
     assert page.result is not None
     assert isinstance(page.result.content, RollZeroResult)
     assert page.html.count("data:image/jpeg") == 6
@@ -49,7 +49,7 @@ def test_each_insertion_has_its_line_and_its_picture(page: Page) -> None:
 
 
 def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
-    """Without the constant of the fit the deflections are drawn, and no curve."""
+    """A result without the constant of the fit has its deflections drawn, without a curve."""
     run = record_roll_zero(tmp_path, 0.0)
     first = make_page(run)
     assert first.result is not None

@@ -40,7 +40,7 @@ def _picture(trial: SpecimenTrialStart, radius_mm: float | None, reason: str | N
 
 
 def test_two_needles_in_one_gel_are_two_groups() -> None:
-    """The paper's unit is the needle-tissue pair, so a new needle opens a new group in the same gel."""
+    """A new needle in the same gel is a group of its own: the paper's unit is the needle-tissue pair."""
     trials = [_trial(0), _trial(1, needle_id="N2"), _trial(2)]
     finals = {
         trial.trial: _picture(trial, radius) for trial, radius in zip(trials, (28.0, 30.0, 28.4), strict=True)
@@ -60,7 +60,7 @@ def test_the_mean_of_means_counts_each_gel_once() -> None:
 
 
 def test_refused_pictures_are_counted_with_their_reasons_and_enter_no_mean() -> None:
-    """A radius that is not accepted is left out of the mean even where a circle was fitted."""
+    """A refused radius is left out of the mean and counted with its reason, even if a circle was fitted."""
     trials = [_trial(0), _trial(1), _trial(2)]
     finals = {
         0: _picture(trials[0], 28.0),
@@ -74,19 +74,19 @@ def test_refused_pictures_are_counted_with_their_reasons_and_enter_no_mean() -> 
 
 
 def test_an_insertion_without_a_final_picture_is_counted_apart() -> None:
-    """An interrupted insertion is no refusal: there was nothing to measure."""
+    """An insertion without a final picture does not count as refused."""
     (group,) = summarise_specimens([_trial(0), _trial(1)], {0: _picture(_trial(0), 28.0)})
     assert (group.trials, group.n, group.refused, group.without_final_picture) == (2, 1, 0, 1)
 
 
 def test_a_run_without_radii_has_no_mean() -> None:
-    """Where nothing was measured, nothing is stated."""
+    """Without a radius there is no mean."""
     specimens = summarise_specimens([_trial(0)], {})
     assert (average_means(specimens), average_means(())) == (None, None)
 
 
 def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
-    """The mean is compared with that of all drawn radii, also of the picture that was refused."""
+    """The mean is compared with that of all drawn radii, including those of refused pictures."""
     trials = [_trial(0), _trial(1)]
     finals = {0: _picture(trials[0], 28.0), 1: _picture(trials[1], None, "no shaft")}
     truth = compare_with_truth(trials, finals, summarise_specimens(trials, finals), {0: 28.05, 1: 27.05})
@@ -99,11 +99,11 @@ def test_refusing_a_picture_does_not_flatter_the_error_of_the_mean() -> None:
 
 
 def test_a_real_rig_has_no_truth() -> None:
-    """Without a truth there is no comparison."""
+    """Without a recorded truth there is no comparison."""
     assert compare_with_truth([_trial(0)], {}, (), {}) is None
 
 
 def test_the_papers_mean_is_that_of_its_four_gels() -> None:
-    """Section V-B rounds the mean of the four means to 27.6 mm."""
+    """The mean of the paper's four means rounds to its 27.6 mm."""
     mean = sum(gel.mean_radius_mm for gel in PAPER_GELS) / len(PAPER_GELS)
     assert mean == pytest.approx(PAPER_MEAN_RADIUS_MM, abs=0.05)

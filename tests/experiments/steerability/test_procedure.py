@@ -1,4 +1,4 @@
-"""The sweep's procedure: what it moves, asks and records, and how it ends when something goes wrong."""
+"""The procedure of a sweep: its moves, questions and records, and how it ends when something fails."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,7 @@ from tests.runner.sessions import Watched, bench, sweep
 
 
 def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) -> None:
-    """After a success every axis is back at zero and the rig knows that no needle is in tissue."""
+    """After a success every axis is back at zero, and the rig knows that no needle is in tissue."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         outcome, run = rig.conduct(protocol)
@@ -30,7 +30,7 @@ def test_a_sweep_ends_with_needle_and_sheath_where_they_started(tmp_path: Path) 
 
 
 def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
-    """How drives and camera stood is read when the rig is described and when the run ends."""
+    """The states of drives and camera are recorded at the start and at the end of a run."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         before: Any = rig.opened.rig.snapshot()
@@ -45,7 +45,7 @@ def test_the_record_holds_the_devices_before_and_after(tmp_path: Path) -> None:
 
 
 def test_a_device_that_does_not_answer_is_in_the_snapshot_with_its_reason(tmp_path: Path) -> None:
-    """A dead drive does not keep the snapshot of the others from being taken."""
+    """The snapshot lists a dead drive with its reason, and the other devices with their states."""
     with bench(tmp_path, sweep()) as rig:
         rig.opened.hardware.drives["rotation"].unplug()
         axes = rig.opened.rig.snapshot()["axes"]
@@ -55,7 +55,7 @@ def test_a_device_that_does_not_answer_is_in_the_snapshot_with_its_reason(tmp_pa
 
 
 def test_the_operator_is_asked_in_the_order_of_the_bench(tmp_path: Path) -> None:
-    """Needle, zero, specimen, then each hole."""
+    """The operator is asked for needle, zero, specimen, and then each hole."""
     protocol = sweep("insertions_per_specimen=2")
     with bench(tmp_path, protocol) as rig:
         watched = rig.opened.rig.operator = Watched(rig.opened.rig.operator)
@@ -70,7 +70,7 @@ def test_the_operator_is_asked_in_the_order_of_the_bench(tmp_path: Path) -> None
 
 
 def test_states_are_recorded_ten_times_a_second_while_moving(tmp_path: Path) -> None:
-    """Between two states of one move a tenth of a second of rig time passes."""
+    """States of a move are a tenth of a second of rig time apart."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         _, run = rig.conduct(protocol)
@@ -80,7 +80,7 @@ def test_states_are_recorded_ten_times_a_second_while_moving(tmp_path: Path) -> 
 
 
 def test_the_needle_advances_at_the_set_speed(tmp_path: Path) -> None:
-    """Positions read during the insertion lie on a line of 1 mm/s."""
+    """The positions during an insertion lie on a line of 1 mm/s."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         _, run = rig.conduct(protocol)
@@ -92,7 +92,7 @@ def test_the_needle_advances_at_the_set_speed(tmp_path: Path) -> None:
 
 
 def test_pictures_on_the_way_are_taken_at_their_depths(tmp_path: Path) -> None:
-    """A picture every 5 mm, each at most a state period late, and paired with where the needle stood."""
+    """A picture is taken every 5 mm, at most a state period late, with the needle's position."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         _, run = rig.conduct(protocol)
@@ -102,7 +102,7 @@ def test_pictures_on_the_way_are_taken_at_their_depths(tmp_path: Path) -> None:
 
 
 def test_what_was_asked_and_what_was_sent_are_both_recorded(tmp_path: Path) -> None:
-    """A move's event holds the asked position and speed, the quadcounts and rpm sent, and the achieved speed."""
+    """The event of a move holds requested position and speed, sent quadcounts and rpm, and the achieved speed."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         _, run = rig.conduct(protocol)
@@ -114,7 +114,7 @@ def test_what_was_asked_and_what_was_sent_are_both_recorded(tmp_path: Path) -> N
 
 
 def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None:
-    """The needle stands still, the run is aborted, and the rig remembers the needle in tissue."""
+    """A signal during a move stops the needle, aborts the run, and leaves the needle recorded as in tissue."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         clock = rig.opened.hardware.clock
@@ -140,7 +140,7 @@ def test_a_signal_in_the_middle_of_a_move_stops_the_axes(tmp_path: Path) -> None
 
 
 def test_a_fault_of_a_drive_fails_the_run_by_name(tmp_path: Path) -> None:
-    """A following error in the middle of an insertion ends it as failed, naming axis and fault."""
+    """A following error during an insertion fails the run, with axis and fault named."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         clock = rig.opened.hardware.clock
@@ -161,7 +161,7 @@ def test_a_fault_of_a_drive_fails_the_run_by_name(tmp_path: Path) -> None:
 
 
 def test_a_drive_that_falls_silent_fails_the_run_and_the_record_is_closed(tmp_path: Path) -> None:
-    """When even stopping cannot be confirmed, the record says both and is closed all the same."""
+    """If stopping cannot be confirmed the record states it with the first fault, and is closed."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         clock = rig.opened.hardware.clock
@@ -178,7 +178,7 @@ def test_a_drive_that_falls_silent_fails_the_run_and_the_record_is_closed(tmp_pa
 
 
 def test_an_operator_who_says_no_ends_the_run(tmp_path: Path) -> None:
-    """A declined request aborts the run before the needle moves, and the answer is in the record."""
+    """A declined request aborts the run before the needle moves, and is recorded."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         rig.opened.rig.operator = Watched(rig.opened.rig.operator, declines=PlaceSpecimen)
@@ -191,7 +191,7 @@ def test_an_operator_who_says_no_ends_the_run(tmp_path: Path) -> None:
 
 
 def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:
-    """A rig that remembers a needle in tissue asks for it before any axis is referenced; no ends the run."""
+    """A needle that may be in tissue is asked about before any axis is referenced; a no ends the run."""
     protocol = sweep()
     with bench(tmp_path, protocol) as rig:
         rig.opened.rig.needle.mark_in_tissue("an earlier run")
@@ -204,7 +204,7 @@ def test_a_needle_left_in_tissue_is_asked_about_first(tmp_path: Path) -> None:
 
 
 def test_progress_only_goes_forward(tmp_path: Path) -> None:
-    """What is told as done never falls, and ends at the whole."""
+    """Progress never decreases, and ends at the total."""
     protocol = sweep("insertions_per_specimen=2")
     with bench(tmp_path, protocol) as rig:
         rig.conduct(protocol)

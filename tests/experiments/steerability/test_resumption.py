@@ -1,4 +1,4 @@
-"""A needle that an interrupted run left in tissue, when the run goes on."""
+"""Resuming a run that left its needle in tissue."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_remainder
 from labrig.runner.session import Session
-from tests.runner.sessions import Bench, Told, Watched, bench, sweep
+from tests.runner.sessions import RunBench, Told, Watched, bench, sweep
 
 
-def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:
-    """Let a signal arrive when the needle is on its way, and leave it there."""
+def _stop_while_inserting(at: RunBench, protocol: SteerabilityProtocol) -> Run:
+    """Send a signal during an insertion, and leave the needle in tissue."""
 
     def then(doing: str) -> None:
         if "withdrawing" in doing:
@@ -29,7 +29,7 @@ def _stop_while_inserting(at: Bench, protocol: SteerabilityProtocol) -> Run:
     return open_run(at.recorder.path)
 
 
-def _go_on(at: Bench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
+def _go_on(at: RunBench, protocol: SteerabilityProtocol, run: Run) -> tuple[Outcome, Run]:
     recorder = Recorder.reopen(run.path, "test")
     sweep_experiment = find_experiment(protocol.experiment)
     remainder = sweep_experiment.resume(protocol, run)
@@ -48,7 +48,7 @@ def protocol() -> SteerabilityProtocol:
 def test_the_needle_is_withdrawn_along_its_path_before_anything_is_referenced(
     tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """With drives that kept their reference, the operator is offered a withdrawal; only then are axes referenced."""
+    """If the drives kept their references, a withdrawal is offered before any axis is referenced."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
         assert at.opened.rig.state.needle_in_tissue
@@ -65,7 +65,7 @@ def test_the_needle_is_withdrawn_along_its_path_before_anything_is_referenced(
 def test_a_withdrawal_may_be_declined_and_then_the_needle_is_asked_about(
     tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """The operator who says no takes it out by hand; until that is confirmed nothing moves and nothing is homed."""
+    """If the operator declines, nothing moves until the needle is confirmed to be out."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
         depth_mm = at.opened.rig.read_states()["insertion"].position
@@ -83,7 +83,7 @@ def test_a_withdrawal_may_be_declined_and_then_the_needle_is_asked_about(
 def test_without_a_reference_the_needle_is_only_asked_about(
     tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """Where a drive has lost its reference nobody knows where the needle stands: no withdrawal is offered."""
+    """If a drive has lost its reference, no withdrawal is offered."""
     with bench(tmp_path, protocol) as at:
         run = _stop_while_inserting(at, protocol)
         at.opened.rig.linear.referenced = False
@@ -96,7 +96,7 @@ def test_without_a_reference_the_needle_is_only_asked_about(
 def test_a_run_that_was_stopped_before_its_first_insertion_goes_on_from_the_start(
     tmp_path: Path, protocol: SteerabilityProtocol
 ) -> None:
-    """Nothing had been begun: nothing is marked, and every insertion is made."""
+    """A run without any insertion is resumed with all of them, and no trial is marked as interrupted."""
     with bench(tmp_path, protocol) as at:
         at.opened.rig.operator = Watched(at.opened.rig.operator, declines=MountNeedle)
         assert conduct(find_experiment(protocol.experiment), protocol, at.session).exit_status == "aborted"

@@ -1,4 +1,4 @@
-"""Which insertions are made, and which are left."""
+"""The insertions of a sweep, and the remaining ones of an interrupted sweep."""
 
 import pytest
 from hypothesis import given
@@ -26,7 +26,7 @@ def protocol(*overrides: str) -> SteerabilityProtocol:
 
 
 def begin(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
-    """Return a trial as the record has it."""
+    """Return a recorded trial."""
     start = SweepTrialStart(
         t_s=0.0,
         trial=planned.trial,
@@ -42,7 +42,7 @@ def begin(planned: PlannedTrial, *, finished: bool) -> BegunTrial:
 
 
 def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
-    """Trials are numbered through, holes start anew in each block."""
+    """Trials are numbered through the sweep; holes are numbered within each block."""
     trials = list_planned_trials(protocol())
     assert [(trial.trial, trial.specimen.name, trial.hole, trial.hole_position_mm) for trial in trials] == [
         (0, "a", 0, 0.0), (1, "a", 1, 10.0), (2, "a", 2, 20.0),
@@ -52,7 +52,7 @@ def test_a_fresh_sweep_goes_from_hole_to_hole() -> None:
 
 
 def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
-    """It gets a number, a hole and a place of its own; trials not yet begun keep theirs."""
+    """A repeated trial gets its own number, hole and place; trials not yet begun keep theirs."""
     trials = list_planned_trials(protocol())
     past = [begin(trials[0], finished=True), begin(trials[1], finished=False)]
     left = list_remaining_trials(protocol(), past)
@@ -62,7 +62,7 @@ def test_an_interrupted_trial_is_repeated_behind_the_last_hole() -> None:
 
 
 def test_a_narrow_block_is_entered_between_two_holes() -> None:
-    """Where the arc has no room behind the last hole, the nearest free place halfway between two is taken."""
+    """Without room beyond the last hole, a trial is repeated at the nearest free place halfway between two holes."""
     narrow = protocol("specimen_width_mm=44")
     trials = list_planned_trials(narrow)
     past = [begin(trial, finished=trial.trial != 2) for trial in trials[:3]]
@@ -71,7 +71,7 @@ def test_a_narrow_block_is_entered_between_two_holes() -> None:
 
 
 def test_a_block_without_room_is_refused() -> None:
-    """When even the places between the holes are used, the block and the trial are named."""
+    """A block without a free place is refused; block and trial are named."""
     narrow = protocol("specimen_width_mm=44")
     past = [begin(trial, finished=False) for trial in list_planned_trials(narrow)[:3]]
     with pytest.raises(InputError, match=r"specimen a has no room for another entry point, in which trial 2"):
@@ -80,7 +80,7 @@ def test_a_block_without_room_is_refused() -> None:
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=6))
 def test_however_often_it_is_interrupted_every_planned_trial_is_finished_once(cuts: list[int]) -> None:
-    """After any number of interruptions, the finished trials are as many as planned, at places that differ."""
+    """After any number of interruptions every planned trial is finished once, each at a place of its own."""
     wide = protocol("specimen_width_mm=1000")
     past: list[BegunTrial] = []
     for cut in cuts:

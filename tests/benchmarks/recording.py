@@ -45,6 +45,7 @@ class Recorded:
     worst_late_ms: float
     growth_mb: float
     disk_mb: float
+    closing_s: float
     sound: bool
 
 
@@ -61,6 +62,7 @@ def print_table(duration_s: float = DURATION_S) -> None:
             [f"{store}: latest picture [ms late]", f"{found.worst_late_ms:.1f}", f"{1000 * LATEST_S:.1f}"],
             [f"{store}: growth of memory [MB]", f"{found.growth_mb:.1f}", f"{MOST_GROWTH_MB:.0f}"],
             [f"{store}: disk [MB]", f"{found.disk_mb:.0f}", "-"],
+            [f"{store}: closing, the run's own check included [s]", f"{found.closing_s:.2f}", "-"],
             [f"{store}: record sound when closed", found.sound, True],
         ]
     what = f"{duration_s:.0f} s of {_size(pictures[0])} at {PICTURES_HZ} Hz, states at {STATES_HZ} Hz"
@@ -102,11 +104,15 @@ def _record(recorder: Recorder, pictures: list[Picture], duration_s: float) -> R
             warm_mb = process.memory_info().rss / 1e6
     cpu = (time.process_time() - started_cpu_s) / clock.now_s()
     growth_mb = process.memory_info().rss / 1e6 - warm_mb
+    started_s = clock.now_s()
     recorder.close("success", "", ENDED)
+    closing_s = clock.now_s() - started_s
     files = [path.stat().st_size for path in recorder.path.rglob("*") if path.is_file()]
     whole = len(open_run(recorder.path).frame_table) == len(late_s) and not check_run(recorder.path).damage
     dropped = sum(late >= LATEST_S for late in late_s)
-    return Recorded(cpu, len(late_s), dropped, 1e3 * max(late_s), growth_mb, sum(files) / 1e6, whole)
+    return Recorded(
+        cpu, len(late_s), dropped, 1e3 * max(late_s), growth_mb, sum(files) / 1e6, closing_s, whole
+    )
 
 
 def _wait_until(clock: SystemClock, due_s: float) -> None:

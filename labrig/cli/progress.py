@@ -1,11 +1,12 @@
 """Progress of a run or a batch: a bar with elapsed and remaining time on a terminal, plain lines elsewhere."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import IO, Protocol, cast
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import IO, Protocol, TypeAlias, cast
 
 from labrig.cli.output import SafeStandardError, escape_controls, say
+from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
 
 
@@ -15,6 +16,10 @@ class Reporter(Protocol):
     def __call__(self, done: float, doing: str) -> None:
         """Take `done`, in the unit of the total, and a short sentence."""
         ...
+
+
+ShareReporter: TypeAlias = Callable[[float], None]
+"""Takes the share that is done, 0 to 1."""
 
 
 @contextmanager
@@ -27,12 +32,35 @@ def progress(title: str, total: float) -> Iterator[Reporter]:
         yield _PlainLines(title, total)
 
 
+_PATIENCE_S = 0.5
+"""How long nothing is shown of work that is usually short."""
+
+
+@contextmanager
+def progress_if_slow(title: str, clock: Clock, *, shown: bool) -> Iterator[ShareReporter]:
+    """Show a bar on a terminal once the clock is at half a second, and remove it at the end; elsewhere nothing."""
+    with ExitStack() as stack:
+        bars: list[Reporter] = []
+
+        def report(share: float) -> None:
+            if not bars and clock.now_s() >= _PATIENCE_S:
+                bars.append(stack.enter_context(_show_bar(title, 1.0, transient=True)))
+            for bar in bars:
+                bar(share, title)
+
+        yield report if shown and sys.stderr.isatty() else _report_nothing
+
+
+def _report_nothing(share: float) -> None:
+    """Take the place of a bar."""
+
+
 _LEAST_BAR_COLUMNS = 70
 """Columns that bar, times and description need; a narrower terminal gets no bar."""
 
 
 @contextmanager
-def _show_bar(title: str, total: float) -> Iterator[Reporter]:
+def _show_bar(title: str, total: float, *, transient: bool = False) -> Iterator[Reporter]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
@@ -56,7 +84,7 @@ def _show_bar(title: str, total: float) -> Iterator[Reporter]:
             TextColumn("{task.description}", markup=False),
         )
     )
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=console, transient=transient) as bar:
         task = bar.add_task(escape_controls(title), total=total)
 
         def report(done: float, doing: str) -> None:

@@ -21,6 +21,7 @@ from labrig.cli.options import (
     RunsDirOption,
 )
 from labrig.cli.output import AsJson, fits_terminal, print_json, print_line, print_table, say
+from labrig.cli.progress import ShareReporter, progress_if_slow
 from labrig.cli.runs_check import check
 from labrig.cli.runs_sign import sign, stamp
 from labrig.devices.clocks import SystemClock
@@ -73,7 +74,8 @@ def list_(
 
     # The modules stay until the end. Without this, collections during a list of 5,000 runs take a tenth of its time.
     gc.freeze()
-    found = _find(runs_dir, where, sort, reverse=reverse)
+    with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
+        found = _find(runs_dir, where, sort, reverse, progress)
     if as_json:
         print_json([_row(run) for run in found])
     elif found:
@@ -86,13 +88,15 @@ def list_(
         say(f"no runs in {runs_dir}; make the first with: labrig run protocols/steerability.yaml")
 
 
-def _find(runs_dir: Path, where: str | None, sort: str | None, *, reverse: bool) -> list[FoundRun]:
+def _find(
+    runs_dir: Path, where: str | None, sort: str | None, reverse: bool, progress: ShareReporter
+) -> list[FoundRun]:
     """Find the runs that fit, or list all runs, which needs no YAML reader."""
     if where is None and sort is None:
-        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse)]
+        return [FoundRun(summary, {}) for summary in list_runs(runs_dir, reverse=reverse, progress=progress)]
     from labrig.record.search import find_runs
 
-    return find_runs(runs_dir, where, sort, reverse=reverse)
+    return find_runs(runs_dir, where, sort, reverse=reverse, progress=progress)
 
 
 def _row(found: FoundRun) -> dict[str, object]:

@@ -65,8 +65,10 @@ class Annotations:
     revisions: tuple[Note, ...] = ()
 
 
-def read_annotations(run: Path) -> Annotations:
+def read_annotations(run: Path, seal: Seal | None = None) -> Annotations:
     """Return the annotations of a run; of a run with a chain, the lines that it covers.
+
+    The seal is read if it is not given.
 
     Raises
     ------
@@ -75,7 +77,7 @@ def read_annotations(run: Path) -> Annotations:
     """
     path = inside(run, NOTES)
     lines = read_lines(path) if path.exists() else []
-    seal = read_seal(run)
+    seal = seal or read_seal(run)
     if seal.links:
         if NOTES not in seal.newest:
             return Annotations()

@@ -10,10 +10,10 @@ from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, TRIAL_STOP, inside
-from labrig.record.manifest import is_newer, read_document, read_manifest
+from labrig.record.manifest import is_newer, read_document
 from labrig.record.results import require_unchanged_newest
-from labrig.record.run_index import NO_FILE, RunIndex, Value, ask_index, signature_of
-from labrig.record.seal import find_changes_since_sealing
+from labrig.record.run_index import NO_FILE, RunIndex, ShareDone, Value, ask_index, signature_of
+from labrig.record.seal import find_changes_since_sealing, read_seal
 
 # What a summary is read from. The manifest comes first: a folder without a manifest is no run.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES, CHAIN)
@@ -63,7 +63,9 @@ class FoundRun:
     fields: Mapping[str, tuple[Value, ...]]
 
 
-def list_runs(runs_dir: Path, *, reverse: bool = False) -> list[RunSummary]:
+def list_runs(
+    runs_dir: Path, *, reverse: bool = False, progress: ShareDone | None = None
+) -> list[RunSummary]:
     """List the runs of a folder, newest first, damaged runs last; other folders, exports and links are left out.
 
     Parameters
@@ -72,6 +74,8 @@ def list_runs(runs_dir: Path, *, reverse: bool = False) -> list[RunSummary]:
         Folder of runs. A folder that does not exist yet holds none.
     reverse : bool
         Turn the order round.
+    progress : callable or None
+        Told the share that is done, while runs are read that the index does not have.
 
     Raises
     ------
@@ -81,7 +85,8 @@ def list_runs(runs_dir: Path, *, reverse: bool = False) -> list[RunSummary]:
     signatures = sign_runs(runs_dir)
     if not signatures:
         return []
-    listed = list(ask_index(runs_dir, lambda index: read_summaries(index, runs_dir, signatures)).values())
+    summaries = ask_index(runs_dir, lambda index: read_summaries(index, runs_dir, signatures, progress))
+    listed = list(summaries.values())
     return listed[::-1] if reverse else listed
 
 
@@ -110,10 +115,12 @@ def _sign_run(run: str) -> str:
     return signature_of(run, (*_SUMMARY_FILES, *(f"{ANALYSIS}/{number}/result.json" for number in results)))
 
 
-def read_summaries(index: RunIndex, runs_dir: Path, signatures: Mapping[str, str]) -> dict[str, RunSummary]:
+def read_summaries(
+    index: RunIndex, runs_dir: Path, signatures: Mapping[str, str], progress: ShareDone | None
+) -> dict[str, RunSummary]:
     """Return the summaries of the runs that `sign_runs` found, newest first, by the name of the run's folder."""
     rows: Mapping[str, Mapping[str, Any]] = index.summaries(
-        signatures, lambda name: _summary_row(runs_dir / name)
+        signatures, lambda name: _summary_row(runs_dir / name), progress
     )
     newest_first = sorted(rows.items(), key=lambda item: item[1]["started"] or "", reverse=True)
     return {
@@ -149,7 +156,7 @@ def _summary_row(run: Path) -> dict[str, Any]:
         if is_newer(document):
             # What its other members mean may have changed.
             return {**row, "protocol": _text(document.get("experiment")), "exit_status": "newer"}
-        return row | _intact_row(run, read_manifest(run))
+        return row | _intact_row(run, document)
     except RecordError:
         return row
 
@@ -157,10 +164,11 @@ def _summary_row(run: Path) -> dict[str, Any]:
 def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
     for problem in find_changes_since_sealing(run, manifest):
         raise RecordError(f"{run / problem.where}: {problem.message}", problem.hint)
-    require_unchanged_newest(run)
+    seal = read_seal(run, manifest)
+    require_unchanged_newest(run, seal)
     exit_status = str(manifest.get("exit_status"))
     done = _trials_done(run) if exit_status == "incomplete" else _whole(manifest.get("trials_done"))
-    annotations = read_annotations(run)
+    annotations = read_annotations(run, seal)
     return {
         "protocol": _text(manifest.get("experiment")),
         "exit_status": exit_status,

@@ -10,6 +10,7 @@ from labrig.record.check import check_closing
 from labrig.record.layout import COPY_HINT, MANIFEST
 from labrig.record.manifest import DAMAGED_WHEN_CLOSED, read_manifest
 from labrig.record.opening import encode_manifest
+from labrig.record.seal import find_changes_since_sealing
 from labrig.record.sealing import seal_closing
 
 _HINT = (
@@ -47,13 +48,13 @@ def write_closing_manifest(
 
 
 def _check_written(run: Path, manifest: Mapping[str, object]) -> tuple[Problem, ...]:
-    """Read the manifest back and compare it with what was written."""
+    """Read manifest, chain and sums back and compare them with what was written."""
     try:
-        if read_manifest(run) == manifest:
-            return ()
+        if read_manifest(run) != manifest:
+            return (Problem(MANIFEST, "what is read back is not what was written", COPY_HINT),)
+        return tuple(find_changes_since_sealing(run, manifest))
     except RecordError as error:
         return (Problem(MANIFEST, error.message, error.hint),)
-    return (Problem(MANIFEST, "what is read back is not what was written", COPY_HINT),)
 
 
 def _describe_damage(run: Path, damage: Sequence[Problem]) -> str:

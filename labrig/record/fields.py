@@ -16,6 +16,7 @@ from labrig.record.json_lines import plain_text
 from labrig.record.layout import PROTOCOL, inside
 from labrig.record.results import latest_result
 from labrig.record.run_index import Value
+from labrig.record.seal import Seal
 
 _SECTION = re.compile(r"^(?=[A-Za-z_]\w*:\s)", re.MULTILINE)
 
@@ -60,13 +61,13 @@ def annotation_fields(annotations: Annotations) -> Leaves:
     }
 
 
-def file_fields(run: Path) -> Leaves:
+def file_fields(run: Path, seal: Seal) -> Leaves:
     """Return the values of protocol.yaml and of the newest result; a file that cannot be read gives none."""
     fields: Leaves = {}
     with suppress(FileFormatError, RecordError):
         fields |= _protocol_fields(inside(run, PROTOCOL))
     with suppress(RecordError):
-        fields |= _leaves(latest_result(run, without=_LONG_LISTS) or {}, "result", _LEFT_OUT_OF_RESULTS)
+        fields |= _leaves(latest_result(run, _LONG_LISTS, seal) or {}, "result", _LEFT_OUT_OF_RESULTS)
     return fields
 
 

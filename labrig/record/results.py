@@ -10,7 +10,7 @@ from labrig.durable import disk_errors
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.layout import ANALYSIS, inside
-from labrig.record.seal import read_seal
+from labrig.record.seal import Seal, read_seal
 
 _RESULT = "result.json"
 _NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
@@ -33,26 +33,30 @@ def make_numbered_folder(parent: Path) -> Path:
     raise AssertionError("count() has no end")
 
 
-def latest_result(run: Path, without: Iterable[str] = ()) -> dict[str, object] | None:
+def latest_result(
+    run: Path, without: Iterable[str] = (), seal: Seal | None = None
+) -> dict[str, object] | None:
     """Return the newest result.json. Raises `RecordError` when it was changed or is damaged.
 
-    Top-level lists named in `without` come back empty, which saves most of the time when they are long.
+    Top-level lists named in `without` come back empty, which saves most of the time when they are long. The seal of the
+    run, here and below, is read if it is not given.
     """
-    name = require_unchanged_newest(run)
+    name = require_unchanged_newest(run, seal)
     return None if name is None else _read_result(inside(run, name), without)
 
 
-def require_unchanged_newest(run: Path) -> str | None:
+def require_unchanged_newest(run: Path, seal: Seal | None = None) -> str | None:
     """Return the newest result.json relative to its run; None without one. Raises `RecordError` when it was changed."""
-    numbers = list_results(run)
+    seal = seal or read_seal(run)
+    numbers = list_results(run, seal)
     if not numbers:
         return None
     name = f"{ANALYSIS}/{numbers[-1]:03d}/{_RESULT}"
-    require_unchanged_result(run, numbers[-1], (name,))
+    require_unchanged_result(run, numbers[-1], (name,), seal)
     return name
 
 
-def list_results(run: Path) -> tuple[int, ...]:
+def list_results(run: Path, seal: Seal | None = None) -> tuple[int, ...]:
     """Return the numbers of the results in order; of a run with a chain, those that it covers.
 
     Raises
@@ -61,7 +65,7 @@ def list_results(run: Path) -> tuple[int, ...]:
         When the chain is damaged, or the folder of results is a link.
     """
     parent = inside(run, ANALYSIS)
-    seal = read_seal(run)
+    seal = seal or read_seal(run)
     if seal.links:
         return seal.results
     # The file is written last, so an analysis that was stopped has none.
@@ -74,7 +78,9 @@ def list_results(run: Path) -> tuple[int, ...]:
     )
 
 
-def require_unchanged_result(run: Path, number: int, names: Iterable[str] | None = None) -> None:
+def require_unchanged_result(
+    run: Path, number: int, names: Iterable[str] | None = None, seal: Seal | None = None
+) -> None:
     """Refuse a result that is not as the chain of its run has it; `names` of its files, or all of them.
 
     Raises
@@ -82,7 +88,7 @@ def require_unchanged_result(run: Path, number: int, names: Iterable[str] | None
     RecordError
         When one of them is missing, a link, or was changed; names it.
     """
-    seal = read_seal(run)
+    seal = seal or read_seal(run)
     for name in seal.result_files(number) if names is None else names:
         inside(run, name)
         if seal.links:

@@ -45,6 +45,8 @@ Value: TypeAlias = str | int | float | bool | None
 Fields: TypeAlias = Mapping[str, Sequence[Value]]
 """Values by dotted path, such as `protocol.specimens.gelatin_percent`."""
 Row: TypeAlias = dict[str, object]
+ShareDone: TypeAlias = Callable[[float], None]
+"""Is told the share of the runs to be read that have been, 0 to 1; not called if none has to be."""
 _Answer = TypeVar("_Answer")
 
 
@@ -55,7 +57,10 @@ class RunIndex:
         self._index = index
 
     def summaries(
-        self, signatures: Mapping[str, str], read: Callable[[str], Mapping[str, object]]
+        self,
+        signatures: Mapping[str, str],
+        read: Callable[[str], Mapping[str, object]],
+        progress: ShareDone | None = None,
     ) -> dict[str, Row]:
         """Return the summary of each run; those whose files have changed come from `read`.
 
@@ -65,6 +70,8 @@ class RunIndex:
             Name of the run's folder to the signature of the files that `read` reads.
         read : callable
             Takes a name and returns the summary in types of JSON.
+        progress : callable or None
+            Told how much of that is done.
         """
         kept = {
             os.fsdecode(name): (signature, line)
@@ -72,9 +79,10 @@ class RunIndex:
         }
         gone = [os.fsencode(name) for name in kept if name not in signatures]
         rows, fresh = {}, []
-        for name, signature in signatures.items():
+        for number, (name, signature) in enumerate(signatures.items(), start=1):
             row = _read_intact_row(kept.get(name), signature)
             if row is None:
+                _report(progress, number, len(signatures))
                 line = encode_line(read(name))
                 fresh.append((os.fsencode(name), signature, line))
                 row = decode_line(line[:-1])
@@ -90,14 +98,22 @@ class RunIndex:
                 )
         return rows
 
-    def refresh_leaves(self, signatures: Mapping[str, str], read: Callable[[str], Fields]) -> None:
+    def refresh_leaves(
+        self,
+        signatures: Mapping[str, str],
+        read: Callable[[str], Fields],
+        progress: ShareDone | None = None,
+    ) -> None:
         """Update the leaves of runs whose summaries have been read; parameters as for these."""
         kept = dict(self._index.execute("SELECT name, leaves_signature FROM runs"))
         names = {os.fsencode(name): name for name in signatures}
         stale = {key: name for key, name in names.items() if kept.get(key) != signatures[name]}
         if not stale:
             return
-        fields = {key: read(name) for key, name in stale.items()}
+        fields = {}
+        for number, (key, name) in enumerate(stale.items(), start=1):
+            fields[key] = read(name)
+            _report(progress, number, len(stale))
         paths = dict.fromkeys(path for leaves in fields.values() for path in leaves)
         with self._index:
             self._forget_leaves(key for key in stale if kept.get(key) is not None)
@@ -157,6 +173,11 @@ class RunIndex:
             "DELETE FROM leaves WHERE path IN (SELECT path FROM paths) AND run = (SELECT run FROM runs WHERE name = ?)",
             [(name,) for name in names],
         )
+
+
+def _report(progress: ShareDone | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done / total)
 
 
 def ask_index(runs_dir: Path, ask: Callable[[RunIndex], _Answer]) -> _Answer:

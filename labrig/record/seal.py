@@ -73,8 +73,8 @@ class Seal:
             raise RecordError(f"{self.run / problem.where}: {problem.message}", problem.hint)
 
 
-def read_seal(run: Path) -> Seal:
-    """Return the seal of a run.
+def read_seal(run: Path, manifest: Mapping[str, object] | None = None) -> Seal:
+    """Return the seal of a run; its manifest is read if it is not given.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def read_seal(run: Path) -> Seal:
         When the chain is damaged, or missing though the manifest names its first link.
     """
     scan = scan_chain(run)
-    for problem in (*scan.damaged, *_check_first_link(read_document(run), scan.links)):
+    for problem in (*scan.damaged, *_check_first_link(manifest or read_document(run), scan.links)):
         raise RecordError(f"{run / problem.where}: {problem.message}", problem.hint)
     return Seal(run, scan.links)
 

@@ -11,11 +11,20 @@ from labrig.record.condition import parse_condition, require_field
 from labrig.record.fields import ANNOTATION_FIELDS, annotation_fields, file_fields, manifest_fields
 from labrig.record.layout import PROTOCOL
 from labrig.record.manifest import is_newer, read_document
-from labrig.record.run_index import Fields, RunIndex, Value, ask_index, signature_of
+from labrig.record.run_index import Fields, RunIndex, ShareDone, Value, ask_index, signature_of
+from labrig.record.seal import read_seal
+
+_SUMMARIES_SHARE = 0.25
+"""Of the time that a search takes without an index."""
 
 
 def find_runs(
-    runs_dir: Path, where: str | None = None, sort: str | None = None, *, reverse: bool = False
+    runs_dir: Path,
+    where: str | None = None,
+    sort: str | None = None,
+    *,
+    reverse: bool = False,
+    progress: ShareDone = lambda _: None,
 ) -> list[FoundRun]:
     """Find the runs of a folder that fit a condition.
 
@@ -27,6 +36,8 @@ def find_runs(
         The field to sort by, smallest first, runs without it last; None: newest first.
     reverse : bool
         Turn that order round; runs without the field stay last.
+    progress : callable
+        Told the share that is done, while runs are read that the index does not have.
 
     Raises
     ------
@@ -41,12 +52,18 @@ def find_runs(
         return []
 
     def ask(index: RunIndex) -> list[FoundRun]:
-        summaries = read_summaries(index, runs_dir, signatures)
+        summaries = read_summaries(
+            index, runs_dir, signatures, lambda share: progress(_SUMMARIES_SHARE * share)
+        )
         root = os.fspath(runs_dir)
         whole = {
             name: f"{sign} {signature_of(f'{root}/{name}', (PROTOCOL,))}" for name, sign in signatures.items()
         }
-        index.refresh_leaves(whole, lambda name: _fields(summaries[name]))
+        index.refresh_leaves(
+            whole,
+            lambda name: _fields(summaries[name]),
+            lambda share: progress(_SUMMARIES_SHARE + (1.0 - _SUMMARIES_SHARE) * share),
+        )
         known = index.known_paths().keys() | ANNOTATION_FIELDS
         if condition is not None:
             condition.require_known(known)
@@ -85,8 +102,9 @@ def _fields(summary: RunSummary) -> Fields:
         document = read_document(summary.run)
         if is_newer(document):
             return shown
-        annotations = annotation_fields(read_annotations(summary.run))
-        fields = {**shown, **manifest_fields(document), **file_fields(summary.run), **annotations}
+        seal = read_seal(summary.run, document)
+        annotations = annotation_fields(read_annotations(summary.run, seal))
+        fields = {**shown, **manifest_fields(document), **file_fields(summary.run, seal), **annotations}
     except RecordError:
         return shown
     return {**fields, "exit_status": shown["exit_status"]}

@@ -24,14 +24,15 @@ def main(name: str, command: list[str]) -> int:
 def _find_file(name: str, event: str, arguments: tuple[object, ...]) -> Path | None:
     """Return the file to change once its run's sums are renamed into place, or once a copy of it is read back.
 
-    The manifest is written after the sums, and changed as it is renamed itself.
+    The manifest is written after the sums: it is changed as it is renamed itself, chain and sums as it is.
     """
     if event == "os.rename":
         source, target = Path(str(arguments[0])), Path(str(arguments[1]))
-        if target.name == "SHA256SUMS" and name != "manifest.json":
-            return target.parent / name
-        is_last = target.name == name and (target.parent / "SHA256SUMS").exists()
-        return source if is_last else None
+        run, closes = target.parent, (target.parent / "SHA256SUMS").exists()
+        if name in {"manifest.json", "chain.jsonl", "SHA256SUMS"}:
+            changed = source if name == "manifest.json" else run / name
+            return changed if target.name == "manifest.json" and closes else None
+        return run / name if target.name == "SHA256SUMS" else None
     if event != "open" or int(str(arguments[2])) & os.O_ACCMODE != os.O_RDONLY:
         return None
     path = str(arguments[0])

@@ -27,6 +27,8 @@ def run_on_bad_disk(name: str, *command: object) -> tuple[str, str]:
     ("protocol", "name"),
     [
         ("design", "manifest.json"),
+        ("design", "chain.jsonl"),
+        ("design", "SHA256SUMS"),
         ("design", "events.jsonl"),
         ("steerability", "frames/000001.png"),
         ("roll-zero", "can.log"),
@@ -37,14 +39,15 @@ def run_on_bad_disk(name: str, *command: object) -> tuple[str, str]:
 def test_a_run_that_is_damaged_as_written_ends_as_a_bug(
     tmp_path: Path, protocol: str, name: str, labrig: Labrig
 ) -> None:
-    """It ends with 5 and the file's name, is listed as failed, and is kept as it is."""
+    """It ends with 5 and the file's name, is listed as failed, with another chain as damaged, and is kept as it is."""
     out, err = run_on_bad_disk(name, "run", *of_protocol(protocol), "--runs-dir", tmp_path, "--json")
     document = json.loads(out)
     assert (document["exit_status"], document["error"]["type"]) == ("failed", "BugError")
     assert name in document["error"]["message"]
     assert "labrig resume" not in err
     (row,) = labrig("runs", "--runs-dir", tmp_path, "--json").json()
-    assert (row["run"], row["exit_status"]) == (document["run"], "failed")
+    listed = "damaged" if name == "chain.jsonl" else "failed"
+    assert (row["run"], row["exit_status"]) == (document["run"], listed)
     assert name in check_run(Path(document["run"])).damage[0].message
 
 

@@ -60,6 +60,30 @@ def test_progress_is_shown_and_ends(columns: int) -> None:
     assert " 50 %" in shown
 
 
+@pytest.mark.parametrize(("seconds", "share", "shown"), [(0.6, " 50 %", True), (0.4, "", False)])
+def test_progress_of_short_work_is_not_shown(seconds: float, share: str, shown: bool) -> None:
+    """A search that is done within half a second shows no bar; a longer one does, and nothing without a terminal."""
+    code = (
+        "import sys\n"
+        "from labrig.cli import progress\n"
+        "class Clock:\n"
+        f"    def now_s(self): return {seconds}\n"
+        "with progress.progress_if_slow('reading the runs', Clock(), shown=True) as report:\n"
+        "    report(0.5)\n"
+    )
+    screen, program = os.openpty()
+    environment = {**os.environ, "COLUMNS": "80", "TERM": "xterm"}
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stderr=program, env=environment) as running:
+        os.close(program)
+        printed = b"".join(iter(lambda: _read(screen), b"")).decode()
+        assert running.wait(timeout=30) == 0
+    os.close(screen)
+    assert ("reading the runs" in printed, share in printed) == (shown, True)
+    elsewhere = subprocess.run(command, capture_output=True, check=True)
+    assert (elsewhere.stdout, elsewhere.stderr) == (b"", b"")
+
+
 def _words_too_long(lines: list[str], columns: int) -> list[str]:
     return [line for line in lines if len(line) > columns and len(line.split()) > 1]
 

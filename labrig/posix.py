@@ -28,6 +28,7 @@ if sys.platform == "win32":
 else:
     import fcntl
     import pty
+    import termios
     import tty
 
 INTERRUPT_SIGNALS = tuple(
@@ -242,6 +243,36 @@ def wait_for_input(stream: TextIO, timeout_s: float) -> bool:
             "on Windows nobody can be asked while drives are watched", "run the bench from Linux or macOS"
         )
     return bool(select.select([stream], [], [], timeout_s)[0])
+
+
+def read_typed(stream: TextIO) -> bytes:
+    """Return what was typed and can be read now, at most a line; nothing at the end of input.
+
+    It does not pass through the buffer of the stream, which could keep a second line for the next question.
+
+    Raises `OSError` if the terminal has gone.
+    """
+    return os.read(stream.fileno(), _LONGEST_LINE)
+
+
+def discard_typed(stream: TextIO) -> None:
+    """Discard what was typed on a terminal and has not been read. Raises `OSError` if the terminal has gone."""
+    if sys.platform == "win32":
+        return
+    try:
+        termios.tcflush(stream.fileno(), termios.TCIFLUSH)
+    except termios.error as error:
+        raise OSError(*error.args) from error
+
+
+def is_in_background(stream: TextIO) -> bool:
+    """Return whether a shell runs this process in the background of its terminal: the kernel stops it if it reads."""
+    if sys.platform == "win32":
+        return False
+    try:
+        return os.tcgetpgrp(stream.fileno()) != os.getpgrp()
+    except OSError:  # a terminal that controls no process has no background
+        return False
 
 
 def lock_at_once(descriptor: int) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import shutil
 import sys
@@ -47,6 +48,8 @@ def print_json(document: object) -> None:
 
 
 _UNKNOWN = "-"
+_UNLIMITED = 1_000_000
+_LEAST_COLUMNS = 20
 _INDENT = "  "
 
 
@@ -86,6 +89,30 @@ def say(text: str) -> None:
     stream = SafeStandardError()
     stream.write(f"{escape_controls(text)}\n")
     stream.flush()
+
+
+def say_wrapped(text: str, indent: int = 2) -> None:
+    """Print a message on standard error; on a terminal it is wrapped between words, with further lines indented."""
+    say("\n".join(wrapped for line in text.split("\n") for wrapped in _wrap(line, _error_columns(), indent)))
+
+
+def _error_columns() -> int:
+    """Return the width of the terminal of standard error, `COLUMNS` first; without a terminal there is no limit."""
+    stream = SafeStandardError()
+    if not stream.isatty():
+        return _UNLIMITED
+    if os.environ.get("COLUMNS", "").isdecimal():
+        return max(int(os.environ["COLUMNS"]), _LEAST_COLUMNS)
+    try:
+        return max(os.get_terminal_size(stream.fileno()).columns, _LEAST_COLUMNS)
+    except OSError:
+        return _UNLIMITED
+
+
+def _wrap(line: str, columns: int, indent: int) -> list[str]:
+    return textwrap.wrap(
+        line, columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+    ) or [""]
 
 
 def failure_document(error: LabrigError) -> dict[str, object]:
@@ -137,14 +164,7 @@ def print_checks(checks: Sequence[Mapping[str, Any]], as_json: bool) -> int:
 def print_wrapped(text: str, indent: int = 2) -> None:
     """Print a sentence; on a terminal it is wrapped between words, with all lines but the first indented."""
     for line in text.splitlines() or [""]:
-        wrapped = textwrap.wrap(
-            line,
-            _terminal_columns(),
-            subsequent_indent=" " * indent,
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        print_line("\n".join(wrapped))
+        print_line("\n".join(_wrap(line, _terminal_columns(), indent)))
 
 
 def print_table(
@@ -217,7 +237,7 @@ def _wrap_remark(line: str) -> list[str]:
 
 
 def _terminal_columns() -> int:
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 1_000_000
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
 
 
 def _format_cell(value: object) -> str:

@@ -55,6 +55,28 @@ def _report_nothing(share: float) -> None:
     """Take the place of a bar."""
 
 
+class _Bar(Protocol):
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+
+_shown: list[_Bar] = []
+"""The bar on the terminal, if one is shown."""
+
+
+@contextmanager
+def hold_bar() -> Iterator[None]:
+    """Let the bar stand still during the block, so that it draws over no question and no answer."""
+    for bar in _shown:
+        bar.stop()
+    try:
+        yield
+    finally:
+        for bar in _shown:
+            bar.start()
+
+
 _LEAST_BAR_COLUMNS = 70
 """Columns that bar, times and description need; a narrower terminal gets no bar."""
 
@@ -90,7 +112,11 @@ def _show_bar(title: str, total: float, *, transient: bool = False) -> Iterator[
         def report(done: float, doing: str) -> None:
             bar.update(task, completed=done, description=escape_controls(doing))
 
-        yield report
+        _shown.append(bar)
+        try:
+            yield report
+        finally:
+            _shown.remove(bar)
 
 
 LEAST_PAUSE_S = 2.0

@@ -3,17 +3,23 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TextIO
+from typing import TextIO, TypeVar
 
-from labrig.cli.output import say
+from labrig.cli.output import say_wrapped
+from labrig.cli.progress import hold_bar
 from labrig.cli.signals import SignalNote
 from labrig.devices.operator import Answer, OperatorRequest, PickTarget, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
-from labrig.posix import wait_for_input
+from labrig.posix import discard_typed, is_in_background, read_typed, wait_for_input
+
+_T = TypeVar("_T")
 
 
 class TerminalOperator:
-    """Prints what is to be done and waits for the answer; the axes hold still meanwhile."""
+    """Prints what is to be done and waits for the answer; the axes hold still meanwhile.
+
+    What was typed before a question was shown answers nothing.
+    """
 
     def __init__(self, interrupted: SignalNote, terminal: TextIO) -> None:
         self._interrupted = interrupted
@@ -25,7 +31,7 @@ class TerminalOperator:
         Raises
         ------
         SafetyStopError
-            When nobody can answer: standard input is closed or is not a terminal.
+            When nobody can answer: standard input is not a terminal, has closed, or belongs to another program.
         InterruptedRunError
             When a signal arrives during the prompt.
         """
@@ -34,13 +40,14 @@ class TerminalOperator:
                 f"nobody is there to answer: {request.text}",
                 "run labrig in a terminal; --yes never answers on a real rig",
             )
-        match request:
-            case ReadScale():
-                return self._ask(request, meanwhile, "a number such as 12.5", _read_number)
-            case PickTarget():
-                return self._ask(request, meanwhile, "two numbers such as 640 290.5", _read_pixel)
-            case _:
-                return self._ask(request, meanwhile, "yes", _read_consent)
+        if is_in_background(self._terminal):
+            raise SafetyStopError(
+                f"nobody can answer a labrig in the background of its terminal: {request.text}",
+                "run it in the foreground",
+            )
+        wanted, read_answer = _choose_reader(request)
+        with hold_bar():
+            return self._ask(request, meanwhile, wanted, read_answer)
 
     def _ask(
         self,
@@ -52,7 +59,9 @@ class TerminalOperator:
         """Ask until the answer is understood or no; say what is wanted if it is neither."""
         remark = ""
         while True:
-            say(f"\n>> {request.text}\n   {remark}{wanted}, or no to stop: ")
+            say_wrapped(f"\n>> {request.text}", 3)
+            self._use_terminal(discard_typed)
+            say_wrapped(f"   {remark}{wanted}, or no to stop: ", 3)
             typed = self._read_line(meanwhile).strip().lower()
             if typed in {"n", "no"}:
                 return Answer(confirmed=False, note=typed)
@@ -62,16 +71,40 @@ class TerminalOperator:
 
     def _read_line(self, meanwhile: Callable[[], None]) -> str:
         """Wait for a line; check for signals and look after the rig twenty times a second."""
-        while not wait_for_input(self._terminal, 0.05):
-            meanwhile()
-            if self._interrupted() is not None:
-                raise InterruptedRunError(f"interrupted by {self._interrupted()}")
-        line = self._terminal.readline()
-        if not line:
+        typed = b""
+        while not typed.endswith((b"\n", b"\r")):
+            if not wait_for_input(self._terminal, 0.05):
+                meanwhile()
+                if self._interrupted() is not None:
+                    raise InterruptedRunError(f"interrupted by {self._interrupted()}")
+                continue
+            more = self._use_terminal(read_typed)
+            if not more:
+                raise SafetyStopError(
+                    "standard input ended before the operator answered", "run labrig in a terminal"
+                )
+            typed += more
+        return typed.splitlines()[0].decode("utf-8", "replace")
+
+    def _use_terminal(self, use: Callable[[TextIO], _T]) -> _T:
+        try:
+            return use(self._terminal)
+        except OSError as error:
             raise SafetyStopError(
-                "standard input ended before the operator answered", "run labrig in a terminal"
-            )
-        return line
+                "the terminal closed before the operator answered",
+                "run labrig in a terminal that stays, such as tmux",
+            ) from error
+
+
+def _choose_reader(request: OperatorRequest) -> tuple[str, Callable[[str], Answer | None]]:
+    """Return what the answer to a request looks like, and what reads it."""
+    match request:
+        case ReadScale():
+            return "a number such as 12.5", _read_number
+        case PickTarget():
+            return "two numbers such as 640 290.5", _read_pixel
+        case _:
+            return "yes", _read_consent
 
 
 def _read_consent(typed: str) -> Answer | None:

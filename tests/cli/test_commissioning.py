@@ -1,14 +1,16 @@
 """Work at a bench: real commands, drives on a bus of another thread, and a person who types at a terminal."""
 
+import io
 import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import ExitStack, redirect_stderr
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import pytest
 
@@ -41,10 +43,23 @@ class BenchAt:
     served: Served
     rig: Path
     keyboard: int
+    until_the_end: ExitStack
+    answers: list[str] = field(default_factory=list)
 
     def types(self, *lines: str) -> None:
-        """Type ahead."""
-        os.write(self.keyboard, "".join(f"{line}\n" for line in lines).encode())
+        """Type a line at each of the next questions, once it is shown."""
+        self.answers += lines
+        if not isinstance(sys.stderr, Screen):  # not sooner: capsys replaces what a fixture has put there
+            self.until_the_end.enter_context(redirect_stderr(Screen(sys.stderr, self)))
+
+    def types_ahead(self, line: str) -> None:
+        """Type a line now, before any question."""
+        os.write(self.keyboard, f"{line}\n".encode())
+
+    def answer(self) -> None:
+        """Type the next line, if there is one."""
+        if self.answers:
+            self.types_ahead(self.answers.pop(0))
 
     def state(self) -> dict[str, Any]:
         """Return what the rig remembers."""
@@ -62,6 +77,22 @@ class BenchAt:
         return self.served.drives[node_id].shaft_counts / (4 * 500 * 4) * lead_mm
 
 
+class Screen(io.TextIOBase):
+    """Standard error as a person reads it, who answers each question."""
+
+    def __init__(self, stream: TextIO, bench: BenchAt) -> None:
+        super().__init__()
+        self._stream = stream
+        self._bench = bench
+
+    def write(self, text: str) -> int:
+        """Show a text, and answer it if it asks for an answer."""
+        self._stream.write(text)
+        if "or no to stop" in text:
+            self._bench.answer()
+        return len(text)
+
+
 @pytest.fixture
 def at_bench(tmp_path: Path) -> Iterator[BenchAt]:
     """Stand at a bench whose gears are known and whose drives have just been switched on."""
@@ -76,7 +107,8 @@ def at_bench(tmp_path: Path) -> Iterator[BenchAt]:
         (tmp_path / "bench.yaml").write_text(text, encoding="utf-8")
         stdin, sys.stdin = sys.stdin, os.fdopen(screen, "r", encoding="utf-8")
         try:
-            yield BenchAt(served, tmp_path / "bench.yaml", keyboard)
+            with ExitStack() as until_the_end:
+                yield BenchAt(served, tmp_path / "bench.yaml", keyboard, until_the_end)
         finally:
             sys.stdin.close()
             sys.stdin = stdin
@@ -112,8 +144,9 @@ def test_an_axis_is_homed_and_its_lead_found_wrong(labrig: Labrig, at_bench: Ben
 
 
 def test_no_at_the_prompt_moves_nothing(labrig: Labrig, at_bench: BenchAt) -> None:
-    """The answer comes before the motion starts; exit 3."""
+    """The answer comes before the motion starts, and a yes typed before the question counts for nothing; exit 3."""
     at_bench.remember()
+    at_bench.types_ahead("yes")
     at_bench.types("no")
     done = labrig("devices", "jog", "--axis", "insertion", "--rig", at_bench.rig, "--json")
     assert (done.exit_code, done.json()["error"]["type"]) == (3, "SafetyStopError")

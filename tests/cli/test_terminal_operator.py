@@ -2,15 +2,22 @@
 
 import io
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+import subprocess
+import sys
+import termios
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Thread
 from typing import TextIO
 
 import pytest
 
+from labrig.cli.progress import progress
 from labrig.cli.signals import SignalNote
 from labrig.cli.terminal_operator import TerminalOperator
-from labrig.devices.operator import OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
+from labrig.devices.operator import Answer, OperatorRequest, PickTarget, PlaceSpecimen, ReadScale
 from labrig.errors import InterruptedRunError, SafetyStopError
 
 REQUEST = PlaceSpecimen("gel 10 %", 10)
@@ -24,8 +31,24 @@ class Terminal:
     keyboard: int
 
     def type(self, text: str) -> None:
-        """Write input for the next question."""
+        """Type now."""
         os.write(self.keyboard, text.encode())
+
+    def ask(self, request: OperatorRequest, *typed: str) -> Answer:
+        """Ask a person who types each line once the question is shown, and all of it in the end."""
+        return TerminalOperator(SignalNote(), self.stream).ask(request, Typist(self, list(typed)))
+
+
+@dataclass
+class Typist:
+    """Types a line whenever labrig waits for one."""
+
+    terminal: Terminal
+    lines: list[str] = field(default_factory=list)
+
+    def __call__(self) -> None:
+        """Type the next line."""
+        self.terminal.type(self.lines.pop(0))
 
 
 @pytest.fixture
@@ -42,21 +65,18 @@ def terminal() -> Iterator[Terminal]:
 )
 def test_yes_and_no_are_taken(typed: str, confirmed: bool, terminal: Terminal) -> None:
     """Yes and no are accepted in their long and short forms."""
-    terminal.type(typed)
-    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed is confirmed
+    assert terminal.ask(REQUEST, typed).confirmed is confirmed
 
 
 def test_anything_else_is_asked_again(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistyped or empty answer repeats the question."""
-    terminal.type("maybe\n\nyes\n")
-    assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, lambda: None).confirmed
+    assert terminal.ask(REQUEST, "maybe\n", "\n", "yes\n").confirmed
     assert capsys.readouterr().err.count("gel 10 %") == 3
 
 
 def test_a_pixel_is_two_numbers(terminal: Terminal, capsys: pytest.CaptureFixture[str]) -> None:
     """Two finite numbers are a pixel; one number, words and infinity repeat the question."""
-    terminal.type("1020\nthere\ninf 3\n1020 290.5\n")
-    answer = TerminalOperator(SignalNote(), terminal.stream).ask(PickTarget("000003.png"), lambda: None)
+    answer = terminal.ask(PickTarget("000003.png"), "1020\n", "there\n", "inf 3\n", "1020 290.5\n")
     assert (answer.confirmed, answer.pixel) == (True, (1020.0, 290.5))
     assert capsys.readouterr().err.count("000003.png") == 4
 
@@ -74,15 +94,13 @@ def test_an_answer_of_another_kind_is_told_what_is_wanted(
     request_: OperatorRequest, typed: str, wanted: str, terminal: Terminal, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A yes in answer to a number repeats the question with the expected form."""
-    terminal.type(f"{typed}\nno\n")
-    assert not TerminalOperator(SignalNote(), terminal.stream).ask(request_, lambda: None).confirmed
+    assert not terminal.ask(request_, f"{typed}\n", "no\n").confirmed
     assert f"'{typed}' is not understood: {wanted}" in capsys.readouterr().err
 
 
 def test_a_scale_is_read_with_a_point_or_a_comma(terminal: Terminal) -> None:
     """A reading may have a decimal point or comma, and a sign."""
-    terminal.type("-12,5\n")
-    answer = TerminalOperator(SignalNote(), terminal.stream).ask(ReadScale("linear", "mm", ""), lambda: None)
+    answer = terminal.ask(ReadScale("linear", "mm", ""), "-12,5\n")
     assert (answer.confirmed, answer.reading) == (True, -12.5)
 
 
@@ -98,3 +116,122 @@ def test_a_pipe_cannot_confirm() -> None:
     """Input from a pipe is not accepted as a confirmation."""
     with pytest.raises(SafetyStopError, match="nobody is there"):
         TerminalOperator(SignalNote(), io.StringIO("yes\n")).ask(REQUEST, lambda: None)
+
+
+@pytest.mark.parametrize("early", ["yes\n", "yes", "yes\nyes\nyes\n"])
+def test_an_answer_typed_before_the_question_does_not_count(early: str, terminal: Terminal) -> None:
+    """A yes typed while an axis moved confirms nothing, and does not stand before the answer; each question is new."""
+    terminal.type(early)
+    assert not terminal.ask(REQUEST, "no\n").confirmed
+    assert terminal.ask(REQUEST, "maybe\nyes\nyes\n", "yes\n").note == "yes"
+    assert not terminal.ask(REQUEST, "no\n").confirmed
+
+
+def test_a_line_typed_in_pieces_is_one_answer(terminal: Terminal) -> None:
+    """What Ctrl+D sends without a line end, or a terminal in raw mode by the key, waits for the return key."""
+    assert not terminal.ask(REQUEST, "n\x04", "o\x04", "\n").confirmed
+    settings = termios.tcgetattr(terminal.stream)
+    settings[0] &= ~termios.ICRNL
+    settings[3] &= ~termios.ICANON
+    termios.tcsetattr(terminal.stream, termios.TCSANOW, settings)
+    assert terminal.ask(REQUEST, "y", "e", "s\r").confirmed
+
+
+def test_the_end_of_input_confirms_nothing(terminal: Terminal) -> None:
+    """Ctrl+D on an empty line."""
+    with pytest.raises(SafetyStopError, match="standard input ended"):
+        terminal.ask(REQUEST, "\x04")
+
+
+@pytest.mark.parametrize("closes", ["before the question", "during the question"])
+def test_a_terminal_that_closes_stops_the_axes(closes: str) -> None:
+    """The window is closed: nobody can answer, and the rig is told so."""
+    keyboard, screen = os.openpty()
+    with os.fdopen(screen, "r", encoding="utf-8") as stream:
+        terminal = Stubborn(stream)
+        if closes == "before the question":
+            os.close(keyboard)
+        with pytest.raises(SafetyStopError, match=r"terminal closed|standard input ended"):
+            TerminalOperator(SignalNote(), terminal).ask(REQUEST, lambda: os.close(keyboard))
+
+
+class Stubborn(io.TextIOWrapper):
+    """A terminal that says that it is one even once it has closed."""
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream.buffer, encoding="utf-8")
+
+    def isatty(self) -> bool:
+        """Return true."""
+        return True
+
+
+_IN_THE_BACKGROUND = """
+import os, pty, sys
+from labrig.cli.signals import SignalNote
+from labrig.cli.terminal_operator import TerminalOperator
+from labrig.devices.operator import ClearBench
+from labrig.errors import SafetyStopError
+result, say = os.pipe()
+session, keyboard = pty.fork()
+if session == 0:
+    if os.fork() == 0:
+        os.setpgid(0, 0)
+        try:
+            TerminalOperator(SignalNote(), sys.stdin).ask(ClearBench("it"), lambda: None)
+        except SafetyStopError as error:
+            os.write(say, error.message.encode())
+    else:
+        os.wait()
+    os._exit(0)
+os.write(keyboard, b"yes\\nyes\\n")
+print(os.read(result, 200).decode())
+"""
+
+
+def test_a_labrig_in_the_background_is_not_stopped_by_its_question() -> None:
+    """The kernel would stop it for using the terminal of another program, and its drives would trip."""
+    done = subprocess.run(
+        [sys.executable, "-c", _IN_THE_BACKGROUND], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "in the background of its terminal" in done.stdout
+
+
+@contextmanager
+def _screen(monkeypatch: pytest.MonkeyPatch, path: Path) -> Iterator[Callable[[], bytes]]:
+    """Make standard error a terminal of 80 columns, and return what it has shown so far."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "xterm")
+    own_end, other_end = os.openpty()
+
+    def copy() -> None:
+        with suppress(OSError), path.open("wb", buffering=0) as file:
+            while data := os.read(own_end, 4096):
+                file.write(data)
+
+    reader = Thread(target=copy)
+    reader.start()
+    with os.fdopen(other_end, "w", encoding="utf-8") as stream, redirect_stderr(stream):
+        yield path.read_bytes
+    reader.join()
+    os.close(own_end)
+
+
+def test_the_bar_stands_still_while_somebody_is_asked(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Nothing is drawn between the question and the answer, however long that takes; afterwards the bar goes on."""
+    shown: list[bytes] = []
+
+    def look() -> None:
+        shown.append((tmp_path / "screen").read_bytes())
+        if len(shown) == 20:
+            terminal.type("yes\n")
+
+    with _screen(monkeypatch, tmp_path / "screen") as read, progress("sweep", 100.0) as reporter:
+        reporter(50.0, "half")
+        assert TerminalOperator(SignalNote(), terminal.stream).ask(REQUEST, look).confirmed
+        reporter(75.0, "more")
+    assert b"no to stop" in shown[5]
+    assert set(shown[5:]) == {shown[5]}
+    assert b"75 %" in read()[len(shown[5]) :]

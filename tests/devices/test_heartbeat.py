@@ -1,11 +1,15 @@
 """The heartbeats of computer and drives, and what each side does when the other falls silent."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import pytest
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.axis import AxisReadback
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.epos2.driver import Epos2
+from labrig.devices.operator import Answer, ClearBench, OperatorRequest
 from labrig.errors import (
     BusError,
     BusOffError,
@@ -13,6 +17,7 @@ from labrig.errors import (
     DriveFaultError,
     DriveRestartedError,
     DriveSilentError,
+    InterruptedRunError,
 )
 from tests.devices.rigs import OpenedRig, opened_rig, simulated_rig
 
@@ -133,3 +138,33 @@ def test_backlash_is_always_taken_up_from_below() -> None:
                 reached.append(_read(opened))
             assert reached[-1].position == target
         assert min(axis.position for axis in reached) == pytest.approx(4.5, abs=0.05)
+
+
+def test_a_question_that_nobody_answers_for_an_hour_holds_the_axes_until_ctrl_c() -> None:
+    """The beat goes on, no drive trips, nothing moves; then a signal stops the run."""
+    with opened_rig() as opened:
+        opened.rig.connect()
+        opened.rig.operator = Absent(opened)
+        with pytest.raises(InterruptedRunError, match="SIGINT"):
+            opened.rig.ask(ClearBench("the board"))
+        assert opened.hardware.clock.now_s() > 3600
+        assert {drive.shaft_counts for drive in opened.drives.values()} == {0}
+        assert not any(
+            event.kind == "emergency" for drive in opened.drives.values() for event in drive.journal
+        )
+        assert opened.rig.read_states()["insertion"].state is DriveState.OPERATION_ENABLED
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A person who has gone for an hour, and comes back to press Ctrl+C."""
+
+    opened: OpenedRig
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+        """Never answer."""
+        while True:
+            self.opened.hardware.clock.sleep(0.1)
+            meanwhile()
+            if self.opened.hardware.clock.now_s() > 3600:
+                self.opened.signal.name = "SIGINT"

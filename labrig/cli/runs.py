@@ -77,7 +77,7 @@ def list_(
     with progress_if_slow("reading the runs", SystemClock(), shown=not as_json) as progress:
         found = _find(runs_dir, where, sort, reverse, progress)
     if as_json:
-        print_json([_row(run) for run in found])
+        print_json([_make_row(run) for run in found])
     elif found:
         _print_runs(found)
         for line in list_next_steps([run.summary for run in found]):
@@ -99,7 +99,7 @@ def _find(
     return find_runs(runs_dir, where, sort, reverse=reverse, progress=progress)
 
 
-def _row(found: FoundRun) -> dict[str, object]:
+def _make_row(found: FoundRun) -> dict[str, object]:
     asked = {"fields": {name: list(values) for name, values in found.fields.items()}} if found.fields else {}
     return {**asdict(found.summary), "run": str(found.summary.run), **asked}
 
@@ -115,8 +115,8 @@ def _print_runs(found: Sequence[FoundRun]) -> None:
     """
     asked = [name for name in found[0].fields if name not in _SHOWN]
     heads = ["run", "experiment", "exit status", "trials", *asked]
-    rows = [[*_summary_cells(run.summary), *(_join(run.fields[name]) for name in asked)] for run in found]
-    remarks = [_remark_cells(run.summary) for run in found]
+    rows = [[*_format_summary(run.summary), *(_join(run.fields[name]) for name in asked)] for run in found]
+    remarks = [_format_remarks(run.summary) for run in found]
     wanted = [column for column in range(len(_REMARKS)) if any(cells[column] for cells in remarks)]
     wide_heads = [*heads, *(_REMARKS[column] for column in wanted)]
     wide = [[*row, *(cells[column] for column in wanted)] for row, cells in zip(rows, remarks, strict=True)]
@@ -126,7 +126,7 @@ def _print_runs(found: Sequence[FoundRun]) -> None:
         print_table(heads, rows, [_join_remarks(cells) for cells in remarks])
 
 
-def _summary_cells(summary: RunSummary) -> list[object]:
+def _format_summary(summary: RunSummary) -> list[object]:
     done, planned = summary.trials_done, summary.trials_planned
     trials = f"{done} of {planned}" if planned else None
     return [summary.run.name, summary.protocol, summary.exit_status, trials]
@@ -135,7 +135,7 @@ def _summary_cells(summary: RunSummary) -> list[object]:
 _REMARKS = ("verdict", "notes", "tags")
 
 
-def _remark_cells(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
+def _format_remarks(summary: RunSummary) -> tuple[str | None, int | None, str | None]:
     return summary.verdict, summary.notes or None, ", ".join(summary.tags) or None
 
 
@@ -163,7 +163,7 @@ def tag(
     for run in runs:
         _note_older_page(run)
     if as_json:
-        print_json([_row_of_annotations(run, annotations) for run, annotations in tagged])
+        print_json([_make_annotation_row(run, annotations) for run, annotations in tagged])
         return
     for run, annotations in tagged:
         print_line(f"{run}: {', '.join(annotations.tags) or 'no tags'}")
@@ -195,7 +195,7 @@ def note(
         annotations = note_on_run(run, text, revises=revise, by=_find_author(by), at=_now())
         _note_older_page(run)
     if as_json:
-        print_json(_row_of_annotations(run, annotations))
+        print_json(_make_annotation_row(run, annotations))
         return
     for revision in annotations.revisions if text is None else annotations.notes:
         # Further lines of a note are indented, so that they cannot pass for output of labrig.
@@ -217,7 +217,7 @@ def verdict(
     annotations = judge_run(run, judgement, reason, by=_find_author(by), at=_now())
     _note_older_page(run)
     if as_json:
-        print_json(_row_of_annotations(run, annotations))
+        print_json(_make_annotation_row(run, annotations))
     else:
         print_line(f"{run}: {annotations.verdict}" + (f" ({reason})" if reason else ""))
 
@@ -263,7 +263,7 @@ def _shorten(value: object) -> str | None:
     return text if text is None or len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 3]}..."
 
 
-def _row_of_annotations(run: Path, annotations: Annotations) -> dict[str, object]:
+def _make_annotation_row(run: Path, annotations: Annotations) -> dict[str, object]:
     return {"run": str(run), **asdict(annotations)}
 
 

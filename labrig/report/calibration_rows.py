@@ -9,10 +9,10 @@ from labrig.vision.plane import PlaneMap
 
 def describe_calibration(run: Run) -> Rows:
     """Return the accuracy of lens and plane."""
-    return (*_lens_rows(load_lens(run)), *_plane_rows(load_plane_map(run)))
+    return (*_list_lens_rows(load_lens(run)), *_list_plane_rows(load_plane_map(run)))
 
 
-def _lens_rows(lens: Intrinsics | None) -> Rows:
+def _list_lens_rows(lens: Intrinsics | None) -> Rows:
     if lens is None:
         return (("lens", "no intrinsics: the pictures are assumed to be rectified"),)
     return (
@@ -29,7 +29,7 @@ def _lens_rows(lens: Intrinsics | None) -> Rows:
     )
 
 
-def _plane_rows(plane: PlaneMap) -> Rows:
+def _list_plane_rows(plane: PlaneMap) -> Rows:
     return (
         ("scale at the origin", f"{plane.mm_per_px:.5f} mm/px"),
         (

@@ -50,14 +50,14 @@ def write_plan_figure(path: Path, problem: PlanProblem, plan: Plan) -> None:
         panels = figure.subplots(len(views), 1, squeeze=False)[:, 0]
         for axes, across in zip(panels, views, strict=True):
             _draw_view(axes, problem, plan, across)
-        panels[0].set_title(_title(plan))
+        panels[0].set_title(_make_title(plan))
         metadata = NO_METADATA if form == "svg" else None
         buffer = io.BytesIO()
         figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=metadata, facecolor="white")
     write_atomically(path, buffer.getvalue())
 
 
-def _title(plan: Plan) -> str:
+def _make_title(plan: Plan) -> str:
     if not plan.found:
         return f"No path: {plan.reason}"
     clearance = "" if plan.clearance_mm is None else f", clearance {plan.clearance_mm:.2f} mm"

@@ -22,36 +22,38 @@ class Section:
 def make_provenance(run: Run, result: AnyResult | None, calibration: Rows = ()) -> tuple[Section, ...]:
     """Return every section that is not empty."""
     devices = run.manifest.get("devices")
-    measured = () if result is None else _code(result.content.provenance)
+    measured = () if result is None else _list_code(result.content.provenance)
     sections = (
-        *_code_sections(_code(run.manifest.get("provenance")), measured),
-        *_session_sections(run),
-        Section("Analysis", () if result is None else _analysis(result)),
+        *_make_code_sections(_list_code(run.manifest.get("provenance")), measured),
+        *_make_session_sections(run),
+        Section("Analysis", () if result is None else _list_analysis(result)),
         Section("Calibration", calibration),
-        Section("SHA-256 of what was used", _hashes(run, result)),
-        Section("Camera, asked for and read back", _camera(devices)),
-        Section("Devices", _devices(devices)),
+        Section("SHA-256 of what was used", _list_hashes(run, result)),
+        Section("Camera, asked for and read back", _list_camera_settings(devices)),
+        Section("Devices", _list_devices(devices)),
     )
     return tuple(section for section in sections if section.rows)
 
 
-def _code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
+def _make_code_sections(recorded: Rows, measured: Rows) -> tuple[Section, ...]:
     """Return one section if the same command recorded and measured, else two."""
     if recorded == measured:
         return (Section("Recorded and measured with", recorded),)
     return Section("Recorded with", recorded), Section("Measured with", measured)
 
 
-def _session_sections(run: Run) -> Iterator[Section]:
+def _make_session_sections(run: Run) -> Iterator[Section]:
     """Yield a section for each session after the first: its start and its code."""
     for number, session in enumerate(run.sessions, start=2):
         diff = session.get("code_diff")
         changes = () if diff is None else (("changes to the code", str(diff)),)
         began = ("started", format_time(session.get("started")))
-        yield Section(f"Resumed with, session {number}", (began, *_code(session.get("provenance")), *changes))
+        yield Section(
+            f"Resumed with, session {number}", (began, *_list_code(session.get("provenance")), *changes)
+        )
 
 
-def _analysis(result: AnyResult) -> Rows:
+def _list_analysis(result: AnyResult) -> Rows:
     content = result.content
     return (
         ("result", f"analysis/{result.path.name}"),
@@ -62,15 +64,15 @@ def _analysis(result: AnyResult) -> Rows:
     )
 
 
-def _hashes(run: Run, result: AnyResult | None) -> Rows:
+def _list_hashes(run: Run, result: AnyResult | None) -> Rows:
     inputs = {} if result is None else result.content.inputs
-    recorded = (row for row in _rows(run.manifest.get("hashes")) if row[1] not in inputs.values())
+    recorded = (row for row in _list_rows(run.manifest.get("hashes")) if row[1] not in inputs.values())
     return (*inputs.items(), *recorded)
 
 
-def _camera(devices: object) -> Rows:
+def _list_camera_settings(devices: object) -> Rows:
     """Return each camera setting as asked for and as read back."""
-    values = dict(_rows(devices))
+    values = dict(_list_rows(devices))
     asked, readback = _CAMERA_SETTINGS
     names = dict.fromkeys(
         key.removeprefix(asked).removeprefix(readback) for key in values if key.startswith(_CAMERA_SETTINGS)
@@ -81,9 +83,9 @@ def _camera(devices: object) -> Rows:
     )
 
 
-def _devices(devices: object) -> Rows:
+def _list_devices(devices: object) -> Rows:
     """Return the devices without the camera's settings, in the units and notation of their manuals."""
-    values = dict(_rows(devices))
+    values = dict(_list_rows(devices))
     return tuple(
         (key, _format_device_value(key, value, values))
         for key, value in values.items()
@@ -107,15 +109,15 @@ def _format_device_value(key: str, value: str, values: Mapping[str, str]) -> str
     return value
 
 
-def _rows(document: object) -> Rows:
+def _list_rows(document: object) -> Rows:
     return tuple(flatten(document)) if isinstance(document, Mapping) else ()
 
 
-def _code(document: object) -> Rows:
+def _list_code(document: object) -> Rows:
     """Return the provenance of a record or result; packages and command take one line each."""
     if not isinstance(document, Mapping):
         return ()
-    return _rows({key: _join_line(value) for key, value in document.items()})
+    return _list_rows({key: _join_line(value) for key, value in document.items()})
 
 
 def _join_line(value: object) -> object:

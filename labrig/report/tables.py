@@ -119,7 +119,7 @@ def _split_lists(name: str, table: pd.DataFrame, known: _Known | None = None) ->
             for item in (cell if isinstance(cell, list) else ())
         ]
         rows = pd.DataFrame([item if isinstance(item, Mapping) else {column: item} for item, _ in items])
-        tables |= _split_lists(f"{singular}_{_without_unit(str(column))}", rows, [key for _, key in items])
+        tables |= _split_lists(f"{singular}_{_strip_unit(str(column))}", rows, [key for _, key in items])
     return tables
 
 
@@ -136,7 +136,7 @@ def _identify_rows(singular: str, table: pd.DataFrame, parts: _Known) -> list[di
     return keys
 
 
-def _without_unit(column: str) -> str:
+def _strip_unit(column: str) -> str:
     return column.removesuffix("_mm").removesuffix("_px")
 
 
@@ -160,9 +160,9 @@ def _flatten_column(column: "pd.Series[Any]") -> "pd.Series[Any]":
     if all(isinstance(value, int | float) for value in known):
         return column.astype("float64")
     return pd.Series(
-        [None if is_unknown(v) else _text(v) for v in column], index=column.index, dtype="string"
+        [None if is_unknown(v) else _to_text(v) for v in column], index=column.index, dtype="string"
     )
 
 
-def _text(value: object) -> str:
+def _to_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

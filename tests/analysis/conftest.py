@@ -1,4 +1,4 @@
-"""One synthetic sweep, recorded and measured once for all tests that only look at it."""
+"""A synthetic sweep, recorded and measured once for all tests that only read it."""
 
 from dataclasses import dataclass
 from pathlib import Path

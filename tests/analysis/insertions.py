@@ -1,4 +1,4 @@
-"""A short insertion on the simulated rig, conducted once for all tests that only look at it."""
+"""A short insertion on the simulated rig, conducted once for all tests that only read it."""
 
 import json
 import tempfile

@@ -121,7 +121,7 @@ def test_a_damaged_picture_is_refused_and_the_batch_goes_on(folder: Path) -> Non
 
 
 def test_a_picture_with_a_flipped_bit_is_told_by_its_hash(folder: Path) -> None:
-    """The hash is compared before anything is decoded, so that the reason is that of the record."""
+    """A flipped bit is reported by the hash, which is compared before the picture is decoded."""
     run = record_sweep(folder)
     file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
     content = bytearray(file.read_bytes())
@@ -166,12 +166,12 @@ def test_the_tables_of_a_result_are_listed_with_units_and_rows(measured: Measure
 
 
 def test_a_whole_run_has_no_damage(measured: MeasuredRun) -> None:
-    """Nothing is said of a record that is as it was written."""
+    """The result of an intact run lists no damage."""
     assert measured.result.document["damage"] == []
 
 
 def test_a_torn_last_line_of_a_killed_run_is_no_damage(folder: Path) -> None:
-    """A killed process leaves one; it is known and forgiven."""
+    """The torn last line of a killed process does not count as damage."""
     run = record_sweep(folder, SyntheticSweep(exit_status=None))
     with (run.path / "states.jsonl").open("ab") as file:
         file.write(b'{"t_s":')
@@ -219,7 +219,7 @@ analyze_run(run, experiment_of(run), workers=2, progress=die, created=NOW, prove
 
 
 def test_progress_is_told_after_each_picture(measured: MeasuredRun) -> None:
-    """The callback counts up to the number of pictures."""
+    """Progress is reported after each picture, up to their number."""
     updates: list[tuple[int, int]] = []
     analyze_run(
         measured.run,
@@ -253,7 +253,7 @@ def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> No
 
 
 def test_a_run_that_was_never_analysed_has_no_result(folder: Path) -> None:
-    """None says that there is none; asking for a number that is not there is an error that lists them."""
+    """Without a result the answer is None; a missing number is an error that lists the existing ones."""
     run = record_sweep(folder)
     assert result_of(run) is None
     with pytest.raises(InputError, match="no result 004"):
@@ -429,7 +429,7 @@ def test_imported_pictures_have_measurements_and_no_specimens(folder: Path) -> N
 
 
 def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
-    """A run that was stopped before its first picture is no error."""
+    """A run that stopped before its first picture has an empty result."""
     sweep = SyntheticSweep(radii_mm={"gel A": ()}, gelatin_percent=(10.0,), exit_status="aborted")
     run = record_sweep(folder, sweep)
     result = measure(open_run(run.path), workers=2).result
@@ -439,7 +439,7 @@ def test_a_run_without_pictures_has_an_empty_result(folder: Path) -> None:
 
 
 def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
-    """What is masked is not measured, and the result keeps the file that said so, with its hash."""
+    """Masked pixels are not measured, and the result keeps the mask file with its hash."""
     (folder / "runs").mkdir()
     file = folder / "not-needle.json"
     file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')

@@ -45,7 +45,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
 
 
 def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
-    """An error with places comes back from a worker process with all of them."""
+    """An error with several places comes back whole from a worker process, for each run."""
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
     outcomes = analyze_runs(
         runs,
@@ -60,7 +60,7 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
 
 
 def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> None:
-    """Measured by the same processes, each run keeps the mask and has the numbers that it has alone."""
+    """Analysed together, each run keeps its mask and has the numbers of an analysis alone."""
     polygon = tmp_path / "mask.json"
     polygon.write_text('{"*": [[[0, 0], [40, 0], [40, 40]]]}')
     mask = load_mask(polygon)

@@ -154,7 +154,7 @@ def test_sheath_that_went_as_far_as_its_encoder_says_is_no_other() -> None:
 
 
 def test_sheath_that_is_not_seen_is_said_so() -> None:
-    """A trial without a sheath has no origin but a reason, and its radius is not refused."""
+    """A trial without a visible sheath has a reason in place of an origin, and its radius is not refused."""
     lines = [FrameLine(frame=0, file="", trial=0, linear_mm=15.0)]
     sheath = Sheath(depth_mm=15.0, speed_mm_s=5.0, diameter_mm=2.0)
     found = find_origins(lambda _: np.full(SIZE[::-1], 160, np.uint8), lines, PLANE, sheath)
@@ -164,7 +164,7 @@ def test_sheath_that_is_not_seen_is_said_so() -> None:
 
 
 def test_tip_is_told_from_the_origin_of_its_trial() -> None:
-    """In a frame that is moved and turned with the sheath; an imported picture has its own sheath for an origin."""
+    """The tip is relative to the pose of its trial's sheath; an imported picture uses its own sheath."""
     (found,) = origins([20], [15.0], turned_deg=[3.0])
     heading = found.heading_rad
     along = np.array([np.sin(heading), np.cos(heading)])

@@ -1,4 +1,4 @@
-"""What grid pictures before and after a run do to its radii."""
+"""The effect of grid pictures before and after a run on its radii."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def radius(**known: object) -> PictureResult:
 
 
 def test_drift_becomes_an_error_bar() -> None:
-    """Two in a thousand of 28 mm stand in sigma and interval, the radius stays."""
+    """A drift of 0.2 % widens sigma and interval, and leaves the radius unchanged."""
     sentinel = run_with(PX_PER_MM * 1.002)
     assert sentinel.drift == pytest.approx(0.002, abs=2e-4)
     (wider,) = add_drift([radius()], sentinel)
@@ -53,7 +53,7 @@ def test_drift_becomes_an_error_bar() -> None:
 
 
 def test_bumped_camera_refuses_every_radius() -> None:
-    """A scale that changed by two hundredths is no error bar: the reason stands with every picture."""
+    """A change of scale of 2 % refuses every radius, with the reason at each picture."""
     sentinel = run_with(PX_PER_MM * 1.02)
     assert not sentinel.accepted
     (refused,) = add_drift([radius()], sentinel)
@@ -62,7 +62,7 @@ def test_bumped_camera_refuses_every_radius() -> None:
 
 
 def test_run_without_both_pictures_is_told_so() -> None:
-    """An aborted run has no picture after it: nothing is refused, and the result says why nothing is known."""
+    """An aborted run without the second picture is not refused; the result states that the drift is unknown."""
     sentinel = compare_grid_pictures(lambda _: grid(PX_PER_MM), LINES[:1], PLANE, 1.0)
     assert sentinel.drift is None
     assert "both before and after" in (sentinel.reason or "")
@@ -71,7 +71,7 @@ def test_run_without_both_pictures_is_told_so() -> None:
 
 
 def test_pictures_that_show_no_grid_refuse() -> None:
-    """Where the grid was asked for and cannot be compared, no radius is stated."""
+    """If the grid pictures cannot be compared, no radius is stated."""
     sentinel = compare_grid_pictures(lambda _: np.full((600, 800), 120, np.uint8), LINES, PLANE, 1.0)
     assert not sentinel.accepted
     assert "cannot be compared" in (sentinel.reason or "")

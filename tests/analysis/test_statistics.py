@@ -18,7 +18,7 @@ def test_three_values_have_the_interval_of_the_tables() -> None:
 
 
 def test_one_value_has_a_mean_and_no_spread() -> None:
-    """A single value says nothing of its scatter, so neither SD nor interval is stated."""
+    """A single value has a mean, and neither SD nor interval."""
     assert compute_spread([28.3]) == compute_spread([28.3])
     assert (compute_spread([28.3]).mean, compute_spread([28.3]).sd, compute_spread([28.3]).ci95) == (
         28.3,
@@ -28,7 +28,7 @@ def test_one_value_has_a_mean_and_no_spread() -> None:
 
 
 def test_no_values_have_nothing() -> None:
-    """Of nothing not even a mean is stated."""
+    """Without values there is no mean."""
     assert (
         compute_spread([]).n,
         compute_spread([]).mean,
@@ -50,7 +50,7 @@ def test_the_interval_is_centred_on_the_mean(values: list[float]) -> None:
 
 @given(VALUES, st.floats(-5.0, 5.0))
 def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float], shift: float) -> None:
-    """What all values share is not seen in their scatter: this is what the interval does not cover."""
+    """An error common to all values does not widen the interval."""
     found, moved = compute_spread(values), compute_spread([value + shift for value in values])
     assert found.mean is not None
     assert moved.mean == pytest.approx(found.mean + shift, abs=1e-6)
@@ -58,7 +58,7 @@ def test_a_common_error_moves_the_mean_and_leaves_the_spread(values: list[float]
 
 
 def test_the_interval_covers_as_often_as_it_says() -> None:
-    """Of 4000 samples of 18 normal radii, 95 % of the intervals hold the true mean, within 1.5 %."""
+    """The 95 % intervals of 4000 samples of 18 normal radii hold the true mean in 95 % of cases, within 1.5 %."""
     random = np.random.default_rng(20260)
     samples = random.normal(27.6, 0.4, (4000, 18))
     intervals = [compute_spread(list(sample)).ci95 for sample in samples]

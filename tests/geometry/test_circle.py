@@ -140,7 +140,7 @@ def test_claimed_spread_is_the_observed_one(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_three_points_leave_no_uncertainty_to_state(method):
-    """Three points determine a circle and nothing about its error."""
+    """Three points determine a circle, but not its uncertainty."""
     circle = fit_circle([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)], method=method)
     assert parameters(circle) == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
     assert circle.covariance is None

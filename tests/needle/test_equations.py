@@ -85,7 +85,7 @@ def test_the_laser_moves_the_papers_radius_by_millimetres() -> None:
 
 
 def test_a_radius_that_may_be_infinite_has_no_upper_end() -> None:
-    """Where the tolerances allow hinges that do not turn, the upper end of the radius is unknown."""
+    """If the tolerances allow hinges that do not turn, the upper end of the radius is unknown."""
     found = radius_tolerance(EQUATION_3, 0.9, 3.0, clearance_tolerance_mm=0.003, cut_tolerance_deg=0.1)
     assert found.high_mm is None
 
@@ -100,7 +100,7 @@ def test_whole_links_are_counted(tip_mm: float, link_mm: float, links: int) -> N
     ("clearance_mm", "cut_deg"), [(3.0, 0.1), (-0.003, 0.1), (0.003, -0.1), (0.003, 45.0)]
 )
 def test_impossible_tolerances_are_refused(clearance_mm: float, cut_deg: float) -> None:
-    """A tolerance is no less than nothing, and no laser is that bad."""
+    """Negative and excessive tolerances are refused."""
     with pytest.raises(InputError, match="tolerance is"):
         radius_tolerance(
             EQUATION_3, 11.5, 3.0, clearance_tolerance_mm=clearance_mm, cut_tolerance_deg=cut_deg
@@ -108,7 +108,7 @@ def test_impossible_tolerances_are_refused(clearance_mm: float, cut_deg: float) 
 
 
 def test_a_tip_below_two_links_is_refused() -> None:
-    """Equation (1) speaks of two links."""
+    """A tip shorter than two links is refused, because equation (1) needs two."""
     with pytest.raises(InputError, match="at least 6 mm"):
         count_links(5.9, 3.0)
 
@@ -155,6 +155,6 @@ def test_impossible_radii_are_refused(radius: float, message: str, hint: str) ->
     ],
 )
 def test_impossible_tubes_are_refused(tube: tuple[float, float, float], message: str) -> None:
-    """A tube that no needle is made of is refused with the value."""
+    """An impossible tube is refused with the value."""
     with pytest.raises(InputError, match=message):
         Tube(*tube)

@@ -29,7 +29,7 @@ hinges = st.builds(
 @given(hinge=hinges)
 @settings(max_examples=40)
 def test_links_at_rest_are_a_clearance_apart(hinge: Hinge) -> None:
-    """Both links are sound polygons, and nowhere closer than the laser's width, but for the chords of arcs."""
+    """Both links are valid polygons, nowhere closer than the clearance, except for the chords of arcs."""
     links = hinge.links
     assert links.knuckle.is_valid
     assert links.socket.is_valid
@@ -69,7 +69,7 @@ def test_a_clearance_wider_than_the_socket_holds_is_refused_as_micrometres() -> 
 
 @pytest.mark.parametrize("clearance_mm", [0.0, -0.025, 0.0005, math.nan, math.inf])
 def test_impossible_clearances_are_refused(clearance_mm: float) -> None:
-    """No laser cuts nothing, and none cuts half a micrometre."""
+    """Clearances of zero and of half a micrometre are refused."""
     with pytest.raises(InputError, match="laser clearance"):
         Hinge(Tube(), clearance_mm, 4.0)
 

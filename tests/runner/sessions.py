@@ -1,4 +1,4 @@
-"""Short runs on a simulated rig that a test can disturb behind its back."""
+"""Short runs on a simulated rig, with hooks for faults and answers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -31,20 +31,20 @@ def sweep(*overrides: str) -> ExperimentProtocol:
 
 @dataclass
 class Told:
-    """Progress as it was told; calls `then` with each sentence."""
+    """Collects the progress of a run; calls `then` with each sentence."""
 
     then: Callable[[str], None] = lambda _doing: None
     done: list[float] = field(default_factory=list)
 
     def __call__(self, done: float, doing: str) -> None:
-        """Take progress."""
+        """Collect a sentence of progress."""
         self.done.append(done)
         self.then(doing)
 
 
 @dataclass
 class Watched:
-    """Passes every request on, then calls `then` with it; says no to the kind named in `declines`."""
+    """Passes every request on, then calls `then` with it; declines the kind in `declines`."""
 
     operator: Operator
     then: Callable[[OperatorRequest], None] = lambda _request: None
@@ -103,10 +103,10 @@ def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str]
 
 
 def plan_of(protocol: ExperimentProtocol, rig: RigDescription | None) -> RunPlan:
-    """Return what the experiment of a protocol plans on a rig."""
+    """Return the plan of a protocol's experiment on a rig."""
     return find_experiment(protocol.experiment).plan(protocol, rig)
 
 
 def find_problems(protocol: ExperimentProtocol, rig: RigDescription | None) -> tuple[Problem, ...]:
-    """Return what rules a protocol out on a rig."""
+    """Return the problems of a protocol on a rig."""
     return plan_of(protocol, rig).problems

@@ -1,4 +1,4 @@
-"""Commissioning a bare rig: what is judged from readings, what is refused, what is asked before anything moves."""
+"""Commissioning a bare rig: judging readings, refusing unsafe motions, and asking before each motion."""
 
 import math
 from collections.abc import Iterator
@@ -58,27 +58,27 @@ def _bare(description: RigDescription | None = None) -> Iterator[tuple[OpenedRig
     ],
 )
 def test_a_reading_is_judged(measured: float, check: str, status: str, words: str) -> None:
-    """10 mm asked: right within half a line, the wrong way, the wrong lead, or standing still, with what to write."""
+    """A reading of 10 mm is judged as right, the wrong way, the wrong lead or no motion, with what to write."""
     finding = judge_travel("insertion", INSERTION, 10.0, measured)
     assert (finding.check, finding.status) == (check, status)
     assert words in finding.solution
 
 
 def test_a_wrong_gear_of_an_axis_that_turns_is_named() -> None:
-    """It has no lead: half the turn means twice the gear ratio."""
+    """For a rotating axis, half the turn means twice the gear ratio."""
     finding = judge_travel("rotation", ROTATION, math.pi / 2, math.pi / 4)
     assert "axes.rotation.gear_ratio: 32 (it says 16)" in finding.solution
 
 
 def test_play_is_told_and_where_to_write_it() -> None:
-    """What comes back short is play; a rig file that says so already is right."""
+    """Play is reported with the value to write, and passes if the rig file has that value."""
     assert "axes.insertion.backlash: 0.5" in judge_backlash("insertion", INSERTION, 5, -4.5).solution
     stated = INSERTION.model_copy(update={"backlash": 0.5})
     assert judge_backlash("insertion", stated, 5, -4.5).status == "PASS"
 
 
 def test_axes_are_homed_in_their_order_on_confirmation() -> None:
-    """The linear module first; without a search nothing moves, and each zero is confirmed."""
+    """Axes are homed in order, the linear module first; without a search nothing moves, and each zero is confirmed."""
     with _bare() as (opened, watched):
         home_axes(opened.rig, None, needle_mounted=True)
         asked = [request for request in watched.asked if isinstance(request, ConfirmHere)]
@@ -89,7 +89,7 @@ def test_axes_are_homed_in_their_order_on_confirmation() -> None:
 
 @pytest.mark.parametrize("method", [-1, -2, -3, -4, 17, 18])
 def test_a_bare_axis_searches_its_reference(method: int) -> None:
-    """Into the stop or the switch, the way that maxon's sign says; the axis is referenced where it stands then."""
+    """An axis searches its stop or switch in the direction of its method, and is referenced there."""
     switches = "axes.linear.limit_switches=[]"
     description = simulated_rig(f"axes.linear.homing={{method: {method}, speed: 5, position: 2}}", switches)
     with _bare(description) as (opened, _):
@@ -116,7 +116,7 @@ def _home_linear(rig: Rig) -> None:
     ],
 )
 def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted: bool, words: str) -> None:
-    """With a needle mounted, or out of order, nothing moves; the hint says what to type instead."""
+    """A search with a mounted needle or out of order is refused, with the command to use instead."""
     with _bare() as (opened, _):
         with pytest.raises(SafetyStopError, match=words) as refusal:
             opened.rig.home_axis(axis, method, needle_mounted=mounted)
@@ -125,7 +125,7 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
 
 
 def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
-    """A current limit below the threshold at which a stop is felt would push for ever: refused before it moves."""
+    """A search for a stop is refused if the current limit is below its threshold, because it would push forever."""
     with _bare() as (opened, _):
         opened.rig._opening = Opening(max_current_ma=400)
         with pytest.raises(LimitError, match="felt at 500 mA, and no drive exceeds 400 mA"):
@@ -133,7 +133,7 @@ def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
 
 
 def test_nothing_is_homed_or_jogged_with_a_needle_in_tissue() -> None:
-    """Both are refused, with the command that takes it out."""
+    """With a needle in tissue homing and jogging are refused, with the command that withdraws it."""
     with _bare() as (opened, _):
         opened.rig.needle.mark_in_tissue("run-7")
         for action in (lambda: home_axes(opened.rig, 35, needle_mounted=True), lambda: _jog(opened.rig)):
@@ -147,7 +147,7 @@ def _jog(rig: Rig) -> None:
 
 
 def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
-    """The time of the rig file bounds it; the axis stands still without a reference."""
+    """A search that times out halts the axis without a reference."""
     description = simulated_rig("axes.linear.homing={method: -4, speed: 0.1, timeout_s: 2}")
     with _bare(description) as (opened, _):
         with pytest.raises(DriveError, match="did not find home in time"):
@@ -157,7 +157,7 @@ def test_a_search_that_finds_nothing_ends_with_the_axis_halted() -> None:
 
 
 def test_travel_is_compared_with_a_scale() -> None:
-    """The axis moves by what was asked, and the reading of a person decides."""
+    """The axis moves by the requested distance, and a person's reading decides."""
     with _bare() as (opened, _):
         assert check_travel(opened.rig, "insertion", 10.0).status == "PASS"
         assert check_backlash(opened.rig, "rotation", 1.0).status == "PASS"
@@ -166,7 +166,7 @@ def test_travel_is_compared_with_a_scale() -> None:
 
 
 def test_limits_are_visited_once_the_axis_is_referenced() -> None:
-    """Both limits, seen to be free, and back to zero."""
+    """A referenced axis visits both limits, each confirmed to be free, and returns to zero."""
     with _bare(simulated_rig("axes.linear.limits=[-1, 3]")) as (opened, watched):
         with pytest.raises(SafetyStopError, match="not referenced"):
             check_limits(opened.rig, "linear")
@@ -177,7 +177,7 @@ def test_limits_are_visited_once_the_axis_is_referenced() -> None:
 
 
 def test_a_jog_is_slow_short_and_within_limits() -> None:
-    """Too far without a reference, too fast, or beyond a limit with one: refused before anything moves."""
+    """A jog that is too long, too fast or beyond a limit is refused before anything moves."""
     with _bare() as (opened, _):
         with pytest.raises(InputError, match="too far for an axis without a reference"):
             jog(opened.rig, "insertion", 25.0)
@@ -190,7 +190,7 @@ def test_a_jog_is_slow_short_and_within_limits() -> None:
 
 
 def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
-    """A bench whose other gears are not known yet opens with the axis that is; the drive is held to a low current."""
+    """An axis can be commissioned, at low current, while the entries of the others are missing."""
     with opened_rig() as opened:
         opening = Opening(("linear",), camera=False, max_current_ma=300)
         rig = Rig(
@@ -213,7 +213,7 @@ def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
 
 
 def test_a_fault_is_reset_only_on_confirmation() -> None:
-    """Asked with the fault and its remedy; no leaves it, yes resets it, and a lasting cause is named."""
+    """A fault is shown with its remedy and reset only if confirmed; a lasting cause is named."""
     for yes in (False, True):
         with opened_rig() as opened:
             drive = opened.drives["insertion"]
@@ -234,7 +234,7 @@ def test_a_fault_is_reset_only_on_confirmation() -> None:
 
 
 def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
-    """The supply is still cut: connecting fails and says so."""
+    """If the supply is still cut, connecting fails with that reason."""
     with opened_rig() as opened:
         opened.drives["insertion"].cut_power_stage()
         opened.rig._opening = Opening(reset_faults=True)
@@ -243,7 +243,7 @@ def test_a_fault_whose_cause_lasts_is_not_reset() -> None:
 
 
 def test_a_run_resets_no_fault() -> None:
-    """Without a person who confirms, a drive in fault is refused as before."""
+    """A run refuses a drive in fault and never resets it."""
     with opened_rig() as opened:
         opened.drives["insertion"].fail(0x8130)
         with pytest.raises(DriveFaultError, match="0x8130") as fault:
@@ -252,7 +252,7 @@ def test_a_run_resets_no_fault() -> None:
 
 
 def test_a_simulated_rig_opens_whole(tmp_path: object) -> None:
-    """The opening of a run has all axes and the camera."""
+    """A simulated rig opens with all axes and the camera."""
     with open_rig(simulated_rig(), seed=1, person=Person(), interrupted=Signal()) as rig:
         assert [axis.name for axis in rig.axes] == ["insertion", "rotation", "linear"]
         assert rig.camera.capture().sequence == 0
@@ -266,7 +266,7 @@ def _read_log(folder: Path) -> list[dict[str, object]]:
 
 
 def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
-    """Who, when, which axis, what, from where to where; homing says where the new zero has it."""
+    """Each motion is logged with person, time, axis, start and end; homing logs the new zero."""
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         jog(opened.rig, "linear", 2.0)
         home_axes(opened.rig, None, needle_mounted=True)
@@ -286,7 +286,7 @@ def test_every_motion_by_hand_is_noted(tmp_path: Path) -> None:
 
 
 def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
-    """The last line says where the axis came to stand, and what stopped it."""
+    """A motion that fails is logged with its end position and the cause."""
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
 
         def arrive_later() -> None:
@@ -303,7 +303,7 @@ def test_a_motion_that_is_broken_off_is_noted_with_why(tmp_path: Path) -> None:
 
 
 def test_a_torn_line_of_the_log_spoils_no_other(tmp_path: Path) -> None:
-    """What a power cut left half written stays a line of its own."""
+    """A line torn by a power cut stays a line of its own."""
     (tmp_path / "state.json.motions.jsonl").write_bytes(b'{"kind":"sta')
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         jog(opened.rig, "linear", 1.0)
@@ -313,7 +313,7 @@ def test_a_torn_line_of_the_log_spoils_no_other(tmp_path: Path) -> None:
 
 
 def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
-    """A log that cannot be written refuses the motion."""
+    """A motion is refused if its log cannot be written."""
     (tmp_path / "state.json.motions.jsonl").mkdir()
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
         with pytest.raises(DiskError, match=r"motions\.jsonl"):
@@ -322,7 +322,7 @@ def test_nothing_moves_that_cannot_be_noted(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_hides_no_fault_of_the_drive(tmp_path: Path) -> None:
-    """Where the motion fails and its end cannot be noted, the fault is what is told."""
+    """If a motion fails and its end cannot be logged, the fault of the drive is reported."""
     log = tmp_path / "state.json.motions.jsonl"
     with _bare(simulated_rig("state_file=state.json").placed_in(tmp_path)) as (opened, _):
 
@@ -339,7 +339,7 @@ def test_a_full_disk_hides_no_fault_of_the_drive(tmp_path: Path) -> None:
 
 
 def test_the_check_tells_what_was_moved_last(tmp_path: Path) -> None:
-    """A line of `labrig devices check`, once something was."""
+    """`labrig devices check` shows the last logged motion."""
     description = simulated_rig("state_file=state.json").placed_in(tmp_path)
     assert "last motion by hand" not in {result.check for result in check_rig(description)}
     with _bare(description) as (opened, _):

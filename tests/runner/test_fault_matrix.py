@@ -1,4 +1,4 @@
-"""The fault matrix: every fault of the table in every phase ends as the table says."""
+"""The fault matrix: every fault in every phase ends as the table states."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from tests.runner.fault_cells import STRIKES, run_cell
 
 
 def test_the_matrix_is_large_enough_and_has_no_blank() -> None:
-    """At least twenty faults in three phases, and each can be made to happen."""
+    """The table has at least twenty faults in three phases, and each can be injected."""
     assert len(FAULTS) >= 20
     assert len(CELLS) == 3 * (len(FAULTS) + len(SCENARIOS))
     assert set(STRIKES) == {*FAULTS, *SCENARIOS}

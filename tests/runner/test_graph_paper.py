@@ -1,4 +1,4 @@
-"""Graph paper before and after a run, and the sheath before each insertion of a roll zero; cameras that are bumped."""
+"""Graph paper before and after a run, the sheath before each insertion of a roll zero, and bumped cameras."""
 
 import json
 import math
@@ -29,7 +29,7 @@ STEPS = ("roll_zero.rolls=4", "roll_zero.length_mm=12")
 
 
 def nearer(opened: RunBench, part: float) -> None:
-    """Bring the camera nearer to the bench by a part of its distance."""
+    """Move the camera closer to the bench by a fraction of its distance."""
     world = opened.opened.hardware.world
     lens = world.description.lens
     moved = lens.model_copy(update={"distance_mm": lens.distance_mm * (1.0 - part)})
@@ -39,7 +39,7 @@ def nearer(opened: RunBench, part: float) -> None:
 def conduct(
     opened: RunBench, protocol: ExperimentProtocol, bump: float, when: type[object]
 ) -> tuple[Outcome, Run]:
-    """Conduct a run in which the camera comes nearer once the operator has answered a kind of request."""
+    """Conduct a run whose camera moves closer after the operator has answered a kind of request."""
     bumps = [bump]
 
     def then(request: OperatorRequest) -> None:
@@ -62,7 +62,7 @@ def page(run: Run, result: AnyResult) -> str:
 
 
 def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: Path) -> None:
-    """Three in a thousand over 20 mm: the run succeeds, and its standard deviation has grown by them."""
+    """A drift of 0.3 % enters the standard deviation of the target error, and the run succeeds."""
     protocol = insertion(*NEAR)
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.003, ConfirmPlan)
@@ -82,7 +82,7 @@ def test_drift_of_the_scale_stands_in_the_error_bar_of_a_target_error(tmp_path: 
 
 
 def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
-    """Two per cent: the run ends as failed with exit code 1, no error is stated, nobody says that it was reached."""
+    """After a bump of 2 % the run fails with exit code 1 and states no target error."""
     protocol = insertion(*NEAR)
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.02, ConfirmPlan)
@@ -98,7 +98,7 @@ def test_bumped_camera_refuses_a_target_error(tmp_path: Path) -> None:
 
 
 def test_nothing_is_asked_of_a_run_without_a_sentinel(tmp_path: Path) -> None:
-    """No paper is laid where the protocol says nothing of it."""
+    """Without a sentinel in the protocol no graph paper is asked for."""
     protocol = insertion("target.position_mm=[0,-2,20]")
     with open_certified_rig(tmp_path, protocol, EVEN) as opened:
         watched = opened.opened.rig.operator = Watched(opened.opened.rig.operator)
@@ -118,7 +118,7 @@ def events(run: Run, kind: str) -> list[dict[str, Any]]:
 
 
 def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
-    """With half a millimetre and a degree of play from hole to hole the zero is found all the same, and found again."""
+    """The zero is found, live and by analysis, in spite of a play of half a millimetre and a degree."""
     play = ("world.sheath.lateral_play_sd_mm=0.4", "world.sheath.angle_play_sd_deg=0.6")
     protocol = roll_zero("sentinel={pitch_mm: 1}")
     with bench(tmp_path, protocol, (*EVEN[:2], *play)) as opened:
@@ -140,7 +140,7 @@ def test_play_of_the_sheath_is_no_bend_of_the_needle(tmp_path: Path) -> None:
 
 
 def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) -> None:
-    """The grid is out of scale by two per cent afterwards: the rig knows no zero, the answer is no."""
+    """After a bump of 2 % no zero is certified, and the answer is no."""
     protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
     with bench(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.02, ShiftToHole)
@@ -154,7 +154,7 @@ def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) ->
 
 
 def test_a_roll_zero_is_not_sought_from_a_sheath_that_slipped(tmp_path: Path) -> None:
-    """A millimetre along: the needle stays in, the sheath is drawn back, and the sentence says why."""
+    """If the sheath slipped by a millimetre the needle never leaves it, and the reason is stated."""
     protocol = roll_zero()
     with bench(tmp_path, protocol, (*EVEN, "world.sheath_tip_at_origin_linear_mm=16")) as opened:
         outcome, run = opened.conduct(protocol)

@@ -1,4 +1,4 @@
-"""What is known of a run before anything moves."""
+"""The plan of a run, before anything moves."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ from tests.runner.sessions import PROTOCOLS, bench, find_problems, plan_of, swee
 
 
 def test_the_example_protocol_suits_the_simulated_rig() -> None:
-    """Nothing of the paper's sweep is beyond the simulated rig."""
+    """The example sweep has no problem on the simulated rig."""
     assert (
         find_problems(load_protocol(PROTOCOLS / "steerability.yaml", PROTOCOL_MODELS), simulated_rig()) == ()
     )
 
 
 def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
-    """A sheath deeper than the linear axis reaches is a problem at its key, with value and limit."""
+    """A sheath depth beyond the linear axis is a problem at its key, with value and limit."""
     problems = find_problems(sweep("sheath.depth_mm=400"), simulated_rig())
     assert [problem.where for problem in problems] == ["sheath.depth_mm"]
     assert "400" in problems[0].message
@@ -27,7 +27,7 @@ def test_a_move_beyond_a_limit_is_named_with_both_numbers() -> None:
 
 
 def test_a_rig_with_unknown_entries_cannot_run() -> None:
-    """Every null of the bench file is a problem that says where to find the number."""
+    """Every null in the bench file is a problem that states where to find the number."""
     problems = find_problems(sweep(), load_rig(BENCH))
     assert {"rig axes.insertion.lead_mm", "rig axes.linear.gear_ratio"} <= {
         problem.where for problem in problems
@@ -36,7 +36,7 @@ def test_a_rig_with_unknown_entries_cannot_run() -> None:
 
 
 def test_a_calibration_for_another_picture_size_cannot_run() -> None:
-    """A camera set to another size than its calibration's is refused with both sizes."""
+    """A camera size other than the calibration's is refused with both sizes."""
     size = (
         "camera.width_px=640",
         "camera.height_px=480",
@@ -49,7 +49,7 @@ def test_a_calibration_for_another_picture_size_cannot_run() -> None:
 
 
 def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
-    """Rig time and the number of pictures come out within a few percent."""
+    """The estimates of rig time and pictures are within a few percent of those of the run."""
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
     plan = plan_of(protocol, simulated_rig())

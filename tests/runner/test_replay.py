@@ -33,7 +33,7 @@ from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, swe
 
 
 def replay(run: Run) -> Replay:
-    """Replay a run of which nothing has been read yet."""
+    """Replay a run opened afresh."""
     again = open_run(run.path)
     return replay_run(again, experiment_of(again), protocol_of(again), Told())
 
@@ -61,7 +61,7 @@ SHORTER = {
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in PROTOCOLS.glob("*.yaml")))
 def test_every_example_protocol_comes_again_to_the_last_bit(tmp_path: Path, name: str) -> None:
-    """Every command, question, event, state, picture and CAN frame is the recorded one, times included."""
+    """A replay gives every command, question, event, state, picture and CAN frame, times included."""
     protocol = load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORTER.get(name, ()))
     run = (
         record_design(tmp_path, protocol)
@@ -85,19 +85,19 @@ def record_design(tmp_path: Path, protocol: DesignProtocol) -> Run:
 
 
 def test_nothing_is_written_by_a_replay(insertion: Run) -> None:
-    """Neither the record nor a state file is touched."""
+    """A replay changes neither the record nor a state file."""
     before = {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()}
     replay(insertion)
     assert {path: path.read_bytes() for path in insertion.path.parent.rglob("*") if path.is_file()} == before
 
 
 def replay_with(run: Run, *overrides: str) -> ReplayDifference | None:
-    """Replay a run whose procedure is told to do something else than it did, and return the first difference."""
+    """Replay a run with another procedure, and return the first difference."""
     return replay_run(run, experiment_of(run), sweep(*overrides), Told()).first_difference
 
 
 def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run) -> None:
-    """A procedure that would go 39 mm deep instead of 40 is found at the target of that move, after two pictures."""
+    """An insertion of 39 mm instead of 40 differs at the target of that move, after two pictures."""
     difference = replay_with(insertion, "insertion.length_mm=39")
     assert difference is not None
     assert (difference.what, difference.frame, difference.trial) == ("command", 1, 0)
@@ -109,7 +109,7 @@ def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run
 
 
 def test_a_question_that_differs_is_named(insertion: Run) -> None:
-    """Another needle is another question; nothing has moved by then."""
+    """Another needle differs at the first question, before anything moves."""
     difference = replay_with(insertion, "needle.needle_id=N2")
     assert difference is not None
     assert (difference.what, difference.frame) == ("question", None)
@@ -128,14 +128,14 @@ def test_a_question_that_differs_is_named(insertion: Run) -> None:
 def test_a_procedure_that_does_more_or_less_differs(
     insertion: Run, override: str, what: str, recorded: str, now: str
 ) -> None:
-    """Another insertion, a picture that is missing and one too many are found where they happen."""
+    """An additional insertion, a missing picture and an additional picture are found where they happen."""
     difference = replay_with(insertion, override)
     assert difference is not None
     assert (difference.what, recorded in difference.recorded, now in difference.now) == (what, True, True)
 
 
 def edit_events(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], dict[str, object]]) -> Run:
-    """Return an open copy of a run in which events were changed, with checksums that fit."""
+    """Return an open copy of a run with edited events and valid checksums."""
     copy = tmp_path / "edited"
     copy.mkdir()
     for path in run.path.rglob("*"):
@@ -148,7 +148,7 @@ def edit_events(run: Run, tmp_path: Path, change: Callable[[dict[str, object]], 
 
 
 def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run, tmp_path: Path) -> None:
-    """An event that was edited, its checksum too, differs from what the procedure says."""
+    """An event edited together with its checksum differs from that of the procedure."""
 
     def change(event: dict[str, object]) -> dict[str, object]:
         return event | {"asked_position": 41.0} if event.get("asked_position") == 40.0 else event
@@ -171,7 +171,7 @@ def _signal_while_withdrawing(at: RunBench) -> Session:
 
 
 def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -> None:
-    """The replayed signal arrives where the recorded one did, and the axes are stopped by the same commands."""
+    """The signal arrives at the recorded place, and the same commands stop the axes."""
     protocol = sweep()
     with bench(tmp_path, protocol) as at:
         assert (
@@ -194,7 +194,7 @@ def test_a_run_that_a_signal_stopped_comes_again_with_its_stop(tmp_path: Path) -
     ],
 )
 def test_faults_of_devices_come_again(tmp_path: Path, fault: str) -> None:
-    """A drive that restarts, frames that get lost, an adapter that goes: the record is followed as far as it goes."""
+    """Records with a drive restart, lost frames or a lost adapter are replayed as far as they go."""
     run = record_run(tmp_path, sweep(), f"faults=[{fault}]")
     found = replay(run)
     assert found.identical, found.first_difference
@@ -202,7 +202,7 @@ def test_faults_of_devices_come_again(tmp_path: Path, fault: str) -> None:
 
 
 def test_an_operator_who_said_no_says_it_again(tmp_path: Path) -> None:
-    """The answers are the recorded ones: the run is aborted at the same question."""
+    """The recorded answers are given again, and the run is aborted at the same question."""
     protocol = sweep()
     with bench(tmp_path, protocol) as at:
         at.opened.rig.operator = Watched(at.opened.rig.operator, declines=ShiftToHole)
@@ -214,7 +214,7 @@ def test_an_operator_who_said_no_says_it_again(tmp_path: Path) -> None:
 
 
 def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
-    """Of a run that was killed the replay says where its record ends, and that all is the same up to there."""
+    """The replay of a killed run states where its record ends, and that it is identical up to there."""
     protocol = sweep()
     with bench(tmp_path, protocol) as at:
         copy = tmp_path / "killed"
@@ -237,7 +237,7 @@ def test_a_killed_run_is_followed_to_its_end(tmp_path: Path) -> None:
 
 
 def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
-    """The interrupted session and the one that went on, needle withdrawn first, both come again."""
+    """The interrupted session and the resumed one, with its withdrawal, are both replayed."""
     protocol = sweep()
     assert isinstance(protocol, SteerabilityProtocol)
     with bench(tmp_path, protocol) as at:
@@ -257,13 +257,13 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
 
 
 def test_imported_pictures_cannot_be_replayed(tmp_path: Path) -> None:
-    """A run that no procedure made is refused by name."""
+    """A run that was not made by a procedure is refused by name."""
     with pytest.raises(InputError, match="no procedure made it"):
         replay(open_run(killed_run(tmp_path)))
 
 
 class _StampedSource:
-    """A camera that exposes a while after it is asked, takes its time to send the picture, and tells when it was."""
+    """A camera with a delay before the exposure, a transfer time and time stamps."""
 
     def __init__(self, source: PictureSource, clock: Clock) -> None:
         self.exposures = 0
@@ -280,7 +280,7 @@ class _StampedSource:
 
 
 def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> None:
-    """Positions are those at the exposure, between two readings; they steer the replay as they steered the run."""
+    """Positions are interpolated to the exposure, in the replay as in the run."""
     protocol = load_protocol(PROTOCOLS / "insertion.yaml", PROTOCOL_MODELS, SHORTER["insertion"])
     with bench(tmp_path, protocol) as at:
         rig = at.opened.rig
@@ -302,7 +302,7 @@ def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> Non
 def test_a_record_of_real_time_is_identical_though_its_times_are_not_ours(
     insertion: Run, slower: float
 ) -> None:
-    """On a real rig every wait takes a little longer than asked, never twice the same: what was done is compared."""
+    """The replay of a run in real time is identical, although every wait takes a different time."""
     source = random.Random(3)
     (exact,) = read_recordings(insertion, exact=False)
     late_s, frames = 0.0, []

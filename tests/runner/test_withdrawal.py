@@ -1,4 +1,4 @@
-"""Withdrawing along the path by which the needle came."""
+"""Withdrawal of a needle along its path."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -33,7 +33,7 @@ TURNED = (
 
 
 def test_a_turn_is_undone_where_it_was_made() -> None:
-    """Back to the depth of the turn, the bevel back, out, then the sheath."""
+    """The needle moves back to the depth of the turn, turns its bevel back, and moves out; then the sheath."""
     assert [replace(move, position=round(move.position, 2)) for move in plan_reverse_moves(TURNED)] == [
         ReverseMove("insertion", 10),
         ReverseMove("rotation", 0),
@@ -43,20 +43,20 @@ def test_a_turn_is_undone_where_it_was_made() -> None:
 
 
 def test_what_it_had_gone_back_already_is_not_gone_in_again() -> None:
-    """A needle that stopped on its way out, beyond its turn, is only drawn out."""
+    """A needle already retracted beyond its turn is only moved out."""
     on_the_way_out = (*TURNED, AxisPositions(10, 3.1, 10), AxisPositions(10, 0, 10), AxisPositions(4, 0, 10))
     assert plan_reverse_moves(on_the_way_out) == (ReverseMove("insertion", 0), ReverseMove("linear", 0))
 
 
 def test_nothing_is_to_be_withdrawn_where_nothing_went_in() -> None:
-    """No path, or one that never left zero, gives no moves."""
+    """An empty path, or one that stays at zero, gives no moves."""
     assert (
         plan_reverse_moves(()) == plan_reverse_moves((AxisPositions(0, 0, 0), AxisPositions(0, 2, 0))) == ()
     )
 
 
 def test_a_turn_in_the_sheath_is_left() -> None:
-    """The bevel's roll from before the needle left its sheath stays."""
+    """A turn made before the needle left the sheath is not undone."""
     path = (AxisPositions(0, 0, 0), AxisPositions(0, 3, 0), AxisPositions(0, 3, 10), AxisPositions(20, 3, 10))
     assert [move.axis for move in plan_reverse_moves(path)] == ["insertion", "linear"]
 
@@ -71,7 +71,7 @@ stances = st.builds(
 
 @given(st.lists(stances, max_size=30))
 def test_a_withdrawal_never_goes_deeper(path: list[AxisPositions]) -> None:
-    """Whatever the path: each insertion move goes up, the sheath moves last, and both end at zero or before it."""
+    """For any path the needle only moves back, the sheath moves last, and both end at zero or before it."""
     moves = plan_reverse_moves(path)
     depths = [path[-1].insertion_mm, *(m.position for m in moves if m.axis == "insertion")] if path else [0]
     assert all(after < before for before, after in pairwise(depths))
@@ -81,7 +81,7 @@ def test_a_withdrawal_never_goes_deeper(path: list[AxisPositions]) -> None:
 
 @given(st.lists(st.tuples(st.floats(0.1, 5), st.floats(-2, 2)), min_size=1, max_size=8))
 def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[float, float]]) -> None:
-    """Played forward, the moves pass every depth with the roll with which the needle had come by."""
+    """The moves pass every depth with the roll of the insertion."""
     path = [AxisPositions(0, 0, 0)]
     for length_mm, turn_rad in steps:
         deeper = path[-1].insertion_mm + length_mm
@@ -100,7 +100,7 @@ def test_the_roll_at_every_depth_is_what_it_was_on_the_way_in(steps: list[tuple[
 
 
 def _turn_in_gel(rig: RunBench) -> None:
-    """Put the needle into gel, turning its bevel on the way."""
+    """Insert the needle into gel and turn its bevel on the way."""
     session = rig.session
     for request in (MountNeedle("N-1"), ConfirmAxesAtZero()):
         session.ask(request)
@@ -114,7 +114,7 @@ def _turn_in_gel(rig: RunBench) -> None:
 
 
 def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
-    """The path that the record holds takes the needle out, and then it counts as out."""
+    """The recorded path takes the needle out, after which it counts as out."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
         path = read_needle_path(open_run(rig.recorder.path))
@@ -126,7 +126,7 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
 
 
 def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path) -> None:
-    """After a power cut the counters start at zero; from confirmed positions the needle still comes out."""
+    """After a power cut the needle is withdrawn from confirmed positions."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
         axis = rig.opened.rig.insertion
@@ -149,7 +149,7 @@ def test_a_needle_without_reference_is_out_when_a_person_says_so(tmp_path: Path)
 
 
 def test_a_fault_on_the_way_out_leaves_the_needle_in_tissue(tmp_path: Path) -> None:
-    """A withdrawal that does not come to its end changes nothing of what the rig knows."""
+    """After an incomplete withdrawal the needle still counts as in tissue."""
     with bench(tmp_path, sweep()) as rig:
         _turn_in_gel(rig)
         rig.opened.hardware.drives["insertion"].block()

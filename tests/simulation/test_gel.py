@@ -1,4 +1,4 @@
-"""What is drawn for a specimen and its holes."""
+"""The random draws for a specimen and its holes."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_a_gel_between_two_known_ones_is_interpolated() -> None:
 
 @pytest.mark.parametrize("gelatin_percent", [9.9, 19.1])
 def test_a_gel_beyond_the_known_ones_is_refused(gelatin_percent: float) -> None:
-    """Nothing is extrapolated; the error names value and limits."""
+    """A gelatin content outside the known range is refused with value and limits."""
     with pytest.raises(InputError, match=rf"{gelatin_percent:g} % .* 10 to 19 %"):
         World(QUIET, 1).place_specimen("A", gelatin_percent)
 
@@ -86,25 +86,25 @@ def test_each_needle_draws_its_own_radius_within_the_tolerance() -> None:
 
 
 def test_a_tolerance_that_holds_nothing_is_refused() -> None:
-    """The smaller radius comes first."""
+    """A design whose smaller radius is the larger one is refused."""
     with pytest.raises(ValueError, match="must be at most radius_high_mm, 27 mm"):
         DesignDescription(radius_low_mm=33.0, radius_high_mm=27.0)
 
 
 def test_gels_out_of_order_are_refused() -> None:
-    """Interpolation needs them by rising gelatin."""
+    """Gels must be in order of gelatin, for interpolation."""
     gel = GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=0.2)
     with pytest.raises(ValueError, match="13 % follows 13 %"):
         WorldDescription(gels=(gel, gel))
 
 
 def test_a_spread_that_could_draw_no_radius_is_refused() -> None:
-    """A standard deviation near the mean is a slip of the pen."""
+    """A standard deviation close to the mean is refused."""
     with pytest.raises(ValueError, match=r"must be below 4\.5 mm"):
         GelDescription(gelatin_percent=13, radius_mean_mm=27.0, radius_sd_mm=5.0)
 
 
 def test_a_needle_wider_than_the_sheath_is_refused() -> None:
-    """The needle slides inside the sheath."""
+    """A needle that does not fit into the sheath is refused."""
     with pytest.raises(ValueError, match=r"2\.2 mm; must be below sheath.diameter_mm, 2 mm"):
         WorldDescription(needle=NeedleDescription(diameter_mm=2.2))

@@ -1,4 +1,4 @@
-"""What the camera sees, measured with the tests' own means and compared with the truth."""
+"""Pictures of the simulated camera, measured independently and compared with the truth."""
 
 from typing import Any
 

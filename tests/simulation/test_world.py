@@ -1,4 +1,4 @@
-"""The bench: what hands and axes do to it, and what it remembers."""
+"""The simulated bench: the effect of hands and axes, and its memory."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def session(seed: int) -> tuple[bytes, ...]:
 
 
 def test_the_same_seed_gives_the_same_pictures_byte_for_byte() -> None:
-    """Two worlds that live through the same see the same; another seed sees otherwise."""
+    """Two worlds with one seed and the same actions give the same pictures; another seed gives others."""
     first = session(3)
     assert first == session(3)
     assert all(ours != theirs for ours, theirs in zip(first, session(4), strict=True))
@@ -77,7 +77,7 @@ def test_truth_tells_the_insertion_before_and_after_it_is_withdrawn() -> None:
 
 
 def test_truth_of_an_empty_bench_has_no_radius() -> None:
-    """Every key is there, and what there is not is None."""
+    """Every key is present, and unknown values are None."""
     truth = World(QUIET, 1).truth()
     assert set(truth) == set(bench().truth())
     assert truth["radius_mm"] is None
@@ -120,7 +120,7 @@ def test_in_air_the_needle_is_straight_and_leaves_nothing() -> None:
 
 
 def test_without_a_needle_nothing_is_cut() -> None:
-    """The axes may move before a needle is mounted."""
+    """Axis motion without a mounted needle cuts nothing."""
     world = World(QUIET, 1)
     world.place_specimen("A", 13.0)
     world.shift_to_hole("A", 0, 35.0)
@@ -130,7 +130,7 @@ def test_without_a_needle_nothing_is_cut() -> None:
 
 @pytest.mark.parametrize(("insertion_mm", "linear_mm"), [(5.0, 0.0), (0.0, 15.0)])
 def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, linear_mm: float) -> None:
-    """Needle or sheath in the gel: shifting it is refused, with the depth."""
+    """Shifting the gel with needle or sheath in it is refused, with the depth."""
     world = bench()
     world.advance(insertion_mm, 0.0, linear_mm)
     with pytest.raises(InputError, match=f"{insertion_mm + linear_mm:.1f} mm deep in A"):
@@ -144,14 +144,14 @@ def test_the_gel_is_not_moved_with_the_instrument_in_it(insertion_mm: float, lin
 
 
 def test_a_hole_of_another_specimen_is_refused() -> None:
-    """The operator cannot shift what is not there."""
+    """Shifting to a hole of a specimen that is not in place is refused."""
     with pytest.raises(InputError, match="specimen B is not on the bench; A is"):
         bench().shift_to_hole("B", 0, 35.0)
 
 
 @pytest.mark.parametrize("position_mm", [-1.0, 241.0, math.nan])
 def test_a_hole_outside_of_the_gel_is_refused(position_mm: float) -> None:
-    """Positions lie between 0 and 240 mm."""
+    """A hole position outside 0 to 240 mm is refused."""
     with pytest.raises(InputError, match="0 to 240 mm"):
         bench().shift_to_hole("A", 0, position_mm)
 

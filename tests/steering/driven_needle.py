@@ -64,7 +64,7 @@ class DrivenNeedle:
 
 @dataclass(frozen=True)
 class Driven:
-    """How an insertion ended, every state on the way, and how often the bevel was turned."""
+    """The end of an insertion, all states on the way, and the number of turns."""
 
     state: SteeringState
     command: SteeringCommand
@@ -73,7 +73,7 @@ class Driven:
 
 
 def drive(needle: DrivenNeedle, settings: SteeringSettings, sigma_mm: float = 0.0, seed: int = 0) -> Driven:
-    """Do what the step commands until it stops; the tip is seen with noise of its own."""
+    """Carry out the commands of the step until it stops; the tip is observed with independent noise."""
     rng = np.random.default_rng(seed)
     across = np.array((0.0, 1.0, 1.0) if settings.problem.planar else (1.0, 1.0, 1.0))
     state, command = start_steering(settings)

@@ -1,4 +1,4 @@
-"""Cavities: how soon they are noticed, and paths that bear one."""
+"""Cavities: how soon they are detected, and steering through one."""
 
 import math
 from dataclasses import replace
@@ -36,7 +36,7 @@ def heading_errors_deg(chosen: EstimatorSettings, seed: int) -> tuple[list[float
 
 
 def test_a_cavity_is_noticed_within_its_length() -> None:
-    """At its end it is believed in, soon after it no more, and the heading is worth twice as much as without."""
+    """A cavity is detected within its length and forgotten soon after; the heading is twice as accurate as without."""
     runs = [heading_errors_deg(WATCHFUL, seed) for seed in range(10)]
     cavity = np.mean([run[1] for run in runs], axis=0)
     assert cavity[:20].max() < 0.3
@@ -59,7 +59,7 @@ def test_where_there_are_none_the_filter_is_the_plain_one() -> None:
 
 @pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
 def test_expecting_cavities_costs_little_where_there_are_none(planar: bool) -> None:
-    """In even gel the heading stays nearly as good as without."""
+    """In even gel the model with cavities gives nearly the same heading errors."""
 
     def errors(chosen: EstimatorSettings) -> list[float]:
         found = []
@@ -75,7 +75,7 @@ def test_expecting_cavities_costs_little_where_there_are_none(planar: bool) -> N
 
 
 def test_a_step_at_whose_end_nobody_looked_is_no_miss() -> None:
-    """What was seen last stays as it was; the tip moves on."""
+    """A step without an observation is not a miss: the last observation stays and the tip advances."""
     belief = step_belief(
         start_belief(np.eye(4), WATCHFUL), TipObservation(np.array((0.0, 0.0, 1.0)), 1.0), WATCHFUL
     )

@@ -1,4 +1,4 @@
-"""The tip estimator: what it promises on clean, noisy, missing and wild observations."""
+"""The tip estimator with clean, noisy, missing and wild observations."""
 
 import math
 from typing import Any
@@ -118,7 +118,7 @@ def test_the_default_filter_equals_a_plain_one() -> None:
 @PLANES
 @pytest.mark.parametrize("radius_sd_mm", [0.0, 0.02 * RADIUS_MM], ids=["known", "estimated"])
 def test_the_covariance_tells_the_error(planar: bool, radius_sd_mm: float) -> None:
-    """The mean NEES of 40 runs lies in its 95 % band at four steps in five (the benchmark: 200 runs, nine in ten)."""
+    """The mean NEES of 40 runs is within its 95 % band at four steps in five (the benchmark: 200 runs, nine in ten)."""
     share, mean = mean_nees_in_band(40, planar, radius_sd_mm)
     assert share >= 0.8
     assert mean == pytest.approx(1.0, abs=0.1)
@@ -126,7 +126,7 @@ def test_the_covariance_tells_the_error(planar: bool, radius_sd_mm: float) -> No
 
 @PLANES
 def test_innovations_are_as_large_as_foretold(planar: bool) -> None:
-    """The mean NIS of ten runs is the number of observed axes, within 6 %."""
+    """The mean NIS of ten runs equals the number of observed axes, within 6 %."""
     states = [s for seed in range(10) for s in follow(insert(seed, planar), settings(planar))[1:]]
     assert np.mean([s.nis for s in states]) == pytest.approx(2 if planar else 3, rel=0.06)
 
@@ -139,7 +139,7 @@ def test_the_default_beats_the_paper(planar: bool, limit: float) -> None:
 
 
 def test_the_curvature_is_learnt() -> None:
-    """A radius 8 % wrong is found out along the way, over ten runs, and its uncertainty shrinks."""
+    """An error of 8 % in the radius is found along the way, over ten runs, and its uncertainty shrinks."""
     errors = []
     for seed in range(10):
         insertion = insert(seed, planar=True, radius_mm=1.08 * RADIUS_MM)
@@ -167,7 +167,7 @@ def test_one_wild_observation_changes_nothing() -> None:
 
 
 def test_after_its_patience_the_filter_believes_what_it_sees() -> None:
-    """Where the needle went straight for 10 mm, as in a cavity, the gate does not lock the filter out for good."""
+    """After 10 mm of straight path, as in a cavity, the gate accepts observations again."""
     chosen = settings(planar=True)
     state = start_tip(np.eye(4), chosen)
     states = []
@@ -183,7 +183,7 @@ def test_after_its_patience_the_filter_believes_what_it_sees() -> None:
 
 
 def test_a_missing_observation_widens_the_covariance() -> None:
-    """Without sight of the tip it is moved by the model, and known less well at every step."""
+    """Without observations the model moves the tip, and the covariance grows at every step."""
     chosen = settings(planar=False)
     states = follow(insert(1, planar=False), chosen)[:31]
     for _ in range(5):
@@ -268,7 +268,7 @@ def _with(index: tuple[int, int], value: float) -> np.ndarray:
     ],
 )
 def test_bad_input_is_named(changes: dict[str, object], message: str) -> None:
-    """What cannot be estimated from is an InputError with the name, the place and the value."""
+    """Invalid input is an InputError with its name, index and value."""
     with pytest.raises(InputError, match=message):
         estimate(insert(0, planar=False), **changes)
 

@@ -1,4 +1,4 @@
-"""Plans: they reach, they keep off, they are the best of what there is, and refusals give the reason."""
+"""Plans reach their target, avoid obstacles and are the best ones found; refusals give the reason."""
 
 import math
 from dataclasses import replace
@@ -36,7 +36,7 @@ def _turn(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [2, 5, 9, 14])
 def test_what_the_oracle_solves_is_solved(count: int) -> None:
-    """Whatever stepwise driving over a grid of angles solves, the planner solves, and its path stands re-checking."""
+    """Every problem that a stepwise search over a grid of angles solves is solved, with a path that passes a check."""
     rng = np.random.default_rng([count, 7])
     for problem in [draw_planar_problem(rng, count) for _ in range(8)]:
         if plan_path(problem).found:
@@ -146,7 +146,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("problem", "reason"), REFUSED.values(), ids=REFUSED.keys())
 def test_a_refusal_gives_its_reason(problem: PlanProblem, reason: str) -> None:
-    """What cannot be reached is refused with what stands in the way, and without arcs."""
+    """An unreachable target is refused with the cause and without arcs."""
     plan = plan_path(problem)
     assert not plan.found
     assert reason in plan.reason
@@ -181,7 +181,7 @@ GOOD: dict[str, Any] = {"target_mm": TARGET, "planar": True}
 
 @pytest.mark.parametrize("change", BAD.values(), ids=BAD.keys())
 def test_a_bad_problem_is_named(change: dict[str, Any]) -> None:
-    """What makes no problem is refused before anything is planned."""
+    """An invalid problem is refused before planning."""
     with pytest.raises(InputError):
         PlanProblem(**{**GOOD, **change})
 
@@ -232,7 +232,7 @@ def test_a_heavier_weight_buys_clearance() -> None:
 
 @pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
 def test_a_tolerance_of_the_radius_buys_robustness(planar: bool) -> None:
-    """Planned for with its tolerance, the worst radius misses by less; and what is told of it is what it does."""
+    """With its tolerance in the plan the worst radius misses by less, and the stated worst miss is the true one."""
     known = PlanProblem(TARGET, OBSTACLES, radius_mm=30.0, planar=planar)
     wide = replace(known, radius_range_mm=(27.6, 32.9))
     robust = plan_path(wide)

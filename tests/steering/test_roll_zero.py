@@ -1,4 +1,4 @@
-"""The roll zero of a needle from how far it strays aside at several rolls."""
+"""The roll zero of a needle from its deflections at several rolls."""
 
 import math
 
@@ -17,7 +17,7 @@ ROLLS = np.arange(6) * math.pi / 3
 
 @given(zero_rad=st.floats(-3.1, 3.1), sheath_mm=st.floats(-1.0, 1.0))
 def test_the_zero_is_found_wherever_it_is(zero_rad: float, sheath_mm: float) -> None:
-    """Equation (5) at any clamping, with the sheath anywhere: the zero comes back, and its bend."""
+    """Deflections by equation (5) give the zero and the bend back, at any clamping and sheath position."""
     strays = sheath_mm - BEND_MM * np.cos(ROLLS - zero_rad)
     fit = fit_roll_zero(ROLLS, strays, LENGTH_MM, RADIUS_MM)
     assert math.remainder(fit.zero_rad - zero_rad, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
@@ -43,6 +43,6 @@ def test_a_needle_that_does_not_bend_as_it_should_is_refused() -> None:
 
 
 def test_three_rolls_are_too_few() -> None:
-    """Three unknowns take four insertions, or nothing is known of the uncertainty."""
+    """Three rolls are refused: with three unknowns they leave no estimate of the uncertainty."""
     with pytest.raises(InputError, match="3 rolls and 3 deflections"):
         fit_roll_zero(ROLLS[:3], ROLLS[:3], LENGTH_MM, RADIUS_MM)

@@ -1,4 +1,4 @@
-"""The step that joins estimator and planner, driving a needle that shares nothing with it."""
+"""The step that joins estimator and planner, with an independent model of the needle."""
 
 import math
 from dataclasses import replace
@@ -49,7 +49,7 @@ def gap_mm(needle: DrivenNeedle, problem: PlanProblem) -> float:
 
 @pytest.mark.parametrize("chosen", [settings(policy=NO_BACKLASH), papers()], ids=["default", "paper"])
 def test_an_undisturbed_needle_arrives(chosen: SteeringSettings) -> None:
-    """Seen without noise, and bending as planned, the needle ends at the target by either policy."""
+    """Without noise or disturbance the needle reaches the target by either policy."""
     needle = DrivenNeedle(RADIUS_MM)
     done = drive(needle, chosen)
     assert done.command.stop == "target_reached"
@@ -60,7 +60,7 @@ def test_an_undisturbed_needle_arrives(chosen: SteeringSettings) -> None:
 
 @pytest.mark.parametrize("problem", [PLANAR, SPATIAL], ids=["planar", "spatial"])
 def test_backlash_that_is_counted_with_costs_nothing(problem: PlanProblem) -> None:
-    """A needle whose hinges close late and swing over slowly still arrives within two tenths of a millimetre."""
+    """A needle with modelled closing and backlash arrives within two tenths of a millimetre."""
     needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5)
     done = drive(needle, settings(problem))
     assert done.command.stop == "target_reached"
@@ -79,7 +79,7 @@ def test_a_needle_of_another_radius_arrives(seed: int) -> None:
 
 
 def test_the_papers_policy_plans_every_20_mm() -> None:
-    """By the paper's policy paths are sought at the start and after each 20 mm, and on no other occasion."""
+    """The paper's policy plans at the start and every 20 mm, and on no other occasion."""
     states = drive(DrivenNeedle(RADIUS_MM), papers()).states
     sought = [(state.why, state.insertion_mm) for state in states if state.why]
     assert sought[0] == ("start", 0.0)
@@ -90,7 +90,7 @@ def test_the_papers_policy_plans_every_20_mm() -> None:
 
 
 def test_commands_lead_on() -> None:
-    """The needle is looked at every millimetre or so, never runs past its next turn, and turns by half turns."""
+    """The needle is observed about every millimetre, never advances past its next turn, and turns by half turns."""
     chosen = settings()
     needle = DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5)
     state, command = start_steering(chosen)
@@ -105,7 +105,7 @@ def test_commands_lead_on() -> None:
 
 
 def test_a_tip_that_is_not_seen_is_lost() -> None:
-    """After so many sightings without a tip the needle stops, and the sentence says how many."""
+    """After the allowed number of misses the needle stops, and the sentence states that number."""
     chosen = settings()
     state, command = start_steering(chosen)
     while command.stop is None:
@@ -116,7 +116,7 @@ def test_a_tip_that_is_not_seen_is_lost() -> None:
 
 
 def test_a_needle_that_does_not_advance_is_stuck() -> None:
-    """A tip that is seen where it started stops the insertion after a few millimetres."""
+    """A tip that stays at its start stops the insertion after a few millimetres."""
     chosen = settings()
     state, command = start_steering(chosen)
     while command.stop is None:
@@ -134,7 +134,7 @@ def test_a_needle_that_does_not_advance_is_stuck() -> None:
     ],
 )
 def test_without_a_path_nothing_moves(change: dict[str, object], stop: str, word: str) -> None:
-    """Where there is no path at the start the first command is to stop, with the reason."""
+    """Without a path at the start the first command is a stop with the reason."""
     _, command = start_steering(settings(replace(PLANAR, **change)))  # type: ignore[arg-type]
     assert command.stop == stop
     assert word in command.detail
@@ -142,7 +142,7 @@ def test_without_a_path_nothing_moves(change: dict[str, object], stop: str, word
 
 
 def test_a_needle_pushed_aside_says_that_it_missed() -> None:
-    """A needle that went straight where it should have bent is told as missed, not driven on for ever."""
+    """A needle that goes straight instead of bending stops with a miss."""
     needle = DrivenNeedle(1e6)
     done = drive(needle, settings(replace(PLANAR, target_mm=(0.0, 20.0, 60.0), obstacles=())))
     assert done.command.stop == "target_missed"
@@ -150,14 +150,14 @@ def test_a_needle_pushed_aside_says_that_it_missed() -> None:
 
 
 def test_the_same_sightings_give_the_same_commands() -> None:
-    """The step is a function: nothing is drawn or remembered outside of its state."""
+    """The step is a pure function of state and sighting."""
     runs = [drive(DrivenNeedle(27.0), settings(), sigma_mm=0.2, seed=4) for _ in range(2)]
     assert runs[0].state.tip.pose.tolist() == runs[1].state.tip.pose.tolist()
     assert runs[0].command == runs[1].command
 
 
 def test_a_withdrawn_needle_is_refused() -> None:
-    """Insertion lengths only grow."""
+    """A sighting at a smaller insertion length is refused."""
     chosen = settings()
     state, _ = start_steering(chosen)
     state, _ = step_steering(state, TipSighting(1.0, np.array((0.0, 0.0, 1.0))), chosen)
@@ -166,7 +166,7 @@ def test_a_withdrawn_needle_is_refused() -> None:
 
 
 def test_a_sighting_of_no_number_is_refused() -> None:
-    """NaN makes no sighting."""
+    """A sighting with NaN is refused."""
     with pytest.raises(InputError, match="insertion_mm"):
         TipSighting(math.nan, None)
     with pytest.raises(InputError, match="position_mm"):
@@ -181,7 +181,7 @@ def test_planner_and_estimator_speak_of_one_plane() -> None:
 
 @pytest.mark.parametrize("target_y_mm", [-15.0, 0.0, 15.0])
 def test_paths_do_not_lead_far_aside(target_y_mm: float) -> None:
-    """The tip never points farther from the start's axis than the policy's cap, but for its error and its lag."""
+    """The heading stays within the policy's cap, except for its error and its lag."""
     problem = replace(PLANAR, target_mm=(0.0, target_y_mm, 100.0))
     states = drive(DrivenNeedle(RADIUS_MM, closing_mm=3.0, backlash_mm=1.5), settings(problem)).states
     assert max(abs(state.tip.heading_rad) for state in states) < math.radians(50.0)

@@ -1,4 +1,4 @@
-"""Where the tip is looked for, and turned how."""
+"""The place and the heading at which the tip is searched for."""
 
 import math
 from dataclasses import replace
@@ -50,7 +50,7 @@ def _picture(view: TipView) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uin
 
 
 def test_a_tip_that_points_elsewhere_is_found_again_after_two_misses() -> None:
-    """A cavity leads the heading astray by more than a fix may turn; then every heading is tried."""
+    """After two misses every heading is tried, so that a tip deflected by a cavity is found."""
     assert _search(0.0, misses=0).position_mm is not None
     assert _search(math.radians(25), misses=0).position_mm is None
     assert _search(math.radians(25), misses=2).position_mm is not None

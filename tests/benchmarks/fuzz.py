@@ -93,7 +93,7 @@ class TooSlowError(BaseException):
 
 
 @dataclass
-class Outcome:
+class FuzzOutcome:
     """How a case ended: the exit code, or what went wrong."""
 
     kind: str
@@ -104,7 +104,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Place:
+class FuzzPlace:
     """Where a case puts its files, with what it draws from."""
 
     folder: Path
@@ -183,7 +183,7 @@ class Kind:
 
     name: str
     share: int
-    attack: Callable[[Place], int | None]
+    attack: Callable[[FuzzPlace], int | None]
     codes: frozenset[int] = _WRONG_INPUT
 
 
@@ -198,7 +198,7 @@ def _file(
     """Return the kind of case that spoils the first of some files and reads it."""
     first = next(iter(files))
 
-    def attack(place: Place) -> None:
+    def attack(place: FuzzPlace) -> None:
         for other, content in files.items():
             place.write(other, content)
         path = place.write(first, mixed(spoil)(place.rng, files[first]))
@@ -399,7 +399,7 @@ _SPOILS: Mapping[str, Spoil] = {
 }
 
 
-def _put_record(place: Place) -> Path:
+def _put_record(place: FuzzPlace) -> Path:
     """Write a record of which a file or two are spoilt, mostly with the hashes redone; return its folder."""
     rng = place.rng
     name = rng.choice([_SEALED, *sorted(path.name for path in RECORDS.iterdir())])
@@ -442,7 +442,7 @@ def _reseal(files: Mapping[str, bytes]) -> dict[str, bytes]:
     return sealed
 
 
-def _read_record(place: Place) -> int:
+def _read_record(place: FuzzPlace) -> int:
     """Read everything of a spoilt record that Python's interface gives."""
     path = _put_record(place)
     run = None
@@ -505,10 +505,10 @@ _EXPORTS = (
 )
 
 
-def _show_record(commands: Sequence[Sequence[str]]) -> Callable[[Place], int]:
+def _show_record(commands: Sequence[Sequence[str]]) -> Callable[[FuzzPlace], int]:
     """Return an attack that gives a spoilt record to a command."""
 
-    def attack(place: Place) -> int:
+    def attack(place: FuzzPlace) -> int:
         run = _put_record(place)
         words = list(place.rng.choice(commands))
         if "RIG" in words:
@@ -525,12 +525,12 @@ def _show_record(commands: Sequence[Sequence[str]]) -> Callable[[Place], int]:
     return attack
 
 
-def _put_rig(place: Place) -> None:
+def _put_rig(place: FuzzPlace) -> None:
     for path in RIG.parent.iterdir():
         place.write(f"rig/{path.name}", path.read_bytes())
 
 
-def _spoil_index(place: Place) -> int:
+def _spoil_index(place: FuzzPlace) -> int:
     """Search runs by an index that is spoilt."""
     for name in ("import", "design"):
         for file, content in _record(name).items():
@@ -587,7 +587,7 @@ _WORDS = (
 )  # fmt: skip
 
 
-def _spoil_options(place: Place) -> int:
+def _spoil_options(place: FuzzPlace) -> int:
     """Give a command hostile options."""
     rng = place.rng
     _put_rig(place)
@@ -661,9 +661,9 @@ def _list_commands() -> list[Kind]:
     ]
 
 
-def run_case(kind: Kind, number: int, folder: Path, *, by_command: bool = False) -> Outcome:
+def run_case(kind: Kind, number: int, folder: Path, *, by_command: bool = False) -> FuzzOutcome:
     """Run a case in a folder of its own, which is removed."""
-    place = Place(
+    place = FuzzPlace(
         Path(tempfile.mkdtemp(dir=folder)) / "here", random.Random(f"{SEED} {kind.name} {number}"), by_command
     )
     place.folder.mkdir()
@@ -688,7 +688,7 @@ def run_case(kind: Kind, number: int, folder: Path, *, by_command: bool = False)
         shutil.rmtree(place.folder.parent, ignore_errors=True)
     if not fault and code not in kind.codes:
         fault = f"exit code {code}, expected one of {sorted(kind.codes)}"
-    return Outcome(kind.name, number, code, fault, seconds)
+    return FuzzOutcome(kind.name, number, code, fault, seconds)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
@@ -702,7 +702,7 @@ def share_out(kinds: Sequence[Kind], cases: int) -> list[tuple[int, int]]:
     return [(place, number) for place in range(len(kinds)) for number in range(ends[place + 1] - ends[place])]
 
 
-def _run_batch(by_command: bool, cases: Sequence[tuple[int, int]]) -> list[Outcome]:
+def _run_batch(by_command: bool, cases: Sequence[tuple[int, int]]) -> list[FuzzOutcome]:
     """Run cases in a worker process, whose memory is bounded."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY_BYTES, _MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_FSIZE, (_FILE_BYTES, resource.RLIM_INFINITY))
@@ -716,7 +716,7 @@ def _find_fast_folder() -> str | None:
     return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
-def _run_all(cases: int, *, by_command: bool) -> Iterator[Outcome]:
+def _run_all(cases: int, *, by_command: bool) -> Iterator[FuzzOutcome]:
     kinds = _list_commands() if by_command else list_kinds()
     numbered = share_out(kinds, cases)
     random.Random(0).shuffle(numbered)
@@ -750,7 +750,7 @@ def print_table(in_process: int = IN_PROCESS, by_command: int = BY_COMMAND) -> N
         raise RuntimeError(f"{len(faults)} of {len(outcomes)} cases showed a fault")
 
 
-def _count(name: str, outcomes: Sequence[Outcome]) -> tuple[object, ...]:
+def _count(name: str, outcomes: Sequence[FuzzOutcome]) -> tuple[object, ...]:
     """Return the row of a table: cases, those of each exit code, faults, and the slowest."""
     codes = Counter(outcome.code for outcome in outcomes if not outcome.fault)
     faults = sum(bool(outcome.fault) for outcome in outcomes)

@@ -12,7 +12,7 @@ from labrig.record.reader import open_run
 from labrig.record.run_index import INDEX_FILE
 from tests.benchmarks.table import print_rows
 from tests.cli.changed_records import CHANGES as KINDS
-from tests.cli.changed_records import ChangedRecords, Outcome, make_runs
+from tests.cli.changed_records import ChangedRecords, ReadOutcome, make_runs
 from tests.record.faults import Values, describe_damage, full_run, is_noticed_or_unchanged, raw_files, values
 
 FLIPS = 1000
@@ -47,7 +47,7 @@ def _print_changes(count: int) -> None:
             )
 
 
-def _row_of_changes(kind: str, outcomes: Sequence[Outcome]) -> list[object]:
+def _row_of_changes(kind: str, outcomes: Sequence[ReadOutcome]) -> list[object]:
     by_root = " (with --root)" if "chain" in kind else ""
     named, used = (
         sum(outcome.named for outcome in outcomes),

@@ -114,7 +114,7 @@ CHANGES: Mapping[str, Callable[[Path, random.Random], None]] = {
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ReadOutcome:
     """A change and what became of it: the command that was tried, and what it did."""
 
     run: str
@@ -143,7 +143,7 @@ class ChangedRecords:
         self._source = random.Random(seed)
         self._untouched: dict[tuple[Path, str], str] = {}
 
-    def draw(self, number: int) -> Outcome:
+    def draw(self, number: int) -> ReadOutcome:
         """Make a change, drawn over every file of every run, and return its outcome."""
         source = self._source
         original = source.choice(self._runs)
@@ -160,10 +160,10 @@ class ChangedRecords:
             redo_chain(run)
             exit_code, out, _ = _call("runs", "check", run, "--root", root, "--json")
             named = exit_code == 4 and root in out
-            return Outcome(original.parent.name, kind, changed, named, "", used_silently=False, told=told)
+            return ReadOutcome(original.parent.name, kind, changed, named, "", used_silently=False, told=told)
         exit_code, said, used = self._try(run, command)
         is_refused = exit_code == 4 and any(name in said for name in _spell(changed))
-        return Outcome(
+        return ReadOutcome(
             original.parent.name, kind, changed, _names_one(told, changed), command,
             used_silently=not is_refused and used != before, told=f"{told}\n{exit_code} {said}",
         )  # fmt: skip

@@ -1,4 +1,7 @@
-"""SIGKILL at random moments of a sweep: does the record open, is anything lost, and can the sweep resume?"""
+"""SIGKILL at random moments of a run: does the record open, is anything lost, is it repaired, can it resume?
+
+The kills are spread over a sweep, an insertion, a search for the roll zero and a calibration. Only a sweep goes on.
+"""
 
 import os
 import random
@@ -9,11 +12,12 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
@@ -22,10 +26,11 @@ from labrig.devices.rig import open_rig
 from labrig.experiments.registry import experiment_of
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
+from labrig.record.repair import repair_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import conduct_remainder
 from labrig.runner.session import Session
-from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, UNKILLED, never, rig, short_sweep
+from tests.benchmarks.crashing import ACKNOWLEDGED, RUN, SHORT, UNKILLED, never, rig, short_protocol
 from tests.benchmarks.table import print_rows
 from tests.devices.rigs import Person
 
@@ -37,45 +42,53 @@ _STREAMS = ("states", "events", "frames")
 
 @dataclass(frozen=True)
 class Survived:
-    """The state of a run after a SIGKILL."""
+    """The state of a run after a SIGKILL; of an experiment that cannot resume, the last two are None."""
 
     opened: bool
     nothing_lost: bool
     lines_unchanged: bool
-    resumed: bool
-    results_equal: bool
+    repaired: bool
+    resumed: bool | None
+    results_equal: bool | None
+
+    @property
+    def unhurt(self) -> bool:
+        """Whether all of it holds."""
+        return False not in {getattr(self, each.name) for each in fields(self)}
 
 
-_UNHURT = Survived(opened=True, nothing_lost=True, lines_unchanged=True, resumed=True, results_equal=True)
-
-
-class SweepSource:
-    """A process that forks sweeps to be killed.
+class RunSource:
+    """A process that forks runs of a short protocol to be killed.
 
     Attributes
     ----------
-    sweep_s : float
-        Duration of a whole sweep.
+    name : str
+        The protocol.
+    run_s : float
+        Duration of a whole run.
     reference : Run
-        A sweep that was not killed.
-    radii : dict
-        Its results: trial to radius [mm].
+        A run that was not killed.
     """
 
-    def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
+    def __init__(self, name: str, process: subprocess.Popen[str], folder: Path) -> None:
+        self.name = name
         self._process = process
         self._folder = folder
         self._numbers = iter(range(1_000_000))
         assert process.stdout is not None
         assert process.stdout.readline() == "ended\n"
         self.reference = open_run(folder / UNKILLED / RUN)
-        self.radii = measure_radii(self.reference)
         started = perf_counter()
         self.kill_after(None)
-        self.sweep_s = perf_counter() - started
+        self.run_s = perf_counter() - started
+
+    @cached_property
+    def radii(self) -> dict[int, float]:
+        """The results of the sweep that was not killed: trial to radius [mm]."""
+        return measure_radii(self.reference)
 
     def kill_after(self, after_s: float | None) -> Path | None:
-        """Return the folder of a sweep killed after a time; None if it had not begun or had already ended."""
+        """Return the folder of a run killed after a time; None if it had not begun or had already ended."""
         folder = self._folder / str(next(self._numbers))
         folder.mkdir()
         process = self._process
@@ -92,59 +105,74 @@ class SweepSource:
 
 
 @contextmanager
-def fork_sweeps(folder: Path) -> Iterator[SweepSource]:
-    """Start the process that forks sweeps."""
+def fork_runs(name: str, folder: Path) -> Iterator[RunSource]:
+    """Start the process that forks runs."""
     (folder / UNKILLED).mkdir()
-    command = [sys.executable, "-m", "tests.benchmarks.crashing", str(folder / UNKILLED)]
+    command = [sys.executable, "-m", "tests.benchmarks.crashing", name, str(folder / UNKILLED)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield SweepSource(process, folder)
+        yield RunSource(name, process, folder)
         process.kill()
 
 
-def kill_sweeps(count: int, seed: int, folder: Path) -> Iterator[Survived]:
-    """Kill sweeps at `count` random moments, and yield the state of each run."""
+def kill_runs(name: str, count: int, seed: int, folder: Path) -> Iterator[Survived]:
+    """Kill runs of a protocol at `count` random moments, and yield the state of each."""
     source = random.Random(seed)
-    with fork_sweeps(folder) as source_of_runs:
+    with fork_runs(name, folder) as source_of_runs:
         found = 0
         while found < count:
-            killed = source_of_runs.kill_after(source.uniform(0.0, source_of_runs.sweep_s))
+            killed = source_of_runs.kill_after(source.uniform(0.0, source_of_runs.run_s))
             if killed is not None:
                 found += 1
                 yield examine_killed(killed, source_of_runs)
                 shutil.rmtree(killed)
 
 
-def examine_killed(folder: Path, unkilled: SweepSource) -> Survived:
-    """Open the run of a killed sweep, compare it with an unkilled sweep, and resume it."""
+def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
+    """Open a killed run, compare it with an unkilled one, repair a copy of it, and resume it where that is possible."""
     path = folder / RUN
     acknowledged = (
         Counter((folder / ACKNOWLEDGED).read_text().split())
         if (folder / ACKNOWLEDGED).exists()
         else Counter()
     )
-    run = open_run(path)
+    run = open_run(path, read_pictures=True)
     opened = not run.damage and not check_run(path).damage
     lines = {stream: run.lines(stream) for stream in _STREAMS}
     nothing_lost = all(len(lines[stream]) >= acknowledged[stream] for stream in _STREAMS)
     theirs = {stream: unkilled.reference.lines(stream) for stream in _STREAMS}
     unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
-    _resume(path)
+    repaired = _is_repaired(Path(shutil.copytree(path, folder / "repaired")), lines)
+    if experiment_of(run).can_resume:
+        return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, unkilled))
+    return Survived(opened, nothing_lost, unchanged, repaired, None, None)
+
+
+def _is_repaired(path: Path, lines: Mapping[str, list[dict[str, object]]]) -> bool:
+    """Close a copy of a killed run, and return whether it is sound and holds the same lines."""
+    repair_run(path, _STARTED)
+    verdict, run = check_run(path), open_run(path, read_pictures=True)
+    same = all(run.lines(stream) == lines[stream] for stream in _STREAMS)
+    return same and not verdict.damage and not run.problems and verdict.exit_status != "incomplete"
+
+
+def _is_resumed(path: Path, unkilled: RunSource) -> tuple[bool, bool]:
+    """Resume a killed run; return whether it came to its end, sound, and has the results of the unkilled one."""
+    _resume(path, unkilled.name)
     again = open_run(path)
     planned, radii = unkilled.radii, measure_radii(again)
     finished = [int(trial) for trial in again.trials["trial"][again.trials["exit_status"] == "success"]]
     resumed = again.manifest["exit_status"] == "success" and len(finished) == len(planned)
     same = all(radii[trial] == planned[trial] for trial in finished if trial in planned)
-    sound = resumed and not check_run(path).damage
-    return Survived(opened, nothing_lost, unchanged, sound, same and set(finished) <= set(radii))
+    return resumed and not check_run(path).damage, same and set(finished) <= set(radii)
 
 
-def _resume(path: Path) -> None:
+def _resume(path: Path, name: str) -> None:
     """Resume a killed run as `labrig resume` does; close it if nothing else is left."""
-    protocol, run = short_sweep(), open_run(path)
+    protocol, run = short_protocol(name), open_run(path)
     if run.manifest["exit_status"] == "success":
         return
-    sweep_experiment = experiment_of(run)
-    remainder = sweep_experiment.resume(protocol, run)
+    experiment = experiment_of(run)
+    remainder = experiment.resume(protocol, run)
     if not remainder.left:
         recorder = Recorder.reopen(path, "benchmark")
         recorder.close("success", "", _STARTED)
@@ -152,7 +180,7 @@ def _resume(path: Path) -> None:
     with open_rig(rig(), seed=protocol.seed, person=Person(), interrupted=never) as opened:
         recorder = Recorder.reopen(path, "benchmark")
         recorder.begin_session(opened.clock.utc(), devices=opened.describe())
-        conduct_remainder(sweep_experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
+        conduct_remainder(experiment, remainder, Session(opened, recorder, lambda _done, _doing: None))
 
 
 def measure_radii(run: Run) -> dict[int, float]:
@@ -166,35 +194,41 @@ def measure_radii(run: Run) -> dict[int, float]:
 
 
 def print_table(count: int = MOMENTS) -> None:
-    """Print in how many killed sweeps each condition holds; progress goes to standard error."""
-    found: list[Survived] = []
+    """Print in how many killed runs of each experiment each condition holds; progress goes to standard error."""
+    found: dict[str, list[Survived]] = {name: [] for name in SHORT}
     started = perf_counter()
-    sizes = [min(_BATCH, count - done) for done in range(0, count, _BATCH)]
+    each = count // len(SHORT)
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        batches = [pool.submit(_kill_batch, size, seed) for seed, size in enumerate(sizes)]
+        batches = {
+            pool.submit(_kill_batch, name, min(_BATCH, each - done), done): name
+            for name in SHORT
+            for done in range(0, each, _BATCH)
+        }
         for batch in as_completed(batches):
-            found += batch.result()
-            sound = sum(survived == _UNHURT for survived in found)
+            found[batches[batch]] += batch.result()
+            killed = [survived for runs in found.values() for survived in runs]
+            sound = sum(survived.unhurt for survived in killed)
             print(
-                f"{len(found)} of {count} killed, {sound} sound, {perf_counter() - started:.0f} s",
+                f"{len(killed)} of {each * len(SHORT)} killed, {sound} unhurt, {perf_counter() - started:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )
     rows = [
-        [
-            field.name.replace("_", " "),
-            sum(getattr(survived, field.name) for survived in found),
-            f"{count} of {count}",
-        ]
+        [field.name.replace("_", " "), *(_count(runs, field.name) for runs in found.values()), each]
         for field in fields(Survived)
     ]
-    print_rows(("after SIGKILL at a random moment", "runs", "limit"), rows)
+    print_rows((f"{each} kills at random moments of each", *found, "limit"), rows)
 
 
-def _kill_batch(count: int, seed: int) -> list[Survived]:
-    """Kill some sweeps in a folder and a process of their own."""
+def _count(runs: list[Survived], condition: str) -> int | str:
+    answers = [getattr(survived, condition) for survived in runs]
+    return "-" if None in answers else sum(answers)
+
+
+def _kill_batch(name: str, count: int, seed: int) -> list[Survived]:
+    """Kill some runs in a folder and a process of their own."""
     with tempfile.TemporaryDirectory() as folder:
-        return list(kill_sweeps(count, seed, Path(folder)))
+        return list(kill_runs(name, count, seed, Path(folder)))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
-"""Run a short sweep for each input line, in a forked process that another process kills.
+"""Run a short experiment for each input line, in a forked process that another process kills.
 
-Imports and the backdrop of the pictures take longer than the sweep. So this process runs a first sweep itself, in the
-folder of its argument, and forks the others. Each returned call of the recorder is acknowledged in a file beside the
-run, which survives a kill as the record does.
+Imports and the backdrop of the pictures take longer than the run. So this process makes a first run itself, in the
+folder of its second argument, and forks the others; the first argument is a protocol of `SHORT`. Each returned call of
+the recorder is acknowledged in a file beside the run, which survives a kill as the record does.
 """
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,33 +17,34 @@ from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import RigDescription
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.registry import find_experiment
-from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
+from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import conduct
 from labrig.runner.session import Session
+from tests.cli.example_runs import SHORTENED
 from tests.devices.rigs import CALIBRATION, Person, simulated_rig
 
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 RUN, ACKNOWLEDGED, UNKILLED = "run", "acknowledged", "unkilled"
 
+# A sweep of two insertions takes half a second.
+SHORT: Mapping[str, tuple[str, ...]] = {
+    "steerability": (
+        "insertions_per_specimen=2",
+        "specimens=[{name: gel, gelatin_percent: 13}]",
+        "insertion.length_mm=26",
+        "insertion.speed_mm_s=5",
+        "insertion.frame_every_mm=26",
+    ),
+    **{name: SHORTENED[name] for name in ("insertion", "roll-zero", "calibration")},
+}
 
-def short_sweep() -> SteerabilityProtocol:
-    """Return a sweep of two insertions that takes half a second."""
-    protocol = load_protocol(
-        PROTOCOLS / "steerability.yaml",
-        PROTOCOL_MODELS,
-        [
-            "insertions_per_specimen=2",
-            "specimens=[{name: gel, gelatin_percent: 13}]",
-            "insertion.length_mm=26",
-            "insertion.speed_mm_s=5",
-            "insertion.frame_every_mm=26",
-        ],
-    )
-    assert isinstance(protocol, SteerabilityProtocol)
-    return protocol
+
+def short_protocol(name: str) -> ExperimentProtocol:
+    """Return a protocol that takes seconds at most."""
+    return load_protocol(PROTOCOLS / f"{name}.yaml", PROTOCOL_MODELS, SHORT[name])
 
 
 def rig() -> RigDescription:
@@ -81,9 +83,9 @@ def never() -> str | None:
     return None
 
 
-def run_sweep(folder: Path) -> None:
-    """Run the sweep from opening the rig to closing it."""
-    protocol, description = short_sweep(), rig()
+def run_once(name: str, folder: Path) -> None:
+    """Run a short protocol from opening the rig to closing it."""
+    protocol, description = short_protocol(name), rig()
     with open_rig(description, seed=protocol.seed, person=Person(), interrupted=never) as opened:
         recorder = AcknowledgingRecorder.create(
             folder,
@@ -107,13 +109,14 @@ def run_sweep(folder: Path) -> None:
 
 
 def main() -> None:
-    """Fork a sweep for each folder on standard input; print its process id, then its end."""
-    run_sweep(Path(sys.argv[1]))
+    """Fork a run for each folder on standard input; print its process id, then its end."""
+    name = sys.argv[1]
+    run_once(name, Path(sys.argv[2]))
     print("ended", flush=True)
     for line in sys.stdin:
         child = os.fork()
         if child == 0:
-            run_sweep(Path(line.rstrip("\n")))
+            run_once(name, Path(line.rstrip("\n")))
             os._exit(0)
         print(child, flush=True)
         os.waitpid(child, 0)

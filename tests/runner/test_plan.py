@@ -54,8 +54,9 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
     assert isinstance(protocol, SteerabilityProtocol)
     plan = plan_of(protocol, simulated_rig())
     with bench(tmp_path, protocol) as rig:
+        opened_s = rig.opened.rig.clock.now_s()  # opening the drives, and listening for other masters, is no part of it
         _, run = rig.conduct(protocol)
-        took_s = rig.opened.rig.clock.now_s()
+        took_s = rig.opened.rig.clock.now_s() - opened_s
     assert len(run.frames) == plan.pictures
     assert abs(took_s - plan.duration_s) < 0.05 * plan.duration_s
     assert plan.trials == 1

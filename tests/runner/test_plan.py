@@ -54,7 +54,7 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
     assert isinstance(protocol, SteerabilityProtocol)
     plan = plan_of(protocol, simulated_rig())
     with bench(tmp_path, protocol) as rig:
-        opened_s = rig.opened.rig.clock.now_s()  # opening the drives, and listening for other masters, is no part of it
+        opened_s = rig.opened.rig.clock.now_s()  # an estimate leaves out what opening the drives takes
         _, run = rig.conduct(protocol)
         took_s = rig.opened.rig.clock.now_s() - opened_s
     assert len(run.frames) == plan.pictures

@@ -52,6 +52,9 @@ Decided here:
 - A file is complete before its link is written, so a process that is stopped between the two leaves a file without a
   link: it is named, not used, and `--repair` covers it by a link `unsealed`. Only the manifest of a closing run waits
   for its link, as `.manifest.closing`: `--repair` puts it into place.
+- A run checks itself when it closes, as `check_run` does; one that is damaged as labrig wrote it is kept, marked in its
+  manifest (`damaged_when_closed`), and ends as a bug. A picture is hashed when it is read, once in a process as long as
+  its file is the same, and `open_run(..., read_pictures=True)` reads all: nothing is computed from a changed one.
 - One process writes a run: it holds `.lock`, which the kernel frees when it dies. `check_run` reads everything and
   tells damage from what an interruption left; `repair_run` closes and `Recorder.reopen` continues only an undamaged
   run. Rig time then goes on from the next whole second, so that no clock in a record goes backwards.

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.cli.conftest import Labrig
+from tests.cli.conftest import RIG, Labrig
 from tests.cli.cut_runs import cut_short
 from tests.cli.example_runs import EXAMPLES, PROTOCOLS, SHORTENED, make_example, of_protocol
 from tests.record.faults import flip_bit
@@ -159,6 +159,49 @@ def test_annotations_appear_in_the_list(run: Path, labrig: Labrig, is_sound: Sou
     is_sound(run, "success")
 
 
+def test_what_comes_after_a_written_root_is_listed(
+    run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """The root of a run stays the one that was printed; a later remark is listed, and a stamp asks for the newest."""
+    (before,) = labrig("runs", "check", run, "--json").json()
+    assert labrig("runs", "note", run, "later").exit_code == 0
+    (after,) = labrig("runs", "check", run, "--root", before["root"], "--json").json()
+    assert (after["ok"], after["root"], after["after_root"][-1]["kind"]) == (True, before["root"], "note")
+    stamped = labrig("runs", "stamp", run, "--out", tmp_path / "run.tsq", "--json").json()
+    assert stamped["sha256"] == after["newest_link"]
+    is_sound(run, "success")
+
+
+def test_what_a_run_found_is_adopted_or_refused(
+    made: Made, run: Path, tmp_path: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """A calibration goes to the rig's files and a sweep's radius into a design; of other runs it is said that not."""
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(RIG.read_text(encoding="utf-8"), encoding="utf-8")
+    adopted = labrig("calibrate", "adopt", run, "--rig", rig)
+    if made.name == "calibration":
+        assert (adopted.exit_code, (tmp_path / "simulated-plane.json").exists()) == (0, True)
+    else:
+        assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
+    designed = labrig("design", "--radius-mm", 28, "--beta-cut-deg", 20, "--from-run", run)
+    if made.name == "steerability":
+        assert designed.exit_code == 0
+    else:
+        assert (designed.exit_code, "has no mean radius" in designed.err) == (1, True)
+    is_sound(run, "success")
+
+
+def test_a_finished_run_that_is_resumed_is_only_measured_again(
+    run: Path, labrig: Labrig, is_sound: Sound
+) -> None:
+    """Nothing moves; there is one more result, and the record stays sound."""
+    results = len(list((run / "analysis").iterdir())) if (run / "analysis").exists() else 0
+    done = labrig("resume", run, "--json")
+    assert (done.exit_code, done.json()["exit_status"]) == (0, "success")
+    assert len(list((run / "analysis").iterdir())) == results + 1
+    is_sound(run, "success")
+
+
 def test_a_killed_run_is_closed_and_sound(killed: Path, labrig: Labrig, is_sound: Sound) -> None:
     """It is reported interrupted, not damaged; after --repair it is sound."""
     before = labrig("runs", "check", killed)
@@ -182,8 +225,13 @@ def test_a_killed_run_is_read_by_every_command(
     for words in (
         ("report", killed),
         ("view", killed, "--no-open"),
-        ("export", killed, "--csv", "--mat", "--mcap", "--out", tmp_path / "out"),
+        ("export", killed, "--csv", "--parquet", "--mat", "--mcap", "--out", tmp_path / "out"),
+        ("export", killed, "--record", "--out", tmp_path / "copy"),
+        ("runs", "check", tmp_path / "copy"),
         ("runs", "tag", killed, "-t", "killed"),
+        ("runs", "note", killed, "cut short"),
+        ("runs", "verdict", killed, "doubtful"),
+        ("runs", "stamp", killed, "--out", tmp_path / "killed.tsq"),
         ("runs", "diff", made.run, killed),
         ("runs", "check", killed),
     ):

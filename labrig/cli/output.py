@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import os
 import re
 import shutil
@@ -43,8 +44,22 @@ def print_line(text: str) -> None:
 
 def print_json(document: object) -> None:
     """Print one JSON document, in which unknown and infinite values are null already."""
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    except ValueError:  # a sum or ratio of values that a record holds, each of them finite
+        text = json.dumps(_make_finite(document), indent=2, ensure_ascii=False, allow_nan=False)
     typer.echo(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+
+
+def _make_finite(value: object) -> object:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {key: _make_finite(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_make_finite(item) for item in value]
+    return value
 
 
 _UNKNOWN = "-"

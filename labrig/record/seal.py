@@ -220,7 +220,7 @@ def _check_file(run: Path, name: str, link: Link) -> Iterator[Problem]:
         path = inside(run, name)
         if not path.is_file():
             yield Problem(name, f"it is missing, though {_name(link)} covers it", hint)
-        elif hash_file(path, link.lengths.get(name)) != link.files[name]:
+        elif hash_file(path, link.lengths.get(name)) != link.files.get(name):
             yield Problem(name, f"it was changed: its SHA-256 does not fit {_name(link)}", hint)
     except RecordError as error:
         yield Problem(name, error.message, error.hint)

@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -105,17 +106,32 @@ def read_recordings(run: Run, *, exact: bool) -> tuple[Recording, ...]:
         When the record is damaged, or does not say what devices it had.
     """
     sessions = [run.manifest, *run.sessions]
-    starts_s = [0.0, *(float(session["t0_s"]) for session in run.sessions)]
+    with _name_damage(run):
+        starts_s = [0.0, *(float(session["t0_s"]) for session in run.sessions)]
     frames = tuple(run.can_frames)
-    return tuple(
-        _read_session(run, session, Span(start_s, end_s), frames, exact=exact)
-        for session, start_s, end_s in zip(sessions, starts_s, [*starts_s[1:], math.inf], strict=True)
-    )
+    ends_s = [*starts_s[1:], math.inf]
+    with _name_damage(run):
+        return tuple(
+            _read_session(run, session, Span(start_s, end_s), frames, exact=exact)
+            for session, start_s, end_s in zip(sessions, starts_s, ends_s, strict=True)
+        )
 
 
 def make_recording_without_rig(run: Run) -> Recording:
     """Return the one session of a run that moved nothing."""
     return _make_recording(run, run.manifest, Span(0.0, math.inf), (), _NO_DEVICES, exact=True)
+
+
+@contextmanager
+def _name_damage(run: Run) -> Iterator[None]:
+    """Turn the error of a value that is missing from manifest or events, or of another kind, into that of damage."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RecordError(
+            f"{run.path} cannot be replayed: {type(error).__name__}: {error}",
+            "compare it with a copy of the run",
+        ) from error
 
 
 _NO_DEVICES: dict[str, Any] = {"camera": {"readback": {}}}

@@ -1,9 +1,76 @@
 """The result of a design: what to cut for a steering radius."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat
 
 from labrig.analysis.result import Result
 from labrig.needle.design_search import GridPoint
+
+
+class _Part(BaseModel):
+    """The members that a part of the document needs, so that its page can be written; it may have more."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class _Plane(_Part):
+    a: FiniteFloat
+    b: FiniteFloat
+    c: FiniteFloat
+    rmse_deg: FiniteFloat
+
+
+class _Fit(_Plane):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _PaperPlane(_Plane):
+    same_tube: bool
+
+
+class _Slopes(_Part):
+    radius_mm: tuple[FiniteFloat | None, FiniteFloat | None]
+    radius_mm_per_clearance_mm: FiniteFloat | None
+    radius_mm_per_cut_deg: FiniteFloat | None
+
+
+class _Tolerance(_Slopes):
+    clearance_mm: FiniteFloat
+    cut_deg: FiniteFloat
+
+
+class _PrintedNeedle(_Part):
+    beta_cut_deg: FiniteFloat
+    beta_rot_deg: FiniteFloat
+
+
+class _MeasuredNeedle(_PrintedNeedle):
+    radius_mm: FiniteFloat
+    clearance_mm: FiniteFloat | None
+    search_clearance_mm: FiniteFloat | None
+
+
+class _Search(_Part):
+    beta_cut_deg: FiniteFloat | None
+    beta_rot_deg: FiniteFloat | None
+    beta_a_deg: FiniteFloat | None
+    beta_b_deg: FiniteFloat | None
+    radius_mm: FiniteFloat | None
+    tolerance: _Slopes | None
+    inside_grid: bool | None
+    reason: str | None
+    fit: _Fit
+
+
+def _require(part: type[_Part]) -> AfterValidator:
+    """Check a part of the document, which stays as it is: the command line prints it too."""
+
+    def check(document: dict[str, Any]) -> dict[str, Any]:
+        part.model_validate(document)
+        return document
+
+    return AfterValidator(check)
 
 
 class DesignResult(Result):
@@ -21,10 +88,10 @@ class DesignResult(Result):
     radius_mm: float
     clearance_mm: float
     tube: dict[str, float]
-    equation_3: dict[str, Any]
-    tolerance: dict[str, Any]
-    table_1: dict[str, float] | None
+    equation_3: Annotated[dict[str, Any], _require(_PaperPlane)]
+    tolerance: Annotated[dict[str, Any], _require(_Tolerance)]
+    table_1: Annotated[dict[str, float], _require(_PrintedNeedle)] | None
     links: int | None
-    measured: dict[str, Any] | None
-    search: dict[str, Any]
+    measured: Annotated[dict[str, Any], _require(_MeasuredNeedle)] | None
+    search: Annotated[dict[str, Any], _require(_Search)]
     cells: tuple[GridPoint, ...]

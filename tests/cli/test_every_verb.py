@@ -183,7 +183,7 @@ def test_what_a_run_found_is_adopted_or_refused(
         assert (adopted.exit_code, (tmp_path / "simulated-plane.json").exists()) == (0, True)
     else:
         assert (adopted.exit_code, "holds no calibration" in adopted.err) == (4, True)
-    designed = labrig("design", "--radius-mm", 28, "--beta-cut-deg", 20, "--from-run", run)
+    designed = labrig("design", "--beta-cut-deg", 10, "--grid-points", 3, "--from-run", run)
     if made.name == "steerability":
         assert designed.exit_code == 0
     else:

@@ -7,15 +7,18 @@ What is decided here
 --------------------
 - A frame that could move or free an axis stops a run: an NMT command, a receive PDO, an SDO request that writes, a
   heartbeat under the computer's node id. SDO requests that only read are let pass during a run.
+- An axis whose mode of operation another program has changed counts as without a reference: it may have been homed.
 - While the rig is opened, reading is refused too: whoever reads is about to command, and its answers mix with ours.
 - A drive says in its heartbeat in which NMT state it is; the boot-up message is left to the driver.
 """
 
+import struct
 from collections.abc import Mapping
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.canopen_objects import MODE
 from labrig.devices.commands import CommandFormatter
 from labrig.errors import NOT_OPERATIONAL, DriveStrayedError, SecondMasterError
 
@@ -26,6 +29,9 @@ _SDO_READS = frozenset({2, 3, 4, 5})
 
 _SDO_INITIATES = frozenset({1, 2})
 """Command specifiers of SDO requests that name their object: download and upload."""
+
+_WRITES_MODE = struct.pack("<BHB", 0x2F, MODE.index, MODE.subindex)
+"""Head of an SDO request that writes the mode of operation, one byte long."""
 
 _BEATS_LISTENED_FOR = 3
 """Periods of the heartbeat for which the bus is listened to: no drive allows a longer gap."""
@@ -53,6 +59,11 @@ class BusWatch:
         Under which node id labrig itself beats, and how often.
     describe : CommandFormatter
         Describes a command in words.
+
+    Attributes
+    ----------
+    without_zero : set of str
+        Axes whose mode another program has changed: it may have homed them, and nobody knows their zero.
     """
 
     def __init__(
@@ -68,6 +79,7 @@ class BusWatch:
         self._command: _Frame | None = None
         self._request: _Frame | None = None
         self._states: dict[int, int] = {}
+        self.without_zero: set[str] = set()
         network = link.network
         network.subscribe(_NMT, self._on_nmt)
         network.subscribe(0x700 + heartbeat.computer_node_id, self._on_command)
@@ -139,6 +151,8 @@ class BusWatch:
 
     def _on_request(self, can_id: int, data: bytearray, _timestamp: float) -> None:
         self._request = self._request or (can_id, bytes(data))
+        if data[:4] == _WRITES_MODE:
+            self.without_zero.add(self._axes[can_id & 0x7F])
         if not data or data[0] >> 5 not in _SDO_READS:
             self._on_command(can_id, data, _timestamp)
 

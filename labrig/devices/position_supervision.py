@@ -13,6 +13,8 @@ What is decided here
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
 
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.drive import STILL_COUNTS
@@ -25,6 +27,38 @@ TIME_MARGIN_S = 0.05
 _WINDOWS_AT_REST = 2
 _LOOK_FOR_MASTER = "find out what moves it: another program on the bus, or a force on the axis"
 _LOOK_AT_ENCODER = "check the encoder and its cable, and whether another program has homed the drive"
+
+
+@dataclass(frozen=True)
+class AxisBounds:
+    """What bounds the readings of an axis.
+
+    Parameters
+    ----------
+    name, unit : str
+        The axis, mm or rad.
+    window : float
+        Its position window, at least the dither of a servo [mm or rad].
+    max_speed, max_following_error : float
+        As in its section of the rig file.
+    """
+
+    name: str
+    unit: str
+    window: float
+    max_speed: float
+    max_following_error: float
+
+    @classmethod
+    def of(cls, name: str, description: AxisDescription) -> Self:
+        """Return the bounds of an axis whose section is complete."""
+        return cls(
+            name,
+            description.unit,
+            max(description.position_window, STILL_COUNTS / description.scale().counts_per_unit),
+            description.max_speed,
+            description.max_following_error,
+        )
 
 
 @dataclass(frozen=True)
@@ -51,6 +85,11 @@ class InMotion:
     profile: Profile
     ahead_s: float
     give: float = 0.0
+
+    @cached_property
+    def way(self) -> tuple[float, float]:
+        """The lowest and the highest position on the way."""
+        return self.profile.range_within(-math.inf, self.profile.end_s)
 
 
 Expected = AtRest | InMotion
@@ -120,7 +159,7 @@ def expect_move(
 
 
 def supervise_position(
-    axis: tuple[str, AxisDescription],
+    axis: AxisBounds,
     state: SupervisionState,
     expected: Expected | None,
     reading: PositionReading,
@@ -129,8 +168,8 @@ def supervise_position(
 
     Parameters
     ----------
-    axis : tuple of str and AxisDescription
-        Its name, for messages, and its section.
+    axis : AxisBounds
+        The axis.
     state : SupervisionState
         What is remembered of it.
     expected : Expected or None
@@ -150,44 +189,38 @@ def supervise_position(
         rest = expected.position if isinstance(expected, AtRest) else None
         last = None if expected == AtRest() else last
     if isinstance(expected, InMotion):
-        low, high = _bounds_in_motion(axis[1], expected, reading)
+        low, high = _bounds_in_motion(axis, expected, reading)
     else:
         rest = reading.position if rest is None else rest
-        slack = _WINDOWS_AT_REST * _window(axis[1])
+        slack = _WINDOWS_AT_REST * axis.window
         low, high = rest - slack, rest + slack
-    error = _find_jump(*axis, last, reading)
+    error = _find_jump(axis, last, reading)
     if error is None and not low <= reading.position <= high:
         error = _strayed(axis, expected, (low, high), reading.position)
     return SupervisionState(expected, rest, reading), error
 
 
-def _window(description: AxisDescription) -> float:
-    """Return the position window, at least the counts by which a servo at rest dithers [mm or rad]."""
-    return max(description.position_window, STILL_COUNTS / description.scale().counts_per_unit)
-
-
 def _find_jump(
-    name: str, description: AxisDescription, last: PositionReading | None, reading: PositionReading
+    axis: AxisBounds, last: PositionReading | None, reading: PositionReading
 ) -> DriveStrayedError | None:
     if last is None:
         return None
     longest_s = reading.until_s - last.from_s
-    reach = description.max_speed * longest_s + _WINDOWS_AT_REST * _window(description)
+    reach = axis.max_speed * longest_s + _WINDOWS_AT_REST * axis.window
     if abs(reading.position - last.position) <= reach:
         return None
-    unit = description.unit
     return DriveStrayedError(
-        f"the position of axis {name} jumped from {last.position:.4g} to {reading.position:.4g} {unit} within "
-        f"{longest_s:.3f} s, faster than the axis can move ({description.max_speed:.4g} {unit}/s)",
+        f"the position of axis {axis.name} jumped from {last.position:.4g} to {reading.position:.4g} {axis.unit} "
+        f"within {longest_s:.3f} s, faster than the axis can move ({axis.max_speed:.4g} {axis.unit}/s)",
         _LOOK_AT_ENCODER,
         fault=POSITION_JUMPED,
     )
 
 
 def _strayed(
-    axis: tuple[str, AxisDescription], expected: Expected, bounds: tuple[float, float], position: float
+    axis: AxisBounds, expected: Expected, bounds: tuple[float, float], position: float
 ) -> DriveStrayedError:
-    name, unit = axis[0], axis[1].unit
+    name, unit = axis.name, axis.unit
     if isinstance(expected, InMotion):
         way = f"on its way to {expected.profile.end_position:.4f} {unit}"
         should = f"should be between {bounds[0]:.4f} and {bounds[1]:.4f} {unit} {way}"
@@ -198,13 +231,9 @@ def _strayed(
     )
 
 
-def _bounds_in_motion(
-    description: AxisDescription, expected: InMotion, reading: PositionReading
-) -> tuple[float, float]:
-    profile, give = expected.profile, expected.give
-    low, high = profile.range_within(
+def _bounds_in_motion(axis: AxisBounds, expected: InMotion, reading: PositionReading) -> tuple[float, float]:
+    low, high = expected.profile.range_within(
         reading.from_s - TIME_MARGIN_S, reading.until_s + expected.ahead_s + TIME_MARGIN_S
     )
-    lowest, highest = profile.range_within(-math.inf, profile.end_s)
-    lag, beyond = description.max_following_error + give, _window(description) + give
-    return max(low - lag, lowest - beyond), min(high + lag, highest + beyond)
+    lag, beyond = axis.max_following_error + expected.give, axis.window + expected.give
+    return max(low - lag, expected.way[0] - beyond), min(high + lag, expected.way[1] + beyond)

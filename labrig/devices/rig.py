@@ -22,7 +22,13 @@ from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
-from labrig.devices.position_supervision import PositionReading, SupervisionState, supervise_position
+from labrig.devices.position_supervision import (
+    AxisBounds,
+    InMotion,
+    PositionReading,
+    SupervisionState,
+    supervise_position,
+)
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.errors import (
     POSITION_JUMPED,
@@ -46,7 +52,7 @@ _LOOK_S = 0.15
 """Time after the last reading at which a rig that waits or asks reads its axes again [s]."""
 
 _TARGET_LOOK_S = 0.05
-"""Time between two readings of a target; the axes take turns [s]."""
+"""Shortest time between two readings of targets [s]."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +177,7 @@ class Rig:
             self._watch = BusWatch(link, nodes, description.can.heartbeat, CommandFormatter(description))
         self._read_s = self._target_s = 0.0
         self._is_watching = False
+        self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
         self._targets_due = list(self._axes)
 
@@ -289,9 +296,9 @@ class Rig:
         self._supervise_positions({name: axis.drive.read().position for name, axis in self._axes.items()})
 
     def _supervise_positions(self, positions: Mapping[str, float]) -> None:
-        """Require that each axis is where it should be, and that one of them, in turn, has the target that was sent.
+        """Require that each axis is where it should be, and that each in motion has the target that was sent.
 
-        Raises `DriveStrayedError`.
+        If none moves, the targets are read in turn. Raises `DriveStrayedError`.
         """
         if not self._is_watching:
             return
@@ -299,16 +306,17 @@ class Rig:
         raise_together([error for error in errors if error is not None])
         if self._read_s - self._target_s >= _TARGET_LOOK_S:
             self._target_s = self._read_s
-            name = self._targets_due.pop(0)
-            self._targets_due.append(name)
-            self._axes[name].require_target()
+            self._targets_due = [*self._targets_due[1:], self._targets_due[0]]
+            moving = [name for name, axis in self._axes.items() if isinstance(axis.expected, InMotion)]
+            for name in moving or self._targets_due[:1]:
+                self._axes[name].require_target()
 
     def _judge(self, name: str, position: float) -> DriveStrayedError | None:
         """Return the error of an axis that is not where it should be; one that jumped has lost its reference."""
         axis = self._axes[name]
         reading = PositionReading(self._read_s, self.clock.now_s(), position)
         self._supervised[name], error = supervise_position(
-            (name, axis.description), self._supervised[name], axis.expected, reading
+            self._bounds[name], self._supervised[name], axis.expected, reading
         )
         if error is not None and error.fault is POSITION_JUMPED:
             self.needle.note_reference(name, known=False)
@@ -626,6 +634,8 @@ class Rig:
             self.stop()
         finally:
             failures = _try_each(self.axes, lambda axis: axis.drive.close())
+            if self._watch is not None:
+                self.needle.forget_references(self._watch.without_zero)
         if failures:
             raise SafetyStopError(
                 "power not known to be off: " + "; ".join(failures), "switch the drives off by hand"

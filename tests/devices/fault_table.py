@@ -235,6 +235,7 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "second master moves an idle axis": _second_master("linear: target position (0x607A:00)"),
     "second master writes a setting": _second_master("maximal following error (0x6065:00)"),
     "second master takes the dead-man away": _second_master("abort connection option code (0x6007:00) = 0"),
+    "second master homes": _second_master("homing method (0x6098:00) = 35", Lost.STRUCK),
     "second master takes power away": _second_master("CAN frame 201#0000"),
     "second master resets": _second_master("NMT command 0x81 to node 1", Lost.STRUCK),
     "second master resets the communication": _second_master("NMT command 0x82 to node 0"),

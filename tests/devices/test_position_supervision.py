@@ -9,6 +9,7 @@ from labrig.devices import canopen_objects as co
 from labrig.devices.axis import Axis
 from labrig.devices.position_supervision import (
     AtRest,
+    AxisBounds,
     Expected,
     InMotion,
     PositionReading,
@@ -22,6 +23,7 @@ from labrig.errors import POSITION_JUMPED, STRAYED, TARGET_CHANGED, DriveStrayed
 from tests.devices.rigs import OpenedRig, epos2_axis, opened_rig, simulated_rig
 
 AXIS = epos2_axis()
+BOUNDS = AxisBounds.of("insertion", AXIS)
 WINDOW, LAG = AXIS.position_window, AXIS.max_following_error
 PROFILE = make_move_profile(1.0, 0.0, 0.0, 24.0, Limits(5.0, AXIS.acceleration, AXIS.acceleration))
 MOVE = InMotion(PROFILE, ahead_s=0.0)
@@ -34,9 +36,7 @@ def judge(
     state, error = SupervisionState(), None
     for number, position in enumerate(positions):
         t_s = start_s + number * step_s
-        state, error = supervise_position(
-            ("insertion", AXIS), state, expected, PositionReading(t_s, t_s, position)
-        )
+        state, error = supervise_position(BOUNDS, state, expected, PositionReading(t_s, t_s, position))
     return error
 
 
@@ -82,7 +82,7 @@ def test_a_drive_that_began_earlier_than_known_is_ahead() -> None:
 def test_a_reading_of_unknown_time_is_judged_by_both_its_instants() -> None:
     """A computer that was late to read blames no axis."""
     reading = PositionReading(2.0, 3.0, on_profile(2.5))
-    assert supervise_position(("insertion", AXIS), SupervisionState(), MOVE, reading)[1] is None
+    assert supervise_position(BOUNDS, SupervisionState(), MOVE, reading)[1] is None
 
 
 def test_an_axis_at_rest_stays_where_it_was() -> None:
@@ -101,7 +101,7 @@ def test_a_servo_may_dither_however_small_its_window_is() -> None:
     at_rest = AtRest(7.0)
     for position in (7.0, 7.0 + 2 / 4000, 7.0 - 2 / 4000):
         state, error = supervise_position(
-            ("insertion", narrow), state, at_rest, PositionReading(0.0, 0.0, position)
+            AxisBounds.of("insertion", narrow), state, at_rest, PositionReading(0.0, 0.0, position)
         )
         assert error is None
 
@@ -122,9 +122,7 @@ def test_nothing_is_expected_of_an_axis_that_homes() -> None:
     state = SupervisionState()
     at_rest: Expected = AtRest()
     for expected, position in ((at_rest, 7.0), (None, 9.0), (None, -3.0), (AtRest(), 0.0)):
-        state, error = supervise_position(
-            ("insertion", AXIS), state, expected, PositionReading(0.0, 0.0, position)
-        )
+        state, error = supervise_position(BOUNDS, state, expected, PositionReading(0.0, 0.0, position))
         assert error is None
 
 

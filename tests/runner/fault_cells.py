@@ -207,6 +207,7 @@ class Cell:
 
 _START = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x3F))
 _START_RELATIVE = ((co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x7F), (co.CONTROLWORD, 0x0F))
+_HOME_HERE = ((co.HOMING_METHOD, 35), (co.MODE, 6), (co.CONTROLWORD, 0x0F), (co.CONTROLWORD, 0x1F))
 
 
 def _sent(can_id: int, data: str) -> Callable[[Cell], None]:
@@ -291,6 +292,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     ),
     "second master writes a setting": lambda cell: cell.write("rotation", (co.MAX_FOLLOWING_ERROR, 2**31)),
     "second master takes the dead-man away": lambda cell: cell.write("insertion", (co.ABORT_CONNECTION, 0)),
+    "second master homes": lambda cell: cell.write("insertion", *_HOME_HERE),
     "second master takes power away": _sent(0x201, "0000"),
     "second master resets": _sent(0x000, "8101"),
     "second master resets the communication": _sent(0x000, "8200"),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labrig.analysis.summary import Summary, TextTable
+from labrig.cli.needle_report import NeedleReport, say_way_out, say_where_needle_is
 from labrig.cli.output import (
     failure_document,
     failure_lines,
@@ -13,6 +14,7 @@ from labrig.cli.output import (
     print_line,
     print_table,
     say,
+    say_wrapped,
 )
 from labrig.record.seal import find_root
 from labrig.runner.conduct import Outcome
@@ -23,13 +25,13 @@ from labrig.runner.experiment import Experiment
 class FinishedRun:
     """A run that has ended, on disk at `path`; `result` and `report` are None if it was not measured.
 
-    `needle` says where the needle was left, empty if it is out; `signal_name` is a signal that came after the end;
+    `needle` says where the needle was left, None without a rig; `signal_name` is a signal that came after the end;
     `can_resume` says whether the run can be continued.
     """
 
     path: Path
     outcome: Outcome
-    needle: str = ""
+    needle: NeedleReport | None = None
     signal_name: str | None = None
     can_resume: bool = False
     report: Path | None = None
@@ -47,14 +49,15 @@ def print_finished(finished: FinishedRun, experiment: Experiment, as_json: bool)
         "report": None if finished.report is None else str(finished.report),
         "result": finished.result,
         "root": root,
+        "needle": None if finished.needle is None else finished.needle.document(),
     }
     place = shlex.quote(str(finished.path))
     if error is not None:
         document["error"] = failure_document(error)
+        say_where_needle_is(finished.needle)
         for line in failure_lines(error):
-            say(line)
-        if finished.needle:
-            say(f"note: {finished.needle}")
+            say_wrapped(line)
+        say_way_out(finished.needle)
         if finished.result is None:
             say(f"the record is kept: {finished.path}\nmeasure what it holds: labrig reanalyze {place}")
         if finished.result is None and outcome.exit_status != "success" and finished.can_resume:

@@ -1,6 +1,5 @@
 """The steps of a run: open rig and record, conduct the experiment, close both, analyse, write the report."""
 
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -8,6 +7,7 @@ from pathlib import Path
 
 from labrig.cli.analyze import analyze
 from labrig.cli.finished_run import FinishedRun
+from labrig.cli.needle_report import add_closing_failure, report_needle
 from labrig.cli.output import say
 from labrig.cli.progress import Reporter, progress
 from labrig.cli.rigs import open_rig_for_person
@@ -91,7 +91,7 @@ def finish(ended: FinishedRun, command_line: tuple[str, ...]) -> FinishedRun:
     path, outcome = ended.path, ended.outcome
     if outcome.error is not None and not _is_measurable(outcome.error):
         return ended
-    ended = replace(ended, needle="", can_resume=False)
+    ended = replace(ended, needle=None, can_resume=False)
     if ended.signal_name is not None:
         return _leave_unmeasured(ended, ended.signal_name)
     try:
@@ -144,33 +144,20 @@ def record_on_rig(
 ) -> FinishedRun:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
     doing = " ".join(("labrig", *command_line[1:]))
-    with (
-        open_rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
-        progress(protocol.experiment, work) as reporter,
-    ):
-        path, outcome = act(rig, reporter)
-        needle = _describe_needle(rig, path)
-    can_resume = experiment.can_resume and not isinstance(outcome.error, BugError)
-    return FinishedRun(path, outcome, needle, interrupted(), can_resume=can_resume)
-
-
-def _describe_needle(rig: Rig, run: Path) -> str:
-    """Return where the needle is in tissue and what to do; empty if it is known to be out."""
-    if rig.state.needle_in_tissue is False:
-        return ""
-    if rig.description.kind == "simulated":
-        return "the needle is in simulated gel, which is new when the rig is opened again: nothing is to be taken out"
+    ended: FinishedRun | None = None
     try:
-        states = rig.read_states()
-        where = f"insertion {states['insertion'].position:.1f} mm, sheath {states['linear'].position:.1f} mm"
-    except MachineError as error:
-        where = f"where is not known: {error.message}"
-    since = shlex.quote(str(run.parent / (rig.state.since_run or run.name)))
-    return (
-        f"the needle is in tissue ({where}); the axes stand still and hold nothing once labrig has ended. "
-        f"Take it out along its path: labrig devices withdraw --rig FILE --run {since}. "
-        "After a withdrawal by hand, the next run asks whether needle and sheath are out."
-    )
+        with (
+            open_rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
+            progress(protocol.experiment, work) as reporter,
+        ):
+            path, outcome = act(rig, reporter)
+            can_resume = experiment.can_resume and not isinstance(outcome.error, BugError)
+            ended = FinishedRun(path, outcome, report_needle(rig, path), can_resume=can_resume)
+    except MachineError as failure:
+        if ended is None:
+            raise
+        return replace(ended, outcome=add_closing_failure(ended.outcome, failure))
+    return replace(ended, signal_name=interrupted())
 
 
 def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from labrig.cli.options import find_rig_file, restore_rig_prefix
-from labrig.cli.output import say
+from labrig.cli.output import say, say_wrapped
 from labrig.cli.signals import SignalNote, note_signals
 from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices.rig import Opening, Rig, open_rig
@@ -56,6 +56,7 @@ def open_rig_for_person(
             interrupted=interrupted,
             doing=doing,
             opening=opening or Opening(),
+            alert=say_wrapped,
         ) as rig,
     ):
         yield rig, interrupted

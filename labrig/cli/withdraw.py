@@ -6,14 +6,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from labrig.cli.needle_report import NeedleReport, add_closing_failure, report_needle, say_where_needle_is
 from labrig.cli.options import find_rig_file
-from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say
+from labrig.cli.output import failure_document, failure_lines, print_json, print_line, say, say_wrapped
 from labrig.cli.progress import progress
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
 from labrig.devices.needle_state import NeedleState
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription, load_rig
-from labrig.errors import InputError
+from labrig.errors import InputError, MachineError
 from labrig.input_file import read_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
@@ -58,23 +59,23 @@ def withdraw_and_print(
     if not path:
         raise InputError(
             f"{left.path} holds no path: its needle was out, or nothing had moved",
-            "take the needle out by hand; the next labrig run asks to confirm that it is out",
+            "look whether a needle is in tissue; the next labrig run asks to confirm that none is",
         )
-    recorded, outcome = _withdraw(description, left, path, replace(path[-1], **standing))
+    recorded, outcome, needle = _withdraw(description, left, path, replace(path[-1], **standing))
     root = find_root(recorded)
     document: dict[str, object] = {
         "run": str(recorded),
         "exit_status": outcome.exit_status,
         "reason": outcome.reason or None,
         "root": root,
+        "needle": needle.document(),
     }
     if outcome.error is not None:
         document["error"] = failure_document(outcome.error)
+        say_where_needle_is(needle)
         for line in failure_lines(outcome.error):
-            say(line)
-        say(
-            f"note: the needle still counts as in tissue\nagain: {_make_retry_command(description, runs_dir, recorded)}"
-        )
+            say_wrapped(line)
+        say(f"again: {_make_retry_command(description, runs_dir, recorded)}\nthe record is kept: {recorded}")
     if as_json:
         print_json(document)
     elif outcome.error is None:
@@ -124,15 +125,22 @@ def _find_folder(given: Path, runs_dir: Path) -> Path:
 
 def _withdraw(
     description: RigDescription, left: Run, path: tuple[AxisPositions, ...], standing: AxisPositions
-) -> tuple[Path, Outcome]:
+) -> tuple[Path, Outcome, NeedleReport]:
     opening = Opening(camera=False, reset_faults=True)
-    with (
-        open_rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
-        progress("withdrawal", 1.0) as reporter,
-    ):
-        recorder = _begin_record(rig, left)
-        outcome = conduct_withdrawal(Session(rig, recorder, reporter), left.path.name, path, standing)
-    return recorder.path, outcome
+    ended: tuple[Path, Outcome, NeedleReport] | None = None
+    try:
+        with (
+            open_rig_for_person(description, "labrig devices withdraw", opening=opening) as (rig, _),
+            progress("withdrawal", 1.0) as reporter,
+        ):
+            recorder = _begin_record(rig, left)
+            outcome = conduct_withdrawal(Session(rig, recorder, reporter), left.path.name, path, standing)
+            ended = recorder.path, outcome, report_needle(rig, recorder.path)
+    except MachineError as failure:
+        if ended is None:
+            raise
+        return ended[0], add_closing_failure(ended[1], failure), ended[2]
+    return ended
 
 
 def _begin_record(rig: Rig, left: Run) -> Recorder:

@@ -164,6 +164,6 @@ def plan_controlword(
     if goal is TargetState.ENABLED and state in FAULTED:
         raise DriveError(
             f"the drive reports a fault (statusword 0x{statusword:04X}) and cannot be enabled",
-            "find the cause, then power the drive off and on; labrig resets no fault by itself",
+            "find the cause; labrig devices home, or withdraw with a needle in tissue, resets it once you confirm",
         )
     return _PLANS[goal].get(state, _WAIT)

@@ -20,11 +20,16 @@ class Emergency:
         return f"error 0x{self.code:04X}, {self.text}"
 
 
-CHECK_SENSOR = "check the wiring and the plug of this sensor, then power the drive off and on"
-FREE_AXIS = "free the axis and look for what blocks it, then power the drive off and on"
-CHECK_SUPPLY = "check supply voltage and cabling, then power the drive off and on"
-CHECK_BUS = "check CAN wiring, termination and bit rate, then power the drive off and on"
-MOVE_BACK = "find out why the axis came here; move it back by hand with the power off"
+_POWER_CYCLE = "if it comes back, and with no needle in tissue, power the drive off and on"
+CHECK_SENSOR = f"check the wiring and the plug of this sensor, then reset the fault; {_POWER_CYCLE}"
+FREE_AXIS = "look for what blocks the axis and take it away, then reset the fault"
+CHECK_SUPPLY = "check supply voltage, cabling and emergency stop, then reset the fault"
+CHECK_BUS = "check CAN wiring, termination and bit rate, then reset the fault"
+MOVE_BACK = (
+    "find out why the axis came here, then reset the fault; labrig devices jog moves it back, or withdraw with a "
+    "needle in tissue"
+)
+RESET = f"reset the fault; {_POWER_CYCLE}"
 COOL_DOWN = "let the drive cool down and find out what overloads it"
 
 STANDARD_EMERGENCIES = (

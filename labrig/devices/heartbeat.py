@@ -14,6 +14,8 @@ from labrig.devices.can_description import HeartbeatDescription
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
+_RECENT_S = 5.0
+"""A gap that ended longer ago explains nothing any more [s]."""
 
 
 class HeartbeatClock:
@@ -33,8 +35,10 @@ class HeartbeatClock:
         self._clock = clock
         self._link = link
         self._period_s = heartbeat.period_ms / 1000
+        self._timeout_s = heartbeat.timeout_ms / 1000
         self._can_id = 0x700 + heartbeat.computer_node_id
         self._last_s = -math.inf
+        self._gap_end_s, self._gap_s = -math.inf, 0.0
         self._is_silent = False
 
     def now_s(self) -> float:
@@ -57,8 +61,21 @@ class HeartbeatClock:
         now_s = self.now_s()
         if self._is_silent or not self._link.carries or now_s - self._last_s < self._period_s - _EARLY_S:
             return
+        if self._last_s + self._timeout_s < now_s and self._last_s >= 0:
+            self._gap_end_s, self._gap_s = now_s, now_s - self._last_s
         self._last_s = now_s
         self._link.send(self._can_id, _OPERATIONAL)
+
+    def standstill_s(self) -> float:
+        """Return for how long labrig has sent no heartbeat, now or just before, if the drives stop at that; else 0 [s].
+
+        A program that is stopped, a computer that is suspended, and a labrig that waits for a disk show in this gap.
+        """
+        now_s = self.now_s()
+        gap_s = now_s - self._last_s if self._last_s >= 0 else 0.0
+        if now_s - self._gap_end_s <= _RECENT_S:
+            gap_s = max(gap_s, self._gap_s)
+        return gap_s if gap_s > self._timeout_s else 0.0
 
     def silence(self) -> None:
         """Send no more heartbeats, so that every drive stops by itself: the last resort if stopping may have failed."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
+from typing import NoReturn
 
 from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.axis_description import AXES
@@ -19,6 +20,7 @@ from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed
 from labrig.devices.motion_log import MotionLog
+from labrig.devices.needle_location import AxisLocation, NeedleLocation
 from labrig.devices.needle_state import NeedleState, RigState
 from labrig.devices.operator import Answer, ConfirmFaultReset, Operator, OperatorRequest
 from labrig.devices.past_insertion import PastInsertion
@@ -31,15 +33,21 @@ from labrig.devices.position_supervision import (
 )
 from labrig.devices.rig_file import RigDescription, require_complete
 from labrig.errors import (
+    HEARTBEAT_LOST,
     POSITION_JUMPED,
+    BusError,
+    BusPassiveError,
     CameraError,
     DriveError,
+    DriveRestartedError,
+    DriveSilentError,
     DriveStrayedError,
     InputError,
     InterruptedRunError,
     LimitError,
     MachineError,
     SafetyStopError,
+    fault_of,
 )
 
 Interrupted = Callable[[], str | None]
@@ -51,6 +59,7 @@ _HOMING_LOOK_S = 0.005
 _LOOK_S = 0.15
 """Time after the last reading at which a rig that waits or asks reads its axes again [s]."""
 
+_STOOD_STILL = "labrig itself stood still"
 _TARGET_LOOK_S = 0.05
 """Shortest time between two readings of targets [s]."""
 
@@ -133,6 +142,8 @@ class Rig:
         What the rig is used for.
     guards : Guards
         What it guards against; a replay has those of its record.
+    alert : callable
+        Tells the person at the rig at once, before anything else is done, that the drives are lost.
     """
 
     def __init__(
@@ -149,6 +160,7 @@ class Rig:
         needle: NeedleState | None = None,
         doing: str = "labrig",
         guards: Guards = GUARDED,
+        alert: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self.description = description
         self._opening = opening
@@ -180,6 +192,9 @@ class Rig:
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
         self._targets_due = list(self._axes)
+        self._alert = alert
+        self._positions: dict[str, tuple[float, float]] = {}
+        self._unknown_motion = ""
 
     # State
 
@@ -281,10 +296,10 @@ class Rig:
             self._link.send(_SYNC, b"")
             self._read_s = self.clock.now_s()
             states = {name: axis.read() for name, axis in self._axes.items()}
+            self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}
             self._supervise_positions({name: state.position for name, state in states.items()})
         except MachineError as error:
             self._stop_because_of(error)
-            raise
         return states
 
     def _look(self) -> None:
@@ -293,7 +308,9 @@ class Rig:
         Without a SYNC: a replay of a bench does not look, and finds the states of the record by their SYNCs.
         """
         self._read_s = self.clock.now_s()
-        self._supervise_positions({name: axis.drive.read().position for name, axis in self._axes.items()})
+        positions = {name: axis.drive.read().position for name, axis in self._axes.items()}
+        self._positions |= {name: (self._read_s, position) for name, position in positions.items()}
+        self._supervise_positions(positions)
 
     def _supervise_positions(self, positions: Mapping[str, float]) -> None:
         """Require that each axis is where it should be, and that each in motion has the target that was sent.
@@ -355,7 +372,6 @@ class Rig:
                 self.supervise()
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
-            raise
 
     def supervise(self) -> None:
         """Check bus, drives and signals, and only then send a heartbeat if one is due; read axes not read for long.
@@ -381,7 +397,6 @@ class Rig:
             return self.operator.ask(request, self.supervise)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
-            raise
 
     def note_motion(self, axis_name: str, what: str) -> AbstractContextManager[None]:
         """Log that an axis is moved outside a run, at the start and the end of the block.
@@ -432,6 +447,7 @@ class Rig:
         ]
         if self._stop_requests is not None:
             self._stop_requests.answer(failures)
+        self._unknown_motion = "not every axis is known to stand still" if failures else ""
         if failures:
             self._heartbeat.silence()
             raise SafetyStopError(
@@ -442,12 +458,76 @@ class Rig:
     def _wait_until_still(self) -> dict[str, str]:
         return wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
 
-    def _stop_because_of(self, error: InterruptedRunError | MachineError) -> None:
-        """Stop everything; a failure to stop joins the message of the error that caused it."""
+    def _stop_because_of(self, error: InterruptedRunError | MachineError) -> NoReturn:
+        """Stop everything and raise the error; a failure to stop joins its message. Tell first if drives are lost."""
+        explained = self._explain_own_standstill(error)
+        if explained is error and _has_lost_drives(error):
+            recalled = self._recall_needle(self._name_lost(error))
+            self._alert(f"{recalled.motion}\nlast positions: {recalled.where}")
         try:
             self.stop()
         except SafetyStopError as failure:
-            raise error.reword(f"{error.message}; {failure.message}") from failure
+            raise explained.reword(f"{explained.message}; {failure.message}") from failure
+        if explained is error:
+            raise error
+        raise explained from error
+
+    def _explain_own_standstill(
+        self, error: InterruptedRunError | MachineError
+    ) -> InterruptedRunError | MachineError:
+        """Blame a lost heartbeat on labrig if labrig itself stood still, not on wiring or drives."""
+        fault, standstill_s = fault_of(error), self._heartbeat.standstill_s()
+        is_lost_beat = fault is not None and fault.code == HEARTBEAT_LOST.code
+        if not (self._guards.watch and standstill_s and is_lost_beat) or error.message.startswith(
+            _STOOD_STILL
+        ):
+            return error
+        return error.reword(
+            f"{_STOOD_STILL} for {standstill_s:.1f} s, so the drives stopped by themselves: {error.message}",
+            "find out what held labrig up: Ctrl+Z, a debugger, a suspended computer, a disk that hangs; then start "
+            "again",
+        )
+
+    def _name_lost(self, error: MachineError | InterruptedRunError) -> str:
+        """Return which drives do not answer, for a sentence."""
+        named = [axis.drive.name for axis in self.axes if axis.drive.name in error.message]
+        return f"the {named[0]} does not answer" if len(named) == 1 else "the drives do not answer"
+
+    # The needle's place
+
+    def locate_needle(self) -> NeedleLocation:
+        """Return where the needle is: positions that are read now, also from drives in fault, or else the last ones."""
+        located = {axis.name: self._locate(axis) for axis in self.axes}
+        return self._recall_needle(self._unknown_motion, located)
+
+    def _recall_needle(
+        self, unknown_motion: str, located: Mapping[str, AxisLocation] | None = None
+    ) -> NeedleLocation:
+        """Return where the needle was when the axes were last read; this asks no drive."""
+        axes = located or {axis.name: self._recall_axis(axis, "") for axis in self.axes}
+        state = self.state
+        return NeedleLocation(unknown_motion, state.needle_in_tissue, state.doubt, tuple(axes.values()))
+
+    def _locate(self, axis: Axis) -> AxisLocation:
+        """Return where an axis is now; where it was last if its drive does not answer or has lost its position."""
+        try:
+            axis.drive.check()
+        except (DriveRestartedError, DriveSilentError) as error:
+            return self._recall_axis(axis, error.message)
+        except MachineError:
+            pass  # a drive in fault still answers
+        try:
+            self._positions[axis.name] = (self.clock.now_s(), axis.drive.position())
+        except MachineError as error:
+            return self._recall_axis(axis, error.message)
+        return self._recall_axis(axis, "")
+
+    def _recall_axis(self, axis: Axis, why_old: str) -> AxisLocation:
+        read_s, position = self._positions.get(axis.name, (None, None))
+        age_s = None if read_s is None else self.clock.now_s() - read_s
+        return AxisLocation(
+            axis.name, axis.unit, position, age_s, axis.name in self.state.referenced, why_old
+        )
 
     # The needle
 
@@ -485,7 +565,6 @@ class Rig:
             axis.finish_homing(homing)
         except (InterruptedRunError, MachineError) as error:
             self._stop_because_of(error)
-            raise
         self.needle.note_reference(axis_name, known=True)
 
     def check_homing(self, name: str, method: int, *, needle_mounted: bool) -> None:
@@ -638,14 +717,20 @@ class Rig:
                 self.needle.forget_references(self._watch.without_zero)
         if failures:
             raise SafetyStopError(
-                "power not known to be off: " + "; ".join(failures), "switch the drives off by hand"
+                "power not known to be off: " + "; ".join(failures), "press the emergency stop"
             )
+
+
+def _has_lost_drives(error: InterruptedRunError | MachineError) -> bool:
+    """Tell whether an error means that drives can no longer be told to stop."""
+    return isinstance(error, BusError | DriveSilentError) and not isinstance(error, BusPassiveError)
 
 
 def _shared_cob_id_error(cob_id: int, first: str, second: str) -> MachineError:
     return DriveError(
         f"the drives of {first} and {second} share the COB-ID 0x{cob_id:03X}",
-        "restore the default PDO COB-IDs of each drive with the program of its manufacturer, save, power it off and on",
+        "restore the default PDO COB-IDs of each drive with the program of its manufacturer and save them; then, with "
+        "no needle in tissue, power it off and on",
     )
 
 
@@ -683,6 +768,7 @@ def open_rig(
     interrupted: Interrupted,
     doing: str = "labrig",
     opening: Opening = WHOLE,
+    alert: Callable[[str], None] = lambda _text: None,
 ) -> Iterator[Rig]:
     """Open a rig, and stop and release it when the block ends in any way.
 
@@ -700,6 +786,8 @@ def open_rig(
         What the rig is used for; another labrig that wants the rig shows it.
     opening : Opening
         Which parts are opened, and how.
+    alert : callable
+        Tells the person at the rig at once that the drives are lost.
 
     Raises
     ------
@@ -730,6 +818,7 @@ def open_rig(
             stop_requests=stop_requests,
             opening=opening,
             doing=doing,
+            alert=alert,
         )
         stack.push(_close_on_exit(rig))
         rig.connect()

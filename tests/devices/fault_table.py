@@ -21,6 +21,7 @@ from labrig.errors import (
     DriveStrayedError,
     InterruptedRunError,
     LabrigError,
+    SafetyStopError,
     SecondMasterError,
 )
 
@@ -140,7 +141,18 @@ def _find_later(
     }
 
 
+def _aborts(error: type[LabrigError], words: str) -> FaultOutcome:
+    return FaultOutcome("aborted", error, words, Stop.BY_ANYBODY, Lost.NONE)
+
+
 _SILENT = _fails(DriveSilentError, "did not answer", lost=Lost.ALL, fault=_NO_ANSWER)
+_STOOD_STILL = _fails(
+    DriveFaultError,
+    "labrig itself stood still for",
+    Stop.BY_THE_DRIVE,
+    Lost.ALL,
+    ("emergency", 0x8130),
+)
 _DEAF = _fails(DriveSilentError, "did not answer", Stop.BY_THE_DRIVE, Lost.ALL, _NO_ANSWER)
 _RESTARTED = _fails(DriveRestartedError, "has restarted: it lost power")
 _REFUSED = _fails(DriveRefusedError, "SDO abort 0x08000022", lost=Lost.NONE)
@@ -243,6 +255,21 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "second master stops a node": _second_master("NMT command 0x02 to node 1"),
     "second master beats": _second_master("it sends the heartbeat of node 127"),
     "another client reads": SURVIVED,
+    # The drives are lost, labrig itself stands still, or its terminal has gone
+    "all nodes silent": {
+        Phase.IDLE: replace(_SILENT, stop=Stop.AFTER_SILENCE),  # nothing moves, and the dead-man acts
+        Phase.MOVING: _SILENT,
+        Phase.ASKING: replace(_SILENT, stop=Stop.AFTER_SILENCE),
+    },
+    "labrig stopped for 0.3 s": UNNOTICED,
+    "labrig stopped for 0.8 s": _STOOD_STILL,
+    "labrig stopped for 3 s": _STOOD_STILL,
+    "terminal closes": _aborts(InterruptedRunError, "interrupted by SIGHUP"),
+    "terminal gone stale": {
+        Phase.IDLE: UNNOTICED,
+        Phase.MOVING: UNNOTICED,
+        Phase.ASKING: _aborts(SafetyStopError, "before the operator answered"),
+    },
     # Nothing on the bus tells of it
     "target changed in the drive": _strayed(
         "the drive of axis insertion has the target 60.0000 mm", "target-changed"
@@ -252,6 +279,9 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     "node becomes pre-operational": _strayed("is in NMT state pre-operational", "not-operational"),
 }
 """What somebody else does -> what must come of it, in every phase or by phase."""
+
+TOLD_WITHIN_S = 1.0
+"""Longest time from the loss of the drives until the person at the rig is told."""
 
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from labrig.clock import Clock
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis
@@ -57,6 +58,19 @@ class Person:
         """Answer."""
         self.asked.append(request)
         return Answer(self.yes)
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Somebody who never answers."""
+
+    clock: Clock
+
+    def ask(self, request: OperatorRequest, meanwhile: Callable[[], None]) -> Answer:
+        """Let the rig be supervised for ever."""
+        while True:
+            self.clock.sleep(0.05)
+            meanwhile()
 
 
 class Signal:

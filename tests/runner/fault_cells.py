@@ -1,5 +1,7 @@
 """One cell of the fault matrix: a run on the simulated rig, a fault in the middle of it, and what came of it."""
 
+import math
+import os
 import resource
 import struct
 from collections.abc import Callable, Iterator
@@ -9,6 +11,8 @@ from pathlib import Path
 
 import can
 
+from labrig.cli.signals import SignalNote
+from labrig.cli.terminal_operator import TerminalOperator
 from labrig.devices import canopen_objects as co
 from labrig.devices.camera import Exposure, PictureSource
 from labrig.devices.camera_settings import Setting
@@ -18,13 +22,21 @@ from labrig.devices.drive import Homing
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
+from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.operator import Answer, Operator, OperatorRequest, PlaceSpecimen, ShiftToHole
 from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.canopen_node import NmtState
 from labrig.devices.simulated.hardware import SimulatedHardware
-from labrig.errors import MachineError, SafetyStopError, WireError
+from labrig.errors import (
+    BusError,
+    BusPassiveError,
+    DriveSilentError,
+    MachineError,
+    SafetyStopError,
+    WireError,
+)
 from labrig.experiments.registry import find_experiment
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
@@ -34,7 +46,15 @@ from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_withdrawal
 from labrig.runner.session import Session
 from labrig.runner.withdrawal import read_needle_path
-from tests.devices.fault_table import REFUSED_AT_CONNECT, SCENARIOS, Lost, Phase, Stop, outcome_of
+from tests.devices.fault_table import (
+    REFUSED_AT_CONNECT,
+    SCENARIOS,
+    TOLD_WITHIN_S,
+    Lost,
+    Phase,
+    Stop,
+    outcome_of,
+)
 from tests.devices.rigs import Person, Signal, epos2_drives, simulated_rig
 from tests.runner.sessions import Told, Watched, sweep
 
@@ -64,6 +84,7 @@ _TO_THE_LOWER_STOP = Homing(-4, offset=7.0, speed=5.0, timeout_s=30.0)
 _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
 _PERSON_TAKES_S, _HANG_S, _LONG_AFTER_S = 2.0, 3.0, 5.0
 _LOOK_S, _OUT_COUNTS = 0.05, 40
+_LOCATED_MM = 0.05
 _CUT_CODES = {"emergency stop", "EMCY under-voltage"}
 
 
@@ -106,14 +127,13 @@ class Hanging(Signal):
 
     def __init__(self, hardware: SimulatedHardware) -> None:
         super().__init__()
-        self.hangs = False
+        self.hangs_s = 0.0
         self._hardware = hardware
 
     def __call__(self) -> str | None:
         """Hang if it is time to, then return the signal that has arrived."""
-        if self.hangs:
-            self.hangs = False
-            self._hardware.clock.sleep(_HANG_S)
+        hangs_s, self.hangs_s = self.hangs_s, 0.0
+        self._hardware.clock.sleep(hangs_s)
         return self.name
 
 
@@ -129,9 +149,12 @@ class Cell:
     rig: Rig
     struck_s: float | None = None
     limit: tuple[int, int] | None = None
+    alerts: list[tuple[float, str]] = field(default_factory=list)
+    located: NeedleLocation | None = None
     taps: list[InProcessBus] = field(default_factory=list)
     moving: list[SimulatedDrive] = field(default_factory=list)
     folder: Path = Path()
+    terminal_is_open: bool = True
 
     @property
     def drive(self) -> SimulatedDrive:
@@ -226,6 +249,15 @@ def _creep(cell: Cell) -> None:
     cell.put("linear", (co.TARGET_POSITION, 4000), *_START_RELATIVE, (co.TARGET_POSITION, target))
 
 
+def _hang(duration_s: float) -> Callable[[Cell], None]:
+    return lambda cell: setattr(cell.signal, "hangs_s", duration_s)
+
+
+def _silence_all(cell: Cell) -> None:
+    for axis in AXES:
+        cell.hardware.faults.inject(FaultDescription.model_validate({"fault": "silent", "axis": axis}))
+
+
 def _script_fault(**values: object) -> Callable[[Cell], None]:
     fault = FaultDescription.model_validate(values)
     return lambda cell: cell.script(fault)
@@ -280,7 +312,7 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "wrong vendor": lambda cell: cell.swap(co.VENDOR_ID, 0x2A),
     "unknown hardware": lambda cell: cell.swap(od.HARDWARE_VERSION, 0x6552),
     "fingerprint mismatch": lambda cell: cell.change_parameter(),
-    "computer hangs": lambda cell: setattr(cell.signal, "hangs", True),
+    "computer hangs": _hang(_HANG_S),
     "signal": lambda cell: setattr(cell.signal, "name", "SIGINT"),
     "camera lost": lambda cell: setattr(cell.camera, "lost", True),
     "camera frozen": lambda cell: setattr(cell.camera, "frozen", True),
@@ -300,6 +332,12 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "second master stops a node": _sent(0x000, "0201"),
     "second master beats": _sent(0x77F, "05"),
     "another client reads": _sent(0x601, "4041600000000000"),
+    "all nodes silent": _silence_all,
+    "labrig stopped for 0.3 s": _hang(0.3),
+    "labrig stopped for 0.8 s": _hang(0.8),
+    "labrig stopped for 3 s": _hang(3.0),
+    "terminal closes": lambda cell: setattr(cell.signal, "name", "SIGHUP"),
+    "terminal gone stale": lambda cell: setattr(cell, "terminal_is_open", False),
     "target changed in the drive": _change_target,
     "idle axis moved": _creep,
     "encoder jumps": lambda cell: cell.drive.shift_counter(24_000),
@@ -358,12 +396,15 @@ def run_cell(folder: Path, fault: str, phase: Phase) -> CellResult:
         cell = Cell(fault, phase, hardware, camera, signal, rig)
         rig.needle.mark_out()
         rig.connect()
+        rig._alert = lambda text: cell.alerts.append((hardware.clock.now_s(), text))
         outcome, run = _conduct(cell, folder, protocol, description)
+        cell.located = rig.locate_needle()
         counted = sum(sum(axis.drive.counts().values()) for axis in rig.axes)
     hardware.clock.sleep(_LONG_AFTER_S)
     still_after_s = _still_after_s(cell)
     differences = [
         *_ending_differences(cell, outcome, run, counted),
+        *_told_differences(cell, outcome),
         *_stop_differences(cell, still_after_s),
         *_next_run_differences(cell, description, run.path.name),
     ]
@@ -406,9 +447,16 @@ class _Slow:
         if self.cell.phase is Phase.ASKING and isinstance(request, ShiftToHole):
             self.cell.strike()
             for _ in range(round(_PERSON_TAKES_S / _LOOK_S)):
+                if not self.cell.terminal_is_open:
+                    return self._ask_at_closed_terminal(request)
                 self.cell.hardware.clock.sleep(_LOOK_S)
                 meanwhile()
         return self.operator.ask(request, meanwhile)
+
+    def _ask_at_closed_terminal(self, request: OperatorRequest) -> Answer:
+        keyboard, screen = os.openpty()
+        with os.fdopen(screen, encoding="utf-8") as terminal:
+            return TerminalOperator(SignalNote(), terminal).ask(request, lambda: os.close(keyboard))
 
 
 def _meanwhile(cell: Cell, request: OperatorRequest) -> None:
@@ -461,6 +509,33 @@ def _ending_differences(cell: Cell, outcome: Outcome, run: Run, counted: int) ->
     checked = check_run(run.path)
     if checked.damage or checked.torn:
         yield f"runs check: {(*checked.damage, *checked.torn)}"
+
+
+def _told_differences(cell: Cell, outcome: Outcome) -> Iterator[str]:
+    """Yield what the person at the rig is told late or wrongly: lost drives, and where the needle is."""
+    assert cell.struck_s is not None
+    assert cell.located is not None
+    lost = isinstance(outcome.error, BusError | DriveSilentError) and not isinstance(
+        outcome.error, BusPassiveError
+    )
+    found_s = cell.alerts[0][0] - cell.struck_s if cell.alerts else math.inf
+    prompt = lost and _is_found_out_at_once(cell)
+    if lost != bool(cell.alerts) or (prompt and found_s > TOLD_WITHIN_S):
+        yield f"told after {found_s:.2f} s: {cell.alerts}"
+    if lost and "press the emergency stop" not in cell.alerts[0][1]:
+        yield f"told {cell.alerts[0][1]}"
+    for axis in cell.located.axes:
+        truly_mm = epos2_drives(cell.hardware)[axis.axis].shaft_counts / _QUADCOUNTS_PER_MM.get(axis.axis, 1)
+        is_told = (
+            axis.position is not None and axis.referenced and not axis.why_old and axis.axis == "insertion"
+        )
+        if is_told and cell.phase is not Phase.HOMING and abs(axis.position - truly_mm) > _LOCATED_MM:
+            yield f"told that {axis} when it is {truly_mm}"
+
+
+def _is_found_out_at_once(cell: Cell) -> bool:
+    """Tell whether labrig asks the drives all the time when the fault strikes."""
+    return outcome_of(cell.fault, cell.phase).stop is not Stop.NO_DEADLINE
 
 
 def _stop_differences(cell: Cell, still_after_s: float) -> Iterator[str]:

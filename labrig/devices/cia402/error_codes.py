@@ -11,12 +11,13 @@ from labrig.devices.error_codes import (
     COOL_DOWN,
     FREE_AXIS,
     MOVE_BACK,
+    RESET,
     STANDARD_EMERGENCIES,
     Emergency,
 )
 
-_HARDWARE = "power the drive off and on; if it stays, have it repaired"
-_SETTINGS = "check the drive's parameters in its manufacturer's program, then power it off and on"
+_HARDWARE = f"{RESET}; if it stays, have it repaired"
+_SETTINGS = "check the drive's parameters in its manufacturer's program, then reset the fault"
 _MANUAL = "look it up in the manual of the drive"
 
 _TABLE = (

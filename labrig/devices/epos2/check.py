@@ -46,7 +46,10 @@ def _configuration_result(
     if found == (expected or fingerprint(drive_settings(axis, heartbeat))):
         return CheckResult(check, CheckStatus.PASS, f"{value}, as the rig file has it")
     if expected is not None:
-        solution = "power the drive off and on; else compare it in EPOS Studio and enter the new fingerprint"
+        solution = (
+            "with no needle in tissue, power the drive off and on; else compare it in EPOS Studio and enter the new "
+            "fingerprint"
+        )
         return CheckResult(
             check, CheckStatus.FAIL, f"{value}, the rig file says 0x{expected[0]:08X}:{expected[1]}", solution
         )

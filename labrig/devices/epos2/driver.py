@@ -121,8 +121,8 @@ class Epos2(Cia402Drive[Epos2Axis]):
             raise DriveError(
                 f"{self.name} has the configuration fingerprint {list(found)} (0x1020), the rig file says "
                 f"{list(expected)}: its parameters have been changed",
-                "power it off and on, which restores its stored parameters; if that does not help, compare them in "
-                "EPOS Studio and enter the new fingerprint in the rig file",
+                "with no needle in tissue, power it off and on, which restores its stored parameters; if that does not "
+                "help, compare them in EPOS Studio and enter the new fingerprint in the rig file",
             )
 
     # Settings

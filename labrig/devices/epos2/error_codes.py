@@ -7,11 +7,12 @@ from labrig.devices.error_codes import (
     COOL_DOWN,
     FREE_AXIS,
     MOVE_BACK,
+    RESET,
     STANDARD_EMERGENCIES,
     Emergency,
 )
 
-_SETTINGS = "check the drive's parameters in maxon's EPOS Studio, then power the drive off and on"
+_SETTINGS = "check the drive's parameters in maxon's EPOS Studio, then reset the fault"
 
 _TABLE = (
     *STANDARD_EMERGENCIES,
@@ -19,7 +20,7 @@ _TABLE = (
     Emergency(0x4210, 0x08, "over-temperature", COOL_DOWN),
     Emergency(0x5113, 0x04, "logic supply voltage too low", CHECK_SUPPLY),
     Emergency(0x5114, 0x04, "output stage supply voltage too low", CHECK_SUPPLY),
-    Emergency(0x6100, 0x20, "internal software error", "power the drive off and on"),
+    Emergency(0x6100, 0x20, "internal software error", RESET),
     Emergency(0x6320, 0x20, "software parameter error: target too far for so low a velocity", _SETTINGS),
     Emergency(0x8111, 0x10, "CAN overrun", CHECK_BUS),
     Emergency(0x8120, 0x10, "CAN passive mode", CHECK_BUS),

@@ -1,0 +1,67 @@
+"""What the person at the rig is told of the needle when a run ends early: motion, place, and what to do."""
+
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from labrig.cli.output import say_wrapped
+from labrig.devices.needle_location import NeedleLocation
+from labrig.devices.rig import Rig
+from labrig.errors import InterruptedRunError, MachineError
+from labrig.runner.conduct import Outcome
+
+
+@dataclass(frozen=True)
+class NeedleReport:
+    """Where the needle is, and what to do about it; `way_out` is empty if there is nothing to do."""
+
+    location: NeedleLocation
+    way_out: str
+
+    def document(self) -> dict[str, object]:
+        """Return it ready for JSON."""
+        return {**self.location.document(), "way_out": self.way_out or None}
+
+
+def report_needle(rig: Rig, run: Path) -> NeedleReport:
+    """Return the report of the needle of a rig that is still open, at the end of a run."""
+    return NeedleReport(rig.locate_needle(), _find_way_out(rig, run))
+
+
+def _find_way_out(rig: Rig, run: Path) -> str:
+    """Return what to do about a needle that is or may be in tissue."""
+    if rig.state.needle_in_tissue is False:
+        return ""
+    if rig.description.kind == "simulated":
+        return "the needle is in simulated gel, which is new when the rig is opened again: nothing is to be taken out"
+    if rig.state.needle_in_tissue is None:
+        return rig.state.way_out
+    since = shlex.quote(str(run.parent / (rig.state.since_run or run.name)))
+    return (
+        f"leave the drives powered, they keep their positions; the axes hold nothing once labrig has ended. "
+        f"Take the needle out along its path: labrig devices withdraw --rig FILE --run {since} "
+        "(it asks before it resets a fault and before it moves)"
+    )
+
+
+def say_where_needle_is(report: NeedleReport | None) -> None:
+    """Say what the needle is doing, and where it is."""
+    if report is not None:
+        say_wrapped(f"needle: {report.location.motion}")
+        say_wrapped(f"positions: {report.location.where}")
+
+
+def say_way_out(report: NeedleReport | None) -> None:
+    """Say what to do about the needle, if there is anything to do."""
+    if report is not None and report.way_out:
+        say_wrapped(f"then: {report.way_out}")
+
+
+def add_closing_failure(outcome: Outcome, failure: MachineError) -> Outcome:
+    """Return how a run ended whose rig could not be closed; an error of the machine that ended it stays the first."""
+    first = outcome.error
+    if not isinstance(first, MachineError | InterruptedRunError):
+        return Outcome(outcome.exit_status, f"{outcome.reason}; {failure.message}".lstrip("; "), failure)
+    if failure.message in first.message:
+        return outcome
+    return replace(outcome, error=first.reword(f"{first.message}; when closing: {failure.message}"))

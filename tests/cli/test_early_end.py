@@ -1,0 +1,47 @@
+"""What `labrig run` says of the needle when a run ends early, in its order and in JSON."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import RIG, SWEEP, Labrig
+
+ONE_INSERTION = (
+    "--set", "insertions_per_specimen=1", "--set", "specimens=[{name: gel-10, gelatin_percent: 10}]",
+    "--set", "rig.world.bubbles_per_specimen=0",
+)  # fmt: skip
+
+
+def _fault(fault: str, axis: str = "insertion") -> tuple[str, str]:
+    return ("--set", f"rig.faults=[{{fault: {fault}, axis: {axis}, at_s: 40}}]")
+
+
+@pytest.mark.parametrize("fault", ["silent", "emergency, code: 0x8611", "unplugged"])
+def test_motion_place_remedy_and_record_are_said_in_this_order(
+    fault: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """A person reads first what the needle is doing; lost drives are told before anything else."""
+    axis = "null" if fault == "unplugged" else "insertion"
+    done = labrig(
+        "run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *ONE_INSERTION, *_fault(fault, axis)
+    )
+    assert done.exit_code == 3
+    is_lost = not fault.startswith("emergency")
+    motion = "needle: not every axis is known" if is_lost else "needle: every axis stands still"
+    words = (motion, "positions: insertion 3", "error: ", "hint: ", "then: ", "the record is kept: ")
+    places = [done.err.index(f"\n{word}") for word in words]
+    assert places == sorted(places)
+    told = "press the emergency stop; what the needle is doing is not known"
+    assert (done.err.index(told) < places[0]) if is_lost else (told not in done.err)
+    needle = done.json()["needle"]
+    assert (needle["motion"], needle["in_tissue"]) == ("unknown" if is_lost else "standing still", True)
+    assert [axis["axis"] for axis in needle["axes"]] == ["insertion", "rotation", "linear"]
+    assert needle["axes"][0]["position"] == pytest.approx(35, abs=1)
+    assert (needle["axes"][0]["age_s"] > 0) is is_lost
+    assert done.json()["run"] in done.err
+
+
+def test_a_run_that_succeeds_says_nothing_of_the_needle(labrig: Labrig, tmp_path: Path) -> None:
+    """The key is there, and empty."""
+    done = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *ONE_INSERTION)
+    assert (done.exit_code, done.json()["needle"], "positions:" in done.err) == (0, None, False)

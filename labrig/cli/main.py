@@ -97,7 +97,9 @@ def _import_command(place: str) -> Callable[..., object]:
     if not isinstance(command, typer.Typer):
         return _require_finite(command)
     for info in command.registered_commands:
-        info.callback = info.callback and _require_finite(info.callback)
+        # The group outlives this command line; another one in the same process finds its commands wrapped already.
+        if info.callback is not None and not hasattr(info.callback, "__wrapped__"):
+            info.callback = _require_finite(info.callback)
     return command
 
 

@@ -346,6 +346,15 @@ class Run:
         """The pictures in order, each read on access."""
         return Frames(self.pictures)
 
+    def frame_line(self, frame: int) -> FrameLine:
+        """Return the line of the picture with this number. Raises `RecordError` when it is not in the record."""
+        if not 0 <= frame < len(self.frame_lines):
+            raise RecordError(
+                f"{self.path / FRAME_LINES} holds no frame {frame}; it holds {len(self.frame_lines)}",
+                COPY_HINT,
+            )
+        return self.frame_lines[frame]
+
     def read_frame(self, frame: int) -> NDArray[np.uint8]:
         """Return the picture with this number, an array (H, W) or (H, W, 3) of uint8.
 
@@ -404,7 +413,7 @@ class Run:
         return list_results(self.path)
 
     def result_dir(self, number: int) -> Path:
-        """Return the folder of a result. Raises `RecordError`, which names the file, when one in it was changed."""
+        """Return the folder of a result. Raises `RecordError` when a file in it was changed or added; names it."""
         require_unchanged_result(self.path, number)
         return inside(self.path, f"{ANALYSIS}/{number:03d}")
 

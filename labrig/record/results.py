@@ -11,6 +11,7 @@ from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
 from labrig.record.layout import ANALYSIS, inside
 from labrig.record.seal import Seal, read_seal
+from labrig.record.sealing import list_files
 
 _RESULT = "result.json"
 _NUMBER = re.compile(r"[0-9]{3}|[1-9][0-9]{3,8}")
@@ -86,13 +87,17 @@ def require_unchanged_result(
     Raises
     ------
     RecordError
-        When one of them is missing, a link, or was changed; names it.
+        When one of them is missing, a link, or was changed, or a file was added to all of them; names it.
     """
     seal = seal or read_seal(run)
-    for name in seal.result_files(number) if names is None else names:
+    sealed = seal.result_files(number)
+    for name in sealed if names is None else names:
         inside(run, name)
         if seal.links:
             seal.require_unchanged(name)
+    for name in list_files(run, f"{ANALYSIS}/{number:03d}") if seal.links and names is None else ():
+        if name not in sealed:
+            raise RecordError(f"{run / name} is no part of that result", "move it out of the run")
 
 
 def _empty_list(content: bytes, name: bytes) -> bytes:

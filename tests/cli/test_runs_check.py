@@ -1,8 +1,10 @@
 """`labrig runs check`."""
 
+import inspect
 import shutil
 from pathlib import Path
 
+from labrig.cli.runs import app
 from tests.cli.conftest import Labrig, SweepRun
 from tests.cli.cut_runs import cut_short
 
@@ -45,3 +47,39 @@ def test_a_damaged_run_exits_with_4_and_what_is_lost(sweep: SweepRun, labrig: La
         "states.jsonl:1", "states.jsonl", "frames/000002.png",
     }  # fmt: skip
     assert rotten["repaired"] is False
+
+
+def test_a_root_that_was_written_down_is_compared(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """What was added after it is listed; a root that the chain does not hold ends with 4, a mistyped one with 2."""
+    run = Path(shutil.copytree(sweep.run, tmp_path / "run"))
+    root = str(sweep.document["root"])
+    assert labrig("runs", "note", run, "later", "--by", "Ada").exit_code == 0
+    done = labrig("runs", "check", run, "--root", f" {root[:16].upper()} ", "--json")
+    (row,) = done.json()
+    assert (done.exit_code, row["ok"], row["root"], row["seal"]) == (0, True, root, "sealed")
+    assert [link["kind"] for link in row["after_root"]] == ["result", "page", "note"]
+    assert root in labrig("runs", "check", run).out
+    assert root in (run / "report.html").read_text(encoding="utf-8")
+    (gone,) = labrig("runs", "check", run, "--root", "0" * 64, "--json").json()
+    assert (gone["ok"], gone["damage"][-1]["where"]) == (False, "chain.jsonl")
+    assert labrig("runs", "check", run, "--root", "0" * 64).exit_code == 4
+    for mistyped in ("123", "x" * 16):
+        assert labrig("runs", "check", run, "--root", mistyped).exit_code == 2
+    assert labrig("runs", "check", run, run, "--root", root).exit_code == 2
+
+
+def test_a_request_for_a_time_stamp_is_written_once(sweep: SweepRun, labrig: Labrig, tmp_path: Path) -> None:
+    """It holds the hash of the newest link; an existing file is replaced only with --force."""
+    out = tmp_path / "run.tsq"
+    done = labrig("runs", "stamp", sweep.run, "--out", out, "--json")
+    assert (done.exit_code, bytes.fromhex(done.json()["sha256"]) in out.read_bytes()) == (0, True)
+    assert labrig("runs", "stamp", sweep.run, "--out", out).exit_code == 2
+    assert labrig("runs", "stamp", sweep.run, "--out", out, "--force").exit_code == 0
+
+
+def test_a_group_of_commands_serves_any_number_of_command_lines(sweep: SweepRun, labrig: Labrig) -> None:
+    """What is put around its commands is put there once in a process."""
+    for _ in range(3):
+        assert labrig("runs", "check", sweep.run).exit_code == 0
+    for info in app.registered_commands:
+        assert inspect.unwrap(info.callback or app) is getattr(info.callback, "__wrapped__", None)

@@ -341,6 +341,14 @@ def test_a_changed_protocol_or_calibration_is_not_used(tmp_path: Path) -> None:
         run.calibration_path("plane.json")
 
 
+def test_the_line_of_a_picture_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    """Events of a damaged record may name a picture whose line was cut off."""
+    run = open_run(closed_run(tmp_path))
+    assert run.frame_line(3).frame == 3
+    with pytest.raises(RecordError, match=r"frames\.jsonl holds no frame 4; it holds 4"):
+        run.frame_line(4)
+
+
 def test_a_calibration_that_a_run_has_not_is_no_fault(tmp_path: Path) -> None:
     """Imported pictures have no intrinsics; their path does not exist."""
     run = open_run(closed_run(tmp_path))

@@ -202,6 +202,14 @@ def test_what_no_link_covers_is_named_and_not_used(run: Path) -> None:
         opened.calibration_path("mask.json")
 
 
+def test_a_file_that_was_added_to_a_result_ends_its_use(run: Path) -> None:
+    """A page would draw centre lines that somebody put there; the file is named instead."""
+    (run / "analysis/001/centre_lines.npz").write_bytes(b"added")
+    assert "analysis/001/centre_lines.npz" in {problem.where for problem in check_run(run).damage}
+    with pytest.raises(RecordError, match=r"centre_lines\.npz is no part of that result"):
+        open_run(run).result_dir(1)
+
+
 def test_what_stands_without_a_link_is_taken_in_by_repair(run: Path) -> None:
     """A process killed between file and link leaves the run unsealed, not damaged; nobody adds to it until then."""
     complete = (run / "chain.jsonl").read_bytes()

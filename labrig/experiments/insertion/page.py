@@ -167,7 +167,7 @@ def _list_moments(run: Run, trial: InsertionTrial) -> Iterator[_Moment]:
                 frame, plan.t_s - trial.start_t_s, plan.depth_mm, occasion, trial.plans[: index + 1]
             )
     if trial.final_frame is not None:
-        t_s = run.frame_lines[trial.final_frame].t_s
+        t_s = run.frame_line(trial.final_frame).t_s
         yield _Moment(
             trial.final_frame,
             t_s - trial.start_t_s,

@@ -17,7 +17,7 @@ from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from labrig.durable import write_atomically
 from labrig.errors import InputError, RecordError
@@ -44,6 +44,22 @@ class Rows:
 
     model: type[Model]
     rows: Sequence[Model]
+
+
+class ResultPart(BaseModel):
+    """The members that a part of a document needs, so that its page can be written; it may have more."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def require_part(part: type[ResultPart]) -> AfterValidator:
+    """Check a part of a result, which stays as it is."""
+
+    def check(document: dict[str, Any]) -> dict[str, Any]:
+        part.model_validate(document)
+        return document
+
+    return AfterValidator(check)
 
 
 class Result(Model):

@@ -2,19 +2,13 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat
+from pydantic import ConfigDict, FiniteFloat
 
-from labrig.analysis.result import Result
+from labrig.analysis.result import Result, ResultPart, require_part
 from labrig.needle.design_search import GridPoint
 
 
-class _Part(BaseModel):
-    """The members that a part of the document needs, so that its page can be written; it may have more."""
-
-    model_config = ConfigDict(extra="allow")
-
-
-class _Plane(_Part):
+class _Plane(ResultPart):
     a: FiniteFloat
     b: FiniteFloat
     c: FiniteFloat
@@ -29,7 +23,7 @@ class _PaperPlane(_Plane):
     same_tube: bool
 
 
-class _Slopes(_Part):
+class _Slopes(ResultPart):
     radius_mm: tuple[FiniteFloat | None, FiniteFloat | None]
     radius_mm_per_clearance_mm: FiniteFloat | None
     radius_mm_per_cut_deg: FiniteFloat | None
@@ -40,7 +34,7 @@ class _Tolerance(_Slopes):
     cut_deg: FiniteFloat
 
 
-class _PrintedNeedle(_Part):
+class _PrintedNeedle(ResultPart):
     beta_cut_deg: FiniteFloat
     beta_rot_deg: FiniteFloat
 
@@ -51,7 +45,7 @@ class _MeasuredNeedle(_PrintedNeedle):
     search_clearance_mm: FiniteFloat | None
 
 
-class _Search(_Part):
+class _Search(ResultPart):
     beta_cut_deg: FiniteFloat | None
     beta_rot_deg: FiniteFloat | None
     beta_a_deg: FiniteFloat | None
@@ -61,16 +55,6 @@ class _Search(_Part):
     inside_grid: bool | None
     reason: str | None
     fit: _Fit
-
-
-def _require(part: type[_Part]) -> AfterValidator:
-    """Check a part of the document, which stays as it is: the command line prints it too."""
-
-    def check(document: dict[str, Any]) -> dict[str, Any]:
-        part.model_validate(document)
-        return document
-
-    return AfterValidator(check)
 
 
 class DesignResult(Result):
@@ -88,10 +72,10 @@ class DesignResult(Result):
     radius_mm: float
     clearance_mm: float
     tube: dict[str, float]
-    equation_3: Annotated[dict[str, Any], _require(_PaperPlane)]
-    tolerance: Annotated[dict[str, Any], _require(_Tolerance)]
-    table_1: Annotated[dict[str, float], _require(_PrintedNeedle)] | None
+    equation_3: Annotated[dict[str, Any], require_part(_PaperPlane)]
+    tolerance: Annotated[dict[str, Any], require_part(_Tolerance)]
+    table_1: Annotated[dict[str, float], require_part(_PrintedNeedle)] | None
     links: int | None
-    measured: Annotated[dict[str, Any], _require(_MeasuredNeedle)] | None
-    search: Annotated[dict[str, Any], _require(_Search)]
+    measured: Annotated[dict[str, Any], require_part(_MeasuredNeedle)] | None
+    search: Annotated[dict[str, Any], require_part(_Search)]
     cells: tuple[GridPoint, ...]

@@ -1,9 +1,20 @@
 """The result of measuring the curvature of needles, picture by picture and gel by gel."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from labrig.analysis.result import Point, Result, Rows, Sentinel, TrialOrigin, make_origin_table
+from pydantic import FiniteFloat
+
+from labrig.analysis.result import (
+    Point,
+    Result,
+    ResultPart,
+    Rows,
+    Sentinel,
+    TrialOrigin,
+    make_origin_table,
+    require_part,
+)
 from labrig.analysis.summary import Summary, TextTable
 from labrig.protocol.model import Model
 from labrig.text import interval, number
@@ -89,10 +100,19 @@ class TruthComparison(Model):
     intervals_holding_truth: int
 
 
+class _Settings(ResultPart):
+    window_start_mm: FiniteFloat
+    window_end_mm: FiniteFloat
+    min_window_mm: FiniteFloat
+    max_radius_sigma_mm: FiniteFloat
+    sheath_diameter_mm: FiniteFloat | None
+
+
 class CurvatureResult(Result):
     """The result of a steerability run or of imported pictures."""
 
     kind: Literal["curvature"] = "curvature"
+    settings: Annotated[dict[str, Any], require_part(_Settings)]
     specimens: tuple[SpecimenResult, ...]
     mean_radius_mm: float | None
     measurements: tuple[PictureResult, ...]

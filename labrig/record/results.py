@@ -9,6 +9,7 @@ from pathlib import Path
 from labrig.durable import disk_errors
 from labrig.errors import RecordError
 from labrig.input_file import MAX_RESULT_BYTES, parse_json, read_file
+from labrig.record.json_lines import make_readable
 from labrig.record.layout import ANALYSIS, inside
 from labrig.record.seal import Seal, read_seal
 from labrig.record.sealing import list_files
@@ -125,4 +126,4 @@ def _read_result(path: Path, without: Iterable[str]) -> dict[str, object]:
         raise RecordError(
             f"{path} is damaged: it holds no JSON object", "make a new one with labrig reanalyze"
         )
-    return result
+    return make_readable(result) if b"\\ud" in content else result

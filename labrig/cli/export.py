@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import report_damage, require_undamaged
+from labrig.cli.damage import note_unused, report_damage, require_undamaged
 from labrig.cli.output import AsJson, print_json, print_line
 from labrig.errors import InputError, Problem, RecordError
 
@@ -63,7 +63,11 @@ def _open_source(run: str, *, record: bool) -> tuple[Path, tuple[Problem, ...]]:
     from labrig.record.reader import fetch_folder, open_run
 
     folder = fetch_folder(run)
-    return folder, check_run(folder).damage if record else open_run(folder, read_pictures=True).damage
+    if record:
+        return folder, check_run(folder).damage
+    opened = open_run(folder, read_pictures=True)
+    note_unused(opened.problems, opened.damage)
+    return folder, opened.damage
 
 
 def _write_tables(run: Path, formats: list[str], folder: Path, *, mcap: bool, private: bool) -> None:

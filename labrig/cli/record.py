@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from labrig.cli.damage import report_damage
+from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.options import (
     DEFAULT_NEEDLE_DIAMETER_MM,
     DEFAULT_RUNS_DIR,
@@ -45,6 +45,7 @@ def report(
 
     def report_run(path: Path) -> dict[str, object]:
         loaded = open_run(path, read_pictures=True)
+        note_unused(loaded.problems, loaded.damage)
         with name_damage(loaded):
             page = write_page(loaded, result_of(loaded), private=private)
         if not as_json:
@@ -70,6 +71,7 @@ def view(
     from labrig.report.view import NO_VIEW
 
     run = open_run(run_path, read_pictures=True)
+    note_unused(run.problems, run.damage)
     folder = find_newest_result_folder(run)
     try:
         added = view_of(run)

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from labrig.cli.damage import report_damage
+from labrig.cli.damage import note_unused, report_damage
 from labrig.cli.next_steps import list_next_steps
 from labrig.cli.options import (
     DEFAULT_RUNS_DIR,
@@ -233,6 +233,8 @@ def diff(
     from labrig.record.reader import open_run
 
     runs = open_run(a, read_pictures=True), open_run(b, read_pictures=True)
+    for run in runs:
+        note_unused(run.problems, run.damage)
     differences = compare_runs(*(run.path for run in runs))
     damage = report_damage([*_list_damage(a, runs[0].damage), *_list_damage(b, runs[1].damage)])
     exit_code = 0 if damage is None else RecordError.exit_code

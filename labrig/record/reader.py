@@ -67,7 +67,7 @@ from labrig.record.results import (
     new_result_dir,
     require_unchanged_result,
 )
-from labrig.record.seal import find_changes_since_sealing
+from labrig.record.seal import find_changes_since_sealing, find_unused
 from labrig.record.sealing import list_files, seal_files
 from labrig.record.structure import find_clock_problems, find_frame_problems
 from labrig.record.tables import add_axis_units
@@ -133,7 +133,7 @@ def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
         damage = (*damage, *as_damage(torn), *find_changes_since_closing(folder, lines_only=True))
         torn = ()
     seal = leave_out_named(find_changes_since_sealing(folder, manifest), damage)
-    return Run(folder, manifest, (*damage, *seal), torn)
+    return Run(folder, manifest, (*damage, *seal), (*torn, *find_unused(folder)))
 
 
 def fetch_folder(path: Path | str) -> Path:
@@ -158,8 +158,8 @@ class Run:
         What is missing or was changed after it was written. A changed picture is found when it is read, or on opening
         with `read_pictures`.
     problems : tuple of Problem
-        The damage, and the torn last lines of a killed run, which are no damage. Empty for a run that is as it was
-        written.
+        The damage, and what is no damage: the torn last lines of a killed run, and results and annotations without a
+        link in chain.jsonl, which are not used. Empty for a run that is as it was written.
     private : bool
         Whether personal data is left out; see `without_personal_data`.
     """

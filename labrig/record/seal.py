@@ -111,6 +111,14 @@ def find_changes_since_sealing(run: Path, manifest: Mapping[str, object]) -> Ite
         yield Problem(CHAIN, message, COPY_HINT)
 
 
+def find_unused(run: Path) -> Iterator[Problem]:
+    """Yield the results and annotations that have no link, and a torn end of the chain: nothing of them is used."""
+    scan = scan_chain(run)
+    yield from scan.torn
+    if scan.links:
+        yield from _find_unsealed(Seal(run, scan.links))
+
+
 def _first_link(manifest: Mapping[str, object]) -> object:
     hashes = manifest.get("hashes")
     return hashes.get("first_link_sha256") if isinstance(hashes, Mapping) else None

@@ -162,10 +162,11 @@ class ChangedRecords:
             named = exit_code == 4 and root in out
             return ReadOutcome(original.parent.name, kind, changed, named, "", used_silently=False, told=told)
         exit_code, said, used = self._try(run, command)
-        is_refused = exit_code == 4 and any(name in said for name in _spell(changed))
+        heard = said if exit_code == 4 else _select_notes(said)
+        is_told = any(name in heard for name in _spell(changed))
         return ReadOutcome(
             original.parent.name, kind, changed, _names_one(told, changed), command,
-            used_silently=not is_refused and used != before, told=f"{told}\n{exit_code} {said}",
+            used_silently=not is_told and used != before, told=f"{told}\n{exit_code} {said}",
         )  # fmt: skip
 
     def _change(self, run: Path, kind: str) -> None:
@@ -209,6 +210,11 @@ class ChangedRecords:
 def _names_one(told: str, changed: tuple[str, ...]) -> bool:
     """Return whether one of the changed files is named, or the whole folder that it was added in."""
     return any(name in told or f'"where": "{name.rpartition("/")[0]}"' in told for name in changed)
+
+
+def _select_notes(said: str) -> str:
+    """Return the notes of a command that went on: what of the run it does not use."""
+    return "\n".join(line for line in said.splitlines() if line.startswith("note: "))
 
 
 def _spell(names: tuple[str, ...]) -> Iterator[str]:

@@ -4,7 +4,6 @@ Prints a JSON list of what each command said: its words, exit code and error.
 """
 
 import contextlib
-import hashlib
 import io
 import json
 import os
@@ -23,12 +22,21 @@ def fill(disk: Path) -> None:
     os.close(descriptor)
 
 
-def contents(runs: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file of the runs."""
+def contents(runs: Path) -> dict[str, bytes]:
+    """Return what every file of the runs holds."""
     return {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest()
+        str(path): path.read_bytes()
         for path in runs.rglob("*")
         if path.is_file() and path.stat().st_size and not path.name.startswith(".")
+    }
+
+
+def is_kept(before: dict[str, bytes], after: dict[str, bytes]) -> bool:
+    """Return whether all files are as they were; a chain may have a link more, which fits into its last block."""
+    chains = [name for name in before if name.endswith("/chain.jsonl")]
+    return all(after.get(name, b"").startswith(before[name]) for name in chains) and before == {
+        **after,
+        **{name: before[name] for name in chains},
     }
 
 
@@ -56,7 +64,7 @@ def main(runs: Path) -> None:
             ["export", closed, "--csv", "--out", str(runs / "tables")],
         )
     ]
-    print(json.dumps({"answers": answers, "unchanged": contents(runs) == before}))  # noqa: T201 - the test reads it
+    print(json.dumps({"answers": answers, "unchanged": is_kept(before, contents(runs))}))  # noqa: T201 - the test reads it
 
 
 if __name__ == "__main__":

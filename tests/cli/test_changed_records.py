@@ -3,8 +3,28 @@
 from pathlib import Path
 
 from tests.cli.changed_records import ChangedRecords, make_runs
+from tests.cli.conftest import Labrig
 
 _QUICK = ("roll-zero", "design", "import")
+
+
+def test_what_lost_its_link_is_named_by_each_command_that_leaves_it_out(
+    tmp_path: Path, labrig: Labrig
+) -> None:
+    """The chain ends before the newest result and the notes: pages and tables are made without them, and say so."""
+    run = make_runs(tmp_path, ("roll-zero",))[0]
+    chain = (run / "chain.jsonl").read_bytes().splitlines(keepends=True)
+    first = next(number for number, line in enumerate(chain) if b'"kind":"result"' in line)
+    (run / "chain.jsonl").write_bytes(b"".join(chain[:first]))
+    for words in (
+        ("report", run),
+        ("export", run, "--csv", "--out", tmp_path / "tables"),
+        ("view", run, "--no-open"),
+    ):
+        done = labrig(*words)
+        assert done.exit_code == 0
+        assert "note: analysis/001: this result has no link in chain.jsonl and is not used" in done.err
+        assert "note: notes.jsonl: its last 4 lines have no link in chain.jsonl and are not used" in done.err
 
 
 def test_changes_of_any_file_are_named_and_not_used(tmp_path: Path) -> None:

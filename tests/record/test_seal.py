@@ -195,6 +195,8 @@ def test_what_no_link_covers_is_named_and_not_used(run: Path) -> None:
         "notes.jsonl", "analysis/002", "photo.jpg", "calibration/.DS_Store",
     ]  # fmt: skip
     opened = open_run(run)
+    assert [problem.where for problem in opened.problems] == ["notes.jsonl", "analysis/002"]
+    assert opened.damage == ()
     assert (opened.latest_result(), opened.result_numbers) == ({"mean_radius_mm": 27.5}, (1,))
     assert opened.annotations.verdict == "bad"
     assert opened.calibration_files == ("intrinsics.json", "plane.json")

@@ -525,9 +525,9 @@ class Rig:
     def _recall_axis(self, axis: Axis, why_old: str) -> AxisLocation:
         read_s, position = self._positions.get(axis.name, (None, None))
         age_s = None if read_s is None else self.clock.now_s() - read_s
-        return AxisLocation(
-            axis.name, axis.unit, position, age_s, axis.name in self.state.referenced, why_old
-        )
+        has_zero = self._watch is None or axis.name not in self._watch.without_zero
+        referenced = has_zero and axis.name in self.state.referenced
+        return AxisLocation(axis.name, axis.unit, position, age_s, referenced, why_old)
 
     # The needle
 

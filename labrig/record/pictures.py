@@ -208,8 +208,6 @@ class RecordedPicture:
             with open_file(path) as file:
                 file.seek(self.offset)
                 return file.read(self.end - self.offset)
-        except FileNotFoundError as error:
-            raise RecordError(f"{path} is missing", COPY_HINT) from error
         except OSError as error:
             raise RecordError(f"cannot read {path}: {error.strerror}", COPY_HINT) from error
 

@@ -34,7 +34,16 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 _SAY_ONLY = frozenset({"tag", "note"})
 """They append what a person says of a run, be it damaged."""
 
-_PLACES = ("damaged", "missing", "symbolic link", "goes backwards", "twice", "expected", "does not say")
+_PLACES = (
+    "damaged",
+    "missing",
+    "No such file",
+    "symbolic link",
+    "goes backwards",
+    "twice",
+    "expected",
+    "does not say",
+)
 
 
 def _empty(run: Path) -> None:

@@ -212,7 +212,7 @@ class _TurnedTemplate:
 
 
 @dataclass(frozen=True)
-class _RefinedPlace:
+class _RefinedMatch:
     """The refined place of the template, and its correlation there."""
 
     place: Similarity
@@ -220,7 +220,7 @@ class _RefinedPlace:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _Match:
     """A candidate: the tip's pixel in the region, and the view that fits there."""
 
     view: _TurnedTemplate
@@ -291,7 +291,7 @@ class _Region:
         return _Region(self.picture[part], (left, top), None if self.masked is None else self.masked[part])
 
 
-def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Place]:
+def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Match]:
     """Return the most likely places, best first; places of the same side of the bevel are apart from one another."""
     template = views[0].template
     side_px, times = float(min(template.picture.shape)), region.times_smaller(template)
@@ -306,7 +306,7 @@ def _find_places(region: _Region, views: Sequence[_TurnedTemplate]) -> list[_Pla
     return _keep_best([place for place in full if place is not None])
 
 
-def _search_full_size(region: _Region, place: _Place, times_smaller: int) -> _Place | None:
+def _search_full_size(region: _Region, place: _Match, times_smaller: int) -> _Match | None:
     """Return the best place at full size around a place of the smaller picture."""
     reach_px = 0.75 * max(place.view.template.picture.shape) + 2.0 * times_smaller
     part = region.within(place.tip_px, reach_px).remove_glints(min(place.view.template.picture.shape))
@@ -319,7 +319,7 @@ def _search_full_size(region: _Region, place: _Place, times_smaller: int) -> _Pl
 
 def _find_peaks(
     region: _Region, view: _TurnedTemplate, times_smaller: int, apart_px: float, most: int
-) -> list[_Place]:
+) -> list[_Match]:
     """Return the highest peaks of the correlation with a view, at least `apart_px` apart in the full picture."""
     patch, tip = view.patch(times_smaller)
     scores = _correlate(region, patch)
@@ -331,7 +331,7 @@ def _find_peaks(
         _, score, _, (u, v) = cv2.minMaxLoc(scores)
         if score <= 0.0:
             break
-        places.append(_Place(view, (u + float(tip[0]), v + float(tip[1])), float(score)))
+        places.append(_Match(view, (u + float(tip[0]), v + float(tip[1])), float(score)))
         scores[max(0, v - reach) : v + reach + 1, max(0, u - reach) : u + reach + 1] = -1.0
     return places
 
@@ -361,7 +361,7 @@ def _average_windows(values: NDArray[np.float32], columns: int, rows: int) -> ND
     return np.asarray(means[: values.shape[0] - rows + 1, : values.shape[1] - columns + 1], np.float32)
 
 
-def _refine(region: _Region, place: _Place) -> _RefinedPlace | None:
+def _refine(region: _Region, place: _Match) -> _RefinedMatch | None:
     """Refine pixel, heading and scale of a place together; None if the fit diverges."""
     template = place.view.template
     part = region.within(place.tip_px, 0.75 * float(np.hypot(*template.picture.shape)) + 3.0)
@@ -373,17 +373,17 @@ def _refine(region: _Region, place: _Place) -> _RefinedPlace | None:
     if close is None:
         return None
     u, v = close.lands_px
-    return _RefinedPlace(
+    return _RefinedMatch(
         replace(close, lands_px=(u + left, v + top)), template.coarse_fit.score(plain, close)
     )
 
 
-def _get_fitted_score(tried: tuple[_Place, _RefinedPlace | None]) -> float:
+def _get_fitted_score(tried: tuple[_Match, _RefinedMatch | None]) -> float:
     return 0.0 if tried[1] is None else tried[1].score
 
 
 def _judge(
-    fit: _RefinedPlace | None, start: _Place, distinctness: float, rules: TipSettings, *, predicted: bool
+    fit: _RefinedMatch | None, start: _Match, distinctness: float, rules: TipSettings, *, predicted: bool
 ) -> str | None:
     """Return why the refined place is not accepted as the tip, or None."""
     if fit is None:
@@ -407,9 +407,9 @@ def _judge(
     return None
 
 
-def _keep_best(places: Sequence[_Place]) -> list[_Place]:
+def _keep_best(places: Sequence[_Match]) -> list[_Match]:
     """Return the best places, each apart from every better place of the same side of the bevel."""
-    kept: list[_Place] = []
+    kept: list[_Match] = []
     for place in sorted(places, key=lambda place: -place.score):
         if all(
             place.view.template is not better.view.template or _is_apart(place, better) for better in kept
@@ -418,7 +418,7 @@ def _keep_best(places: Sequence[_Place]) -> list[_Place]:
     return kept[:_PLACES]
 
 
-def _is_apart(place: _Place, other: _Place) -> bool:
+def _is_apart(place: _Match, other: _Match) -> bool:
     """Return whether two places are too far apart to be the same tip."""
     reach_px = _SAME_PLACE * float(min(place.view.template.picture.shape))
     return math.dist(place.tip_px, other.tip_px) > reach_px

@@ -108,6 +108,18 @@ def write_fully(descriptor: int, content: bytes) -> None:
         view = view[os.write(descriptor, view) :]
 
 
+def append_or_restore(descriptor: int, content: bytes, length_before: int) -> None:
+    """Append all bytes; on a full disk, cut off what it took of them. Raises `OSError`.
+
+    A disk that fills up takes the beginning and refuses the rest; what is appended later must not continue that.
+    """
+    try:
+        write_fully(descriptor, content)
+    except OSError:
+        os.ftruncate(descriptor, length_before)
+        raise
+
+
 @contextmanager
 def disk_errors(path: Path) -> Iterator[None]:
     """Turn an `OSError` in the block into a `DiskError` with the path, the free space and a remedy."""

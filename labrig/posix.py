@@ -275,24 +275,20 @@ def is_in_background(stream: TextIO) -> bool:
         return False
 
 
-def lock_at_once(descriptor: int) -> None:
-    """Lock an open file for this process without waiting. Raises `OSError` if another process holds the lock."""
+def lock(descriptor: int, *, wait: bool) -> None:
+    """Lock an open file for this process.
+
+    Parameters
+    ----------
+    wait : bool
+        Wait for a process that holds the lock. Without it, such a process is an `OSError`.
+    """
     if sys.platform == "win32":
         os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
         os.lseek(descriptor, 0, os.SEEK_SET)
     else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def lock_when_free(descriptor: int) -> None:
-    """Lock an open file for this process, waiting for a process that holds it. Raises `OSError`."""
-    if sys.platform == "win32":
-        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_LOCK, 1)
-        os.lseek(descriptor, 0, os.SEEK_SET)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from labrig.durable import disk_errors, open_descriptor
+from labrig.durable import append_or_restore, disk_errors, open_descriptor
 from labrig.errors import InputError, Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.posix import sync_directory
-from labrig.record.chain import append_or_restore
 from labrig.record.json_lines import decode_line, encode_line, read_lines
 from labrig.record.layout import NOTES, inside, require_name
 from labrig.record.lock import FileLock
@@ -191,6 +190,7 @@ class _Remarks:
                 # The torn line of a killed process was never acknowledged; the new line must not continue it.
                 os.ftruncate(descriptor, whole)
                 append_or_restore(descriptor, missing + lines, whole)
+                os.fsync(descriptor)
             sync_directory(self._path.parent)
         seal_notes(self._path.parent, self._stamp["at"])
         return read_annotations(self._path.parent)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from labrig.durable import disk_errors, open_descriptor, write_fully
+from labrig.durable import append_or_restore, disk_errors, open_descriptor
 from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
-from labrig.posix import lock_when_free
+from labrig.posix import lock
 from labrig.record.json_lines import decode_line, encode_line
 from labrig.record.layout import CHAIN, COPY_HINT, inside
 
@@ -118,7 +118,7 @@ def append_link(
     """
     path = inside(run, CHAIN)
     with disk_errors(path), open_descriptor(path, os.O_RDWR | os.O_CREAT | os.O_APPEND) as descriptor:
-        lock_when_free(descriptor)
+        lock(descriptor, wait=True)
         content = read_file(path, MAX_LOG_BYTES)
         end = content.rfind(b"\n") + 1
         # A killed process may leave a torn link, or a link that lacks its newline. A torn one was never acknowledged.
@@ -128,17 +128,8 @@ def append_link(
         line = encode_link(len(lines) + 1, kind, at, files, lengths, previous)
         os.ftruncate(descriptor, end)
         append_or_restore(descriptor, before[end:] + line, end)
+        os.fsync(descriptor)
     return _parse_link(line.rstrip(b"\n"), len(lines) + 1, previous)
-
-
-def append_or_restore(descriptor: int, content: bytes, before: int) -> None:
-    """Append all bytes and make them durable; on a full disk, restore the length before. Raises `OSError`."""
-    try:
-        write_fully(descriptor, content)
-    except OSError:
-        os.ftruncate(descriptor, before)
-        raise
-    os.fsync(descriptor)
 
 
 def find_link(links: tuple[Link, ...], root: str) -> Link | None:

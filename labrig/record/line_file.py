@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
 
-from labrig.durable import write_fully
+from labrig.durable import append_or_restore
 from labrig.input_file import open_file
 from labrig.posix import NO_LINKS
 from labrig.record.json_lines import encode_line
@@ -46,21 +46,13 @@ class LineFile:
         return self._sha256.hexdigest()
 
     def append(self, fields: Mapping[str, object]) -> None:
-        """Append one line.
-
-        A disk that fills up takes the beginning of a line and refuses the rest. That beginning is cut off again, so
-        that later lines, which state how the run ended, do not continue it.
-        """
+        """Append one line, or nothing of it on a full disk."""
         self.append_raw(encode_line(fields))
 
     def append_raw(self, line: bytes) -> int:
-        """Append encoded lines and return the new length; on a full disk they are cut off again likewise."""
+        """Append encoded lines, or nothing of them on a full disk, and return the new length."""
         self._unsynced = True
-        try:
-            write_fully(self._descriptor, line)
-        except OSError:
-            os.ftruncate(self._descriptor, self._length)
-            raise
+        append_or_restore(self._descriptor, line, self._length)
         self._before = (self._length, self._sha256.copy())
         self._length += len(line)
         self._sha256.update(line)

@@ -18,7 +18,7 @@ from typing import Self
 from labrig.durable import disk_errors, write_fully
 from labrig.errors import LockedError
 from labrig.input_file import parse_json, read_file
-from labrig.posix import NO_LINKS, lock_at_once
+from labrig.posix import NO_LINKS, lock
 
 _BUSY = frozenset({errno.EACCES, errno.EAGAIN, errno.EDEADLK})
 
@@ -81,7 +81,7 @@ class FileLock:
         while True:
             descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | NO_LINKS, 0o666)
             try:
-                lock_at_once(descriptor)
+                lock(descriptor, wait=False)
                 if _is_current(self.path, descriptor):
                     return descriptor
             except OSError as error:
@@ -121,7 +121,7 @@ def read_lock_owner(path: Path) -> LockOwner | None:
     except OSError:
         return None
     try:
-        lock_at_once(descriptor)
+        lock(descriptor, wait=False)
     except OSError:
         return _parse_owner(_read_text(path)) or LockOwner("another labrig", 0, platform.node())
     finally:

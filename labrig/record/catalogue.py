@@ -8,12 +8,13 @@ from typing import Any
 
 from labrig.errors import InputError, RecordError
 from labrig.record.annotations import read_annotations
+from labrig.record.chain import scan_chain
 from labrig.record.json_lines import read_lines
-from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, TRIAL_STOP, inside
-from labrig.record.manifest import is_newer, read_document
+from labrig.record.layout import ANALYSIS, CHAIN, EVENT_LINES, MANIFEST, NOTES, PROTOCOL, inside
+from labrig.record.manifest import count_trials_done, is_newer, read_document
 from labrig.record.results import require_unchanged_newest
 from labrig.record.run_index import NO_FILE, RunIndex, ShareDone, Value, ask_index, signature_of
-from labrig.record.seal import find_changes_since_sealing, read_seal
+from labrig.record.seal import Seal, find_changes_since_sealing
 
 # What a summary is read from. The manifest comes first: a folder without a manifest is no run.
 _SUMMARY_FILES = (MANIFEST, NOTES, EVENT_LINES, CHAIN)
@@ -162,12 +163,15 @@ def _summary_row(run: Path) -> dict[str, Any]:
 
 
 def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
-    for problem in find_changes_since_sealing(run, manifest):
+    chain = scan_chain(run)
+    for problem in find_changes_since_sealing(run, manifest, chain):
         raise RecordError(f"{run / problem.where}: {problem.message}", problem.hint)
-    seal = read_seal(run, manifest)
+    seal = Seal(run, chain.links)
     require_unchanged_newest(run, seal)
     exit_status = str(manifest.get("exit_status"))
-    done = _trials_done(run) if exit_status == "incomplete" else _whole(manifest.get("trials_done"))
+    done = _whole(manifest.get("trials_done"))
+    if exit_status == "incomplete":  # its manifest was not brought up to date
+        done = count_trials_done(read_lines(inside(run, EVENT_LINES)))
     annotations = read_annotations(run, seal)
     return {
         "protocol": _text(manifest.get("experiment")),
@@ -179,12 +183,6 @@ def _intact_row(run: Path, manifest: dict[str, object]) -> dict[str, object]:
         "verdict": annotations.verdict,
         "notes": len(annotations.notes),
     }
-
-
-def _trials_done(run: Path) -> int:
-    """Count the trials of a run whose manifest was not brought up to date."""
-    events = read_lines(inside(run, EVENT_LINES))
-    return sum(event.get("kind") == TRIAL_STOP and event.get("exit_status") == "success" for event in events)
 
 
 def _text(value: object) -> str | None:

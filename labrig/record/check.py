@@ -11,7 +11,7 @@ from typing import Literal
 from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.can_log import read_can_log
-from labrig.record.chain import Link, is_inner_name, scan_chain
+from labrig.record.chain import Link, is_inner_name
 from labrig.record.digest import hash_file
 from labrig.record.intact import is_intact, remember_intact
 from labrig.record.json_lines import Scan, scan_lines
@@ -27,13 +27,12 @@ from labrig.record.layout import (
     RAW_PICTURES,
     SHA256SUMS,
     STATE_LINES,
-    TRIAL_STOP,
     TRUTH_LINES,
     inside,
     picture_file,
 )
 from labrig.record.lock import LockOwner, read_lock_owner
-from labrig.record.manifest import check_manifest, read_manifest, recorded_sha256
+from labrig.record.manifest import check_manifest, count_trials_done, read_manifest, recorded_sha256
 from labrig.record.pictures import (
     RecordedPicture,
     locate_picture,
@@ -118,9 +117,8 @@ def check_run(run: Path) -> RunCheck:
     found = _check_files(run, manifest)
     seal = check_seal(run, manifest, _list_summed(run))
     damage = (*found.damage, *leave_out_named(seal.damage, found.damage))
-    links = scan_chain(run).links
-    state = "broken" if damage and links else seal.state
-    return replace(found, damage=damage, notices=seal.notices, seal=state, links=links)
+    state = "broken" if damage and seal.links else seal.state
+    return replace(found, damage=damage, notices=seal.notices, seal=state, links=seal.links)
 
 
 def check_closing(run: Path, manifest: dict[str, object]) -> tuple[Problem, ...]:
@@ -169,18 +167,13 @@ def _check_files(run: Path, manifest: dict[str, object]) -> RunCheck:
         frames=len(frames),
         states=len(scans[STATE_LINES].lines),
         events=len(events),
-        trials_done=trials_done(event for _, event in events),
+        trials_done=count_trials_done(event for _, event in events),
     )
 
 
 def as_damage(torn: Iterable[Problem]) -> Iterator[Problem]:
     """Return the torn ends of a closed run as damage: its last lines were whole, so they were cut afterwards."""
     return (replace(problem, hint=COPY_HINT) for problem in torn)
-
-
-def trials_done(events: Iterable[Mapping[str, object]]) -> int:
-    """Count the trials that ended in success."""
-    return sum(event.get("kind") == TRIAL_STOP and event.get("exit_status") == "success" for event in events)
 
 
 def _scan_files(run: Path) -> tuple[dict[str, Scan], list[Problem]]:

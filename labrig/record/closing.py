@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig.errors import BugError, Problem, RecordError
+from labrig.record.chain import scan_chain
 from labrig.record.check import check_closing
 from labrig.record.layout import COPY_HINT, MANIFEST
 from labrig.record.manifest import DAMAGED_WHEN_CLOSED, read_manifest
@@ -52,7 +53,7 @@ def _check_written(run: Path, manifest: Mapping[str, object]) -> tuple[Problem, 
     try:
         if read_manifest(run) != manifest:
             return (Problem(MANIFEST, "what is read back is not what was written", COPY_HINT),)
-        return tuple(find_changes_since_sealing(run, manifest))
+        return tuple(find_changes_since_sealing(run, manifest, scan_chain(run)))
     except RecordError as error:
         return (Problem(MANIFEST, error.message, error.hint),)
 

@@ -19,6 +19,7 @@ from labrig.errors import Problem, RecordError
 from labrig.protocol.yaml_tree import load_yaml_values
 from labrig.record.annotations import Annotations, read_annotations, without_authors
 from labrig.record.can_log import CanFrame, read_can_log
+from labrig.record.chain import scan_chain
 from labrig.record.check import (
     as_damage,
     find_changes_since_closing,
@@ -132,8 +133,9 @@ def open_run(path: Path | str, *, read_pictures: bool = False) -> "Run":
     if manifest.get("exit_status") != "incomplete":
         damage = (*damage, *as_damage(torn), *find_changes_since_closing(folder, lines_only=True))
         torn = ()
-    seal = leave_out_named(find_changes_since_sealing(folder, manifest), damage)
-    return Run(folder, manifest, (*damage, *seal), (*torn, *find_unused(folder)))
+    chain = scan_chain(folder)
+    seal = leave_out_named(find_changes_since_sealing(folder, manifest, chain), damage)
+    return Run(folder, manifest, (*damage, *seal), (*torn, *find_unused(folder, chain)))
 
 
 def fetch_folder(path: Path | str) -> Path:

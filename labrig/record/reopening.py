@@ -9,7 +9,7 @@ from labrig.durable import disk_errors, write_atomically
 from labrig.errors import LabrigError, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
 from labrig.record.chain import Link
-from labrig.record.check import RunCheck, check_run, trials_done
+from labrig.record.check import RunCheck, check_run
 from labrig.record.json_lines import read_lines
 from labrig.record.layout import (
     ALWAYS_PRESENT,
@@ -28,7 +28,7 @@ from labrig.record.layout import (
 )
 from labrig.record.line_file import LineFile
 from labrig.record.lock import FileLock
-from labrig.record.manifest import read_manifest, recorded_sha256
+from labrig.record.manifest import count_trials_done, read_manifest, recorded_sha256
 from labrig.record.opening import encode_manifest, make_reserve
 from labrig.record.pictures import PictureWriter, Store, open_picture_writer
 from labrig.record.sealing import finish_closing, seal_again
@@ -77,7 +77,7 @@ def reopen_files(path: Path, doing: str) -> OpenRecord:
         raise
     t0_s = _next_whole_second((*events, *frames, *read_lines(path / STATE_LINES)))
     sums = _collect_sums(frames, manifest)
-    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), trials_done(events))
+    return OpenRecord(manifest, sums, lines, lock, pictures, t0_s, len(frames), count_trials_done(events))
 
 
 def _read_store(manifest: Mapping[str, object]) -> Store:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from labrig.errors import Problem, RecordError
 from labrig.input_file import MAX_LOG_BYTES, read_file
-from labrig.record.chain import Link, newest_links, scan_chain
+from labrig.record.chain import ChainScan, Link, newest_links, scan_chain
 from labrig.record.digest import hash_file
 from labrig.record.layout import (
     ANALYSIS,
@@ -96,9 +96,10 @@ def find_root(run: Path) -> str | None:
     return None if closing is None else closing.sha256
 
 
-def find_changes_since_sealing(run: Path, manifest: Mapping[str, object]) -> Iterator[Problem]:
+def find_changes_since_sealing(
+    run: Path, manifest: Mapping[str, object], scan: ChainScan
+) -> Iterator[Problem]:
     """Yield damage of the chain, and of the manifest and SHA256SUMS of a closed run, on which all else hangs."""
-    scan = scan_chain(run)
     yield from scan.damaged
     if scan.damaged and not scan.links:
         return
@@ -111,9 +112,8 @@ def find_changes_since_sealing(run: Path, manifest: Mapping[str, object]) -> Ite
         yield Problem(CHAIN, message, COPY_HINT)
 
 
-def find_unused(run: Path) -> Iterator[Problem]:
+def find_unused(run: Path, scan: ChainScan) -> Iterator[Problem]:
     """Yield the results and annotations that have no link, and a torn end of the chain: nothing of them is used."""
-    scan = scan_chain(run)
     yield from scan.torn
     if scan.links:
         yield from _find_unsealed(Seal(run, scan.links))
@@ -172,11 +172,14 @@ class SealCheck:
     state : str
         `sealed`; `open` for a run that has not been closed; `unsealed` where an interruption left something without a
         link; `unsealed (made before)` for a record without a chain.
+    links : tuple of Link
+        The links up to the first that is damaged.
     """
 
     damage: tuple[Problem, ...]
     notices: tuple[Problem, ...]
     state: str
+    links: tuple[Link, ...]
 
 
 def check_seal(run: Path, manifest: Mapping[str, object], listed: frozenset[str]) -> SealCheck:
@@ -189,7 +192,7 @@ def check_seal(run: Path, manifest: Mapping[str, object], listed: frozenset[str]
     """
     scan = scan_chain(run)
     seal = Seal(run, scan.links)
-    damage = [*find_changes_since_sealing(run, manifest), *_check_beginnings(run, scan.links)]
+    damage = [*find_changes_since_sealing(run, manifest, scan), *_check_beginnings(run, scan.links)]
     notices = list(scan.torn)
     for name, link in seal.newest.items():
         if name not in {MANIFEST, SHA256SUMS} and name not in link.lengths:
@@ -198,11 +201,10 @@ def check_seal(run: Path, manifest: Mapping[str, object], listed: frozenset[str]
     foreign, others = _find_unlisted(run, manifest, listed | seal.newest.keys())
     if not scan.links:
         # In a record without a chain only the listing of calibration/ says what is part of it.
-        return SealCheck(tuple(damage), tuple(foreign), _name_state(manifest, seal, unsealed=False))
+        return SealCheck(tuple(damage), tuple(foreign), _name_state(manifest, seal, unsealed=False), ())
     left = (*_find_unsealed(seal), *_list_repaired(seal))
-    return SealCheck(
-        (*damage, *foreign), (*notices, *left, *others), _name_state(manifest, seal, unsealed=bool(left))
-    )
+    state = _name_state(manifest, seal, unsealed=bool(left))
+    return SealCheck((*damage, *foreign), (*notices, *left, *others), state, scan.links)
 
 
 def _name_state(manifest: Mapping[str, object], seal: Seal, unsealed: bool) -> str:

@@ -176,7 +176,7 @@ def _read_trials(run: Run) -> tuple[RecordedTrial[TrialStart, TrialStop], ...]:
     return run.read_trials(TrialStart, TrialStop)
 
 
-def count_trials_done(run: Run) -> str:
+def format_trials_done(run: Run) -> str:
     """Return the number of successful trials and the number planned."""
     done = sum(trial.exit_status == "success" for trial in _read_trials(run))
     return f"{done} of {format_value(run.manifest.get('trials_planned'))}"

@@ -18,7 +18,7 @@ from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, 
 from labrig.record.reader import Run
 from labrig.report.calibration_rows import describe_calibration
 from labrig.report.formatting import Rows, count_of, number
-from labrig.report.heading import count_trials_done
+from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
@@ -102,7 +102,7 @@ def _list_facts(run: Run, protocol: InsertionProtocol) -> Rows:
         ("Tolerance", f"{protocol.target.tolerance_mm:g} mm"),
         ("Insertion speed", f"{protocol.insertion.speed_mm_s:g} mm/s"),
         ("Planner, estimator", f"{protocol.planner.method}, {protocol.estimator.method}"),
-        ("Insertions that arrived", count_trials_done(run)),
+        ("Insertions that arrived", format_trials_done(run)),
     )
 
 

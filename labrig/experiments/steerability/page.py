@@ -12,7 +12,7 @@ from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
 from labrig.report.formatting import UNKNOWN, Rows, count_of, interval, join_words, number
-from labrig.report.heading import count_trials_done
+from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 
 
@@ -36,7 +36,7 @@ def _list_facts(run: Run, protocol: SteerabilityProtocol) -> Rows:
         ("Gels", join_words(f"{specimen.gelatin_percent:g} %" for specimen in protocol.specimens)),
         ("Insertions", f"{protocol.insertions_per_specimen} a gel, {insertion.length_mm:g} mm deep"),
         ("Insertion speed", f"{insertion.speed_mm_s:g} mm/s"),
-        ("Insertions made", count_trials_done(run)),
+        ("Insertions made", format_trials_done(run)),
         ("Repeated", "; ".join(_list_repetitions(run)) or UNKNOWN),
     )
 

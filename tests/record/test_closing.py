@@ -1,8 +1,5 @@
 """Closing a run: it checks itself, and says so when it is damaged."""
 
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,6 +10,7 @@ from labrig.record.manifest import read_manifest
 from labrig.record.pictures import Store
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
+from tests.disks import full_disk
 from tests.record.faults import CAN_FRAMES, flip_bit, raw_files
 from tests.record.runs import ENDED, begin, fill, picture
 
@@ -65,24 +63,13 @@ def test_a_picture_of_the_trial_that_would_come_next_is_sound(tmp_path: Path) ->
     assert check_run(recorder.path).damage == ()
 
 
-@contextmanager
-def files_limited_to(size: int) -> Iterator[None]:
-    """Let the kernel refuse files beyond this size."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_can_frames_without_a_sum_get_it_when_the_run_closes(tmp_path: Path) -> None:
     """A disk that takes the frames and refuses their sum ends the run with a sound record of these frames."""
     recorder = begin(tmp_path)
     for frame in CAN_FRAMES:
         recorder.can_frames([frame])
     sums = (recorder.path / "can.sums.jsonl").stat().st_size
-    with files_limited_to(sums), pytest.raises(DiskError, match=r"can\.sums\.jsonl"):
+    with full_disk(sums), pytest.raises(DiskError, match=r"can\.sums\.jsonl"):
         recorder.can_frames([(0.002, 0x701, b"\x05", "R")])
     recorder.close("failed", "", ENDED)
     assert check_run(recorder.path).damage == ()

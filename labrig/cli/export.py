@@ -1,5 +1,7 @@
 """`labrig export`: write a run as tables for other programs, or copy its record."""
 
+from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -33,21 +35,20 @@ def export(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 4 when the record is damaged; tables are written all the same, a copy only with --force."""
+    from labrig.record.reader import fetch_folder
     from labrig.record.urls import output_folder, require_apart
 
     formats = [name for name, wanted in (("csv", csv), ("parquet", parquet), ("mat", mat)) if wanted]
     _check_formats(formats, mcap=mcap, record=record, private=private)
-    source, damage = _open_source(run, record=record)
+    source = fetch_folder(run)
+    write, damage = (
+        _prepare_copy(source) if record else _prepare_tables(source, formats, mcap=mcap, private=private)
+    )
     require_apart(out, run, record=record)
     if record and not force:
         require_undamaged(run, damage, "labrig runs check lists all; --force copies it as it is")
     with output_folder(out, force=force) as folder:
-        if record:
-            from labrig.record.copying import copy_record
-
-            copy_record(source, folder)
-        else:
-            _write_tables(source, formats, folder, mcap=mcap, private=private)
+        write(folder)
         files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if as_json:
         print_json({"run": run, "out": out, "files": files, "ok": not damage})
@@ -57,32 +58,35 @@ def export(
     return 0 if report_damage(damage) is None else RecordError.exit_code
 
 
-def _open_source(run: str, *, record: bool) -> tuple[Path, tuple[Problem, ...]]:
-    """Return the folder of a run, and its damage: of every file to copy, or of what tables are made from."""
+def _prepare_copy(source: Path) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
+    """Return what copies the record, and the damage of every file to copy."""
     from labrig.record.check import check_run
-    from labrig.record.reader import fetch_folder, open_run
+    from labrig.record.copying import copy_record
 
-    folder = fetch_folder(run)
-    if record:
-        return folder, check_run(folder).damage
-    opened = open_run(folder, read_pictures=True)
-    note_unused(opened.problems, opened.damage)
-    return folder, opened.damage
+    return partial(copy_record, source), check_run(source).damage
 
 
-def _write_tables(run: Path, formats: list[str], folder: Path, *, mcap: bool, private: bool) -> None:
+def _prepare_tables(
+    source: Path, formats: list[str], *, mcap: bool, private: bool
+) -> tuple[Callable[[Path], None], tuple[Problem, ...]]:
+    """Return what writes the tables, and the damage of what they are made from."""
     from labrig.record.reader import open_run
 
-    opened = open_run(run)
+    opened = open_run(source, read_pictures=True)
+    note_unused(opened.problems, opened.damage)
     shown = opened.without_personal_data() if private else opened
-    if formats:
-        from labrig.report.export import write_tables
 
-        write_tables(shown, formats, folder)
-    if mcap:
-        from labrig.report.mcap_file import write_mcap
+    def write(folder: Path) -> None:
+        if formats:
+            from labrig.report.export import write_tables
 
-        write_mcap(shown, folder)
+            write_tables(shown, formats, folder)
+        if mcap:
+            from labrig.report.mcap_file import write_mcap
+
+            write_mcap(shown, folder)
+
+    return write, opened.damage
 
 
 def _check_formats(formats: list[str], *, mcap: bool, record: bool, private: bool) -> None:

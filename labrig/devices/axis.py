@@ -179,7 +179,7 @@ class Axis:
         target = here.position + distance
         if self.referenced:
             self.check_move(target, achieved)
-        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, self.drive.position())
+        self._due_s = self._clock.now_s() + self._longest_s(target, achieved, here.position)
         self._go(here, target, achieved, None)
         return achieved
 

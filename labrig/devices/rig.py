@@ -38,6 +38,7 @@ from labrig.errors import (
     BusError,
     BusPassiveError,
     CameraError,
+    DiskError,
     DriveError,
     DriveRestartedError,
     DriveSilentError,
@@ -459,18 +460,24 @@ class Rig:
         return wait_for_all({axis.name: axis.wait_until_still() for axis in self.axes}, self._heartbeat)
 
     def _stop_because_of(self, error: InterruptedRunError | MachineError) -> NoReturn:
-        """Stop everything and raise the error; a failure to stop joins its message. Tell first if drives are lost."""
+        """Stop everything and raise the error, with what failed meanwhile. Tell first if drives are lost."""
         explained = self._explain_own_standstill(error)
         if explained is error and _has_lost_drives(error):
             recalled = self._recall_needle(self._name_lost(error))
             self._alert(f"{recalled.motion}\nlast positions: {recalled.where}")
-        try:
-            self.stop()
-        except SafetyStopError as failure:
-            raise explained.reword(f"{explained.message}; {failure.message}") from failure
+        for end in (self.stop, self._forget_lost_zeros):
+            try:
+                end()
+            except (SafetyStopError, DiskError) as failure:
+                explained = explained.reword(f"{explained.message}; {failure.message}")
         if explained is error:
             raise error
         raise explained from error
+
+    def _forget_lost_zeros(self) -> None:
+        """Forget the references of axes that another program may have homed. Raises `DiskError`."""
+        if self._watch is not None:
+            self.needle.forget_references(self._watch.without_zero)
 
     def _explain_own_standstill(
         self, error: InterruptedRunError | MachineError
@@ -525,8 +532,7 @@ class Rig:
     def _recall_axis(self, axis: Axis, why_old: str) -> AxisLocation:
         read_s, position = self._positions.get(axis.name, (None, None))
         age_s = None if read_s is None else self.clock.now_s() - read_s
-        has_zero = self._watch is None or axis.name not in self._watch.without_zero
-        referenced = has_zero and axis.name in self.state.referenced
+        referenced = axis.name in self.state.referenced
         return AxisLocation(axis.name, axis.unit, position, age_s, referenced, why_old)
 
     # The needle
@@ -713,8 +719,7 @@ class Rig:
             self.stop()
         finally:
             failures = _try_each(self.axes, lambda axis: axis.drive.close())
-            if self._watch is not None:
-                self.needle.forget_references(self._watch.without_zero)
+            self._forget_lost_zeros()
         if failures:
             raise SafetyStopError(
                 "power not known to be off: " + "; ".join(failures), "press the emergency stop"

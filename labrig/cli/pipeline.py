@@ -31,7 +31,7 @@ from labrig.errors import (
 from labrig.protocol.sections import ExperimentProtocol
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.opening import create_under_free_name
-from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
+from labrig.record.provenance import CodeChanges, collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct, conduct_without_rig
@@ -71,13 +71,13 @@ def perform(order: RunOrder) -> FinishedRun:
         raise FileFormatError(plan.problems)
     least_free_mb = 0.0 if order.rig is None else order.rig.recording.least_free_mb
     require_free_bytes(order.runs_dir, estimate_disk_bytes(plan, order.rig) + int(1e6 * least_free_mb))
-    _announce_code_diff()
-    return finish(_record(order, plan), order.command_line)
-
-
-def _announce_code_diff() -> None:
-    """Say which changes of labrig's own code the record will keep, and which new files it will not."""
     changes = find_code_changes()
+    _announce_code_diff(changes)
+    return finish(_record(order, plan, changes), order.command_line)
+
+
+def _announce_code_diff(changes: CodeChanges) -> None:
+    """Say which changes of labrig's own code the record will keep, and which new files it will not."""
     if changes.changed or changes.added:
         say(
             f"note: the record keeps changed code, as code.diff: {', '.join((*changes.changed, *changes.added))}"
@@ -119,18 +119,18 @@ def _leave_unmeasured(ended: FinishedRun, signal_name: str) -> FinishedRun:
     return replace(ended, outcome=Outcome("success", message, InterruptedRunError(message)))
 
 
-def _record(order: RunOrder, plan: RunPlan) -> FinishedRun:
+def _record(order: RunOrder, plan: RunPlan, changes: CodeChanges) -> FinishedRun:
     """Open the record and, if the protocol needs one, the rig; conduct the experiment, and close both."""
     experiment, protocol = order.experiment, order.protocol
     if order.rig is not None:
 
         def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
-            recorder = _open_record(order, plan, rig.clock, rig.describe())
+            recorder = _open_record(order, plan, changes, rig.clock, rig.describe())
             return recorder.path, conduct(experiment, protocol, Session(rig, recorder, reporter))
 
         return record_on_rig(experiment, protocol, order.rig, plan.work, order.command_line, act)
     clock = SystemClock()
-    recorder = _open_record(order, plan, clock, {})
+    recorder = _open_record(order, plan, changes, clock, {})
     return FinishedRun(recorder.path, conduct_without_rig(experiment, recorder, clock))
 
 
@@ -160,7 +160,9 @@ def record_on_rig(
     return replace(ended, signal_name=interrupted())
 
 
-def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[str, object]) -> Recorder:
+def _open_record(
+    order: RunOrder, plan: RunPlan, changes: CodeChanges, clock: Clock, devices: Mapping[str, object]
+) -> Recorder:
     started = clock.utc()
     manifest = {
         "experiment": order.protocol.experiment,
@@ -170,7 +172,7 @@ def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[
         "started": started.isoformat(timespec="seconds"),
         "trials_planned": plan.trials,
         "sources": order.sources.document(),
-        "provenance": collect_provenance(order.command_line),
+        "provenance": collect_provenance(order.command_line, changes),
         "plugins": {
             plugin.title: plugin.origin
             for plugin in (order.experiment.plugin, *(() if order.rig is None else order.rig.plugins))
@@ -185,7 +187,7 @@ def _open_record(order: RunOrder, plan: RunPlan, clock: Clock, devices: Mapping[
         protocol_yaml=dump_yaml(order.protocol),
         rig_yaml=None if rig is None else dump_yaml(rig),
         calibration_files={} if rig is None else rig.calibration_files(),
-        code_diff=collect_code_diff(),
+        code_diff=collect_code_diff(changes),
     )
     if rig is not None:
         create = partial(

@@ -24,7 +24,7 @@ from labrig.protocol.sections import ExperimentProtocol
 from labrig.record.check import check_run
 from labrig.record.difference import find_differences
 from labrig.record.events import RunStop
-from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
 from labrig.record.writer import Recorder
 from labrig.runner.conduct import Outcome, conduct_remainder
@@ -90,16 +90,22 @@ def resume_run(
 
     def act(rig: Rig, reporter: Reporter) -> tuple[Path, Outcome]:
         recorder = Recorder.reopen(path, " ".join(("labrig", *command_line[1:])))
-        recorder.begin_session(
-            rig.clock.utc(),
-            code_diff=collect_code_diff(),
-            provenance=collect_provenance(command_line),
-            devices=rig.describe(),
-        )
+        _begin_session(recorder, rig, command_line)
         return recorder.path, conduct_remainder(experiment, remainder, Session(rig, recorder, reporter))
 
     return finish(
         record_on_rig(experiment, recorded, description, plan.work, command_line, act), command_line
+    )
+
+
+def _begin_session(recorder: Recorder, rig: Rig, command_line: tuple[str, ...]) -> None:
+    """Record that a run is continued now: with which code, by which command, on which devices."""
+    changes = find_code_changes()
+    recorder.begin_session(
+        rig.clock.utc(),
+        code_diff=collect_code_diff(changes),
+        provenance=collect_provenance(command_line, changes),
+        devices=rig.describe(),
     )
 
 

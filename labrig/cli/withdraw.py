@@ -19,7 +19,7 @@ from labrig.input_file import read_file
 from labrig.protocol.yaml_file import dump_yaml
 from labrig.record.layout import WITHDRAWS
 from labrig.record.opening import create_under_free_name
-from labrig.record.provenance import collect_code_diff, collect_provenance
+from labrig.record.provenance import collect_code_diff, collect_provenance, find_code_changes
 from labrig.record.reader import Run, open_run
 from labrig.record.seal import find_root
 from labrig.record.writer import Recorder
@@ -147,11 +147,12 @@ def _begin_record(rig: Rig, left: Run) -> Recorder:
     """Begin the record of a withdrawal beside the run whose needle is withdrawn."""
     started = rig.clock.utc()
     folder = left.path.resolve()
+    changes = find_code_changes()
     manifest = {
         "experiment": "withdrawal",
         "title": f"withdrawal of the needle of run {folder.name}",
         "started": started.isoformat(timespec="seconds"),
-        "provenance": collect_provenance(tuple(sys.argv)),
+        "provenance": collect_provenance(tuple(sys.argv), changes),
         "plugins": {plugin.title: plugin.origin for plugin in rig.description.plugins},
         "devices": rig.describe(),
         WITHDRAWS: folder.name,
@@ -163,6 +164,6 @@ def _begin_record(rig: Rig, left: Run) -> Recorder:
         protocol_yaml=read_file(left.protocol_path).decode(),
         rig_yaml=dump_yaml(rig.description),
         calibration_files={},
-        code_diff=collect_code_diff(),
+        code_diff=collect_code_diff(changes),
     )
     return create_under_free_name(started, "withdrawal", create)

@@ -20,13 +20,17 @@ _GIT_TIMEOUT_S = 10.0
 _PERSONAL = frozenset({"host", "account", "command_line", "sources", "crc32"})
 
 
-def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
+def collect_provenance(
+    command_line: Sequence[str], changes: "CodeChanges | None" = None
+) -> dict[str, object]:
     """Return what is needed to run the same code again, without time of day or folders of this computer.
 
     Parameters
     ----------
     command_line : sequence of str
         As in `sys.argv`; only the name of the program is kept.
+    changes : CodeChanges or None
+        As from `find_code_changes`, if the caller has them; otherwise they are found here.
 
     Returns
     -------
@@ -36,7 +40,7 @@ def collect_provenance(command_line: Sequence[str]) -> dict[str, object]:
         version} of labrig's direct dependencies. In a changed checkout also `code_diff_holds` and
         `code_diff_leaves_out`, the files of `find_code_changes`.
     """
-    changes = find_code_changes()
+    changes = find_code_changes() if changes is None else changes
     program = [Path(word).name for word in command_line[:1]]
     return {
         "labrig": __version__,
@@ -116,21 +120,23 @@ def _is_code(path: Path, name: PurePosixPath) -> bool:
     return name.suffix == ".py" and not hidden and path.is_file() and not path.is_symlink()
 
 
-def collect_code_diff(tree: Path = _SOURCE_TREE) -> bytes:
+def collect_code_diff(changes: CodeChanges, tree: Path = _SOURCE_TREE) -> bytes:
     """Return the changes of the package's source since its commit, as a patch for `git apply`; empty without any.
 
     Parameters
     ----------
+    changes : CodeChanges
+        As from `find_code_changes`.
     tree : Path
         The checkout.
 
     Returns
     -------
     bytes
-        Changed files, then new files of Python code that git does not ignore; see `find_code_changes`.
+        Changed files, then new files of Python code that git does not ignore.
     """
     changed = _run_git(tree, "diff", "--binary", "--no-ext-diff", "--no-color", "HEAD", "--", "labrig")
-    added = [_diff_new_file(tree, name) for name in find_code_changes(tree).added]
+    added = [_diff_new_file(tree, name) for name in changes.added]
     return b"".join([changed or b"", *added])
 
 

@@ -4,7 +4,6 @@ import functools
 import importlib
 import itertools
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated
 
@@ -164,24 +163,9 @@ def _hint_at_help(arguments: Sequence[str]) -> str:
 
 def _keep_traceback(error: Exception) -> BugError:
     """Write the traceback of a bug into a new file, which the returned error names."""
-    import tempfile
-    import traceback
+    from labrig.cli.bug_report import keep_traceback
 
-    what = f"labrig itself failed: {type(error).__name__}: {error}"
-    lines = [f"labrig {__version__}: {' '.join(sys.argv)}\n\n", *traceback.format_exception(error)]
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w",
-            encoding="utf-8",
-            errors="backslashreplace",
-            prefix="labrig-bug-",
-            suffix=".txt",
-            delete=False,
-        ) as file:
-            file.writelines(lines)
-    except OSError as unwritten:
-        return BugError(what, f"its traceback could not be written: {unwritten.strerror}; please report it")
-    return BugError(what, f"please report it, with the traceback in {file.name}")
+    return BugError(*keep_traceback(error))
 
 
 def _make_disk_error(error: OSError) -> DiskError:

@@ -29,6 +29,7 @@ from labrig.record.layout import (
     STATE_LINES,
     TRUTH_LINES,
     inside,
+    is_picture_file,
     picture_file,
 )
 from labrig.record.lock import LockOwner, read_lock_owner
@@ -286,12 +287,15 @@ def _list_intact_pictures(
 
 
 def _find_leftovers(run: Path, frames: int) -> tuple[tuple[Problem, ...], tuple[Problem, ...]]:
-    """Return the pictures that an interruption left half recorded, and those whose line is lost."""
+    """Return the pictures that an interruption left half recorded, and those whose line is lost or that are foreign."""
     next_picture = picture_file(frames)
     torn, lost = [], []
     for name in list_leftover_pictures(run, frames):
         if name == next_picture or name.endswith(".tmp"):
             torn.append(Problem(name, f"it has no line in {FRAME_LINES}", _LEFT_BEHIND))
+        elif not is_picture_file(name):
+            message = "nothing lists it: it is no picture of labrig's and is not used"
+            lost.append(Problem(name, message, "move it out of the run"))
         else:
             lost.append(
                 Problem(name, f"its line in {FRAME_LINES} is lost", f"take {FRAME_LINES} from a copy")

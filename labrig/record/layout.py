@@ -44,6 +44,12 @@ def picture_file(frame: int) -> str:
     return f"{FRAMES}/{frame:06d}.png"
 
 
+def is_picture_file(name: str) -> bool:
+    """Return whether `picture_file` gives some picture this name."""
+    number = name.removeprefix(f"{FRAMES}/").removesuffix(".png")
+    return number.isascii() and number.isdecimal() and name == picture_file(int(number))
+
+
 def run_lock(run: Path) -> Path:
     """Return the lock file that the writer of a run holds."""
     return run / LOCK

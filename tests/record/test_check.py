@@ -107,6 +107,23 @@ def test_a_lost_picture_and_a_lost_line_are_told_apart(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("closed", [True, False], ids=["closed", "interrupted"])
+@pytest.mark.parametrize(
+    "name", ["notes.txt", "1.png", "0000007.png", "-00001.png", "٠٠٠٠٠٧.png", "000007.PNG"]
+)
+def test_a_foreign_file_among_the_pictures_is_no_lost_line(tmp_path: Path, name: str, closed: bool) -> None:
+    """A file that has no name of a picture is to be moved out; one that has lacks its line."""
+    run = full_run(tmp_path, closed=closed)
+    for file in (name, "000007.png", "1000000.png"):
+        (run / "frames" / file).write_bytes(b"")
+    found = {problem.where: problem for problem in check_run(run).damage}
+    foreign = found[f"frames/{name}"]
+    assert "nothing lists it" in foreign.message
+    assert foreign.hint == "move it out of the run"
+    for file in ("frames/000007.png", "frames/1000000.png"):
+        assert found[file].message == "its line in frames.jsonl is lost"
+
+
 def test_a_damaged_remark_is_found(tmp_path: Path) -> None:
     """SHA256SUMS does not cover notes, but each carries its checksum; a torn last note is no damage."""
     run = full_run(tmp_path, closed=True)

@@ -4,14 +4,14 @@ from datetime import datetime
 from pathlib import Path
 
 from labrig.analysis.result import AnyResult
-from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.record.reader import Run
 from labrig.report.page import write_report
 
 
 def write_page(run: Run, result: AnyResult | None, created: datetime) -> Path:
     """Write the page that the run's experiment makes of a result, and return its path."""
-    experiment = experiment_of(run)
-    page = experiment.page(run, protocol_of(run), result)
+    experiment = find_run_experiment(run)
+    page = experiment.page(run, load_run_protocol(run), result)
     kind, can_resume = experiment.title, experiment.can_resume
     return write_report(run, page, result, created, kind=kind, can_resume=can_resume)

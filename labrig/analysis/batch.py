@@ -40,7 +40,7 @@ _PARTS_AHEAD = 16
 
 def analyze_runs(
     runs: Sequence[Path],
-    experiment_of: ExperimentOf,
+    find_experiment: ExperimentOf,
     *,
     overrides: Sequence[str] = (),
     workers: int = DEFAULT_WORKERS,
@@ -58,7 +58,7 @@ def analyze_runs(
     ----------
     runs : sequence of Path
         Their folders, each once.
-    experiment_of : callable
+    find_experiment : callable
         Returns the experiment of a run; it is pickled by name.
     progress : callable or None
         Called with the number of finished pictures, the number in all runs, and the run at hand. A run without
@@ -82,7 +82,7 @@ def analyze_runs(
     started: deque[_StartedRun] = deque()
     with worker_processes(workers, "analysed runs") as pool:
         for run in runs:
-            started.append(_start(run, experiment_of, settings, pool))
+            started.append(_start(run, find_experiment, settings, pool))
             while sum(len(later.parts) for later in list(started)[1:]) > _PARTS_AHEAD * workers:
                 outcomes.append(_finish(started.popleft(), meter))
         outcomes += [_finish(run, meter) for run in started]
@@ -118,13 +118,15 @@ class _ProgressMeter:
         self._done += self._runs.popleft()[1]
 
 
-def _start(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings, pool: Executor) -> _StartedRun:
+def _start(
+    run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings, pool: Executor
+) -> _StartedRun:
     """Submit the parts of a run to the pool: a few pictures each, or the whole run."""
     try:
         opened = open_run(run, read_pictures=True)
-        experiment = experiment_of(opened)
+        experiment = find_experiment(opened)
         if not isgeneratorfunction(experiment.analyze):
-            wait = pool.submit(_analyze_whole, run, experiment_of, settings).result
+            wait = pool.submit(_analyze_whole, run, find_experiment, settings).result
             return _StartedRun([lambda: [wait()]], lambda _: wait())
         analysis = start_analysis(opened, experiment, settings, workers=1, progress=None)
         work = next(analysis)
@@ -155,11 +157,11 @@ def _return_error(error: LabrigError, _: Progress) -> Outcome:
     return error
 
 
-def _analyze_whole(run: Path, experiment_of: ExperimentOf, settings: AnalysisSettings) -> Outcome:
+def _analyze_whole(run: Path, find_experiment: ExperimentOf, settings: AnalysisSettings) -> Outcome:
     """Analyse a run in a worker process."""
     try:
         opened = open_run(run, read_pictures=True)
-        analysis = start_analysis(opened, experiment_of(opened), settings, workers=1, progress=None)
+        analysis = start_analysis(opened, find_experiment(opened), settings, workers=1, progress=None)
         return finish_analysis(analysis, lambda work: measure_pictures(work, 1, None))
     except LabrigError as error:
         return error

@@ -9,7 +9,7 @@ from labrig.analysis.run import analyze_run
 from labrig.cli.progress import progress
 from labrig.devices.clocks import SystemClock
 from labrig.errors import LabrigError
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.provenance import collect_provenance
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
@@ -24,7 +24,7 @@ def analyze_several(
     with progress(f"measuring {len(runs)} runs", 1.0) as reporter:
         outcomes = analyze_runs(
             runs,
-            experiment_of,
+            find_run_experiment,
             overrides=overrides,
             progress=lambda done, total, run: reporter(
                 done / total, f"{done} of {total} pictures, {run.name}"
@@ -41,7 +41,7 @@ def analyze(
 ) -> AnyResult:
     """Analyse a run, with progress, and write a new numbered result."""
     run = open_run(path, read_pictures=True)
-    experiment = experiment_of(run)
+    experiment = find_run_experiment(run)
     with progress(f"measuring {path.name}", 1.0) as reporter:
         return analyze_run(
             run,

@@ -164,12 +164,12 @@ def adopt(
 ) -> None:
     """Without --force, adopt no refused calibration and replace no file."""
     from labrig.devices.rig_file import load_rig
-    from labrig.experiments.registry import result_of
+    from labrig.experiments.registry import load_run_result
     from labrig.record.reader import open_run
 
     run = open_run(run_path, read_pictures=True)
     require_undamaged(run.path, run.damage)
-    result = result_of(run)
+    result = load_run_result(run)
     if result is None or not {"intrinsics.json", "plane.json"} <= {
         path.name for path in result.path.iterdir()
     }:

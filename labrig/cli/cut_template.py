@@ -6,7 +6,7 @@ from pathlib import Path
 from labrig.analysis.calibration import load_plane_map
 from labrig.cli.options import DEFAULT_NEEDLE_DIAMETER_MM
 from labrig.errors import InputError
-from labrig.experiments.registry import protocol_of
+from labrig.experiments.registry import load_run_protocol
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.record.reader import open_run
 from labrig.vision.picture import Picture, read_picture
@@ -56,7 +56,7 @@ def read_recorded_frame(folder: Path, frame: int | None) -> TipSource:
             raise InputError(f"{folder} holds no picture of a needle", "name one with --frame")
         frame = shown[-1]
     image, line = run.read_frame(frame), run.frame_lines[frame]
-    needle = protocol_of(run).pictured_needle
+    needle = load_run_protocol(run).pictured_needle
     return TipSource(
         folder / line.file,
         image,

@@ -39,7 +39,7 @@ def report(
     """Write RUN/report.html of each run; the page of a run without a result states that there is none."""
     from labrig.analysis.run import name_damage
     from labrig.cli.reporting import write_page
-    from labrig.experiments.registry import result_of
+    from labrig.experiments.registry import load_run_result
     from labrig.record.annotations import find_damaged_annotations
     from labrig.record.reader import open_run
 
@@ -47,7 +47,7 @@ def report(
         loaded = open_run(path, read_pictures=True)
         note_unused(loaded.problems, loaded.damage)
         with name_damage(loaded):
-            page = write_page(loaded, result_of(loaded), private=private)
+            page = write_page(loaded, load_run_result(loaded), private=private)
         if not as_json:
             print_line(str(page))
         damage = (*loaded.damage, *find_damaged_annotations(path))
@@ -65,7 +65,7 @@ def view(
 ) -> int:
     """Make RUN/view.rrd, which can be deleted and made again, and open it."""
     from labrig.analysis.result import NO_LINES, find_newest_result_folder, load_centre_lines
-    from labrig.experiments.registry import view_of
+    from labrig.experiments.registry import make_run_view
     from labrig.record.reader import open_run
     from labrig.report.rerun_view import open_view, write_view
     from labrig.report.view import NO_VIEW
@@ -74,7 +74,7 @@ def view(
     note_unused(run.problems, run.damage)
     folder = find_newest_result_folder(run)
     try:
-        added = view_of(run)
+        added = make_run_view(run)
     except InputError as error:
         say(f"note: {error.message}; the record is shown without what it adds")
         added = NO_VIEW

@@ -17,13 +17,13 @@ def replay(
     as_json: AsJson = False,
 ) -> int:
     """Exit with 0 when every command and every line equals the record, and with 1 at the first difference."""
-    from labrig.experiments.registry import experiment_of, protocol_of
+    from labrig.experiments.registry import find_run_experiment, load_run_protocol
     from labrig.record.reader import open_run
     from labrig.runner.replay import replay_run, replay_work
 
     run = open_run(run_path, read_pictures=True)
     require_undamaged(run.path, run.damage)
-    experiment, protocol = experiment_of(run), protocol_of(run)
+    experiment, protocol = find_run_experiment(run), load_run_protocol(run)
     with progress(f"replaying {run_path.name}", replay_work(run, experiment, protocol)) as reporter:
         found = replay_run(run, experiment, protocol, reporter)
     difference = found.first_difference

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from labrig.analysis.result import AnyResult
 from labrig.devices.clocks import SystemClock
-from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.plugins import require_devices_installed
 from labrig.record.reader import Run
 from labrig.report.page import write_report
@@ -27,11 +27,11 @@ def write_page(run: Run, result: AnyResult | None, *, private: bool = False) -> 
     DiskError
         When the page cannot be written.
     """
-    experiment = experiment_of(run)
+    experiment = find_run_experiment(run)
     require_devices_installed(str(run.path), run.plugin_packages)
     if private:
         run, result = run.without_personal_data(), None if result is None else result.without_personal_data()
-    page = experiment.page(run, protocol_of(run), result)
+    page = experiment.page(run, load_run_protocol(run), result)
     return write_report(
         run, page, result, SystemClock().utc(), kind=experiment.title, can_resume=experiment.can_resume
     )

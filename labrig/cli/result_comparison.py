@@ -9,7 +9,7 @@ from labrig.analysis.divergence import Divergence, find_divergence
 from labrig.analysis.result import AnyResult
 from labrig.cli.output import print_line, print_table, say
 from labrig.errors import RecordError
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import open_run
 
 
@@ -19,10 +19,10 @@ def load_parent(path: Path, number: int | None) -> AnyResult | None:
     for newer in run.result_numbers:
         if number is None or newer > number:
             try:
-                result_of(run, newer)
+                load_run_result(run, newer)
             except RecordError as error:
                 say(f"note: {error.message}")
-    return None if number is None else result_of(run, number)
+    return None if number is None else load_run_result(run, number)
 
 
 def print_comparison(
@@ -32,7 +32,7 @@ def print_comparison(
     if old is None:
         return {"parent": None, "first_divergence": None}
     found = find_divergence(old.document, new)
-    comparison = experiment_of(open_run(path)).compare(old.document, new)
+    comparison = find_run_experiment(open_run(path)).compare(old.document, new)
     if not as_json:
         print_line(
             "the numbers are identical" if found is None else f"first divergence: {_format_divergence(found)}"
@@ -67,7 +67,7 @@ def print_old_and_new(path: Path, old: AnyResult | None, new: AnyResult) -> None
         if result is not None:
             settings = " ".join(result.content.overrides) or "the run's own settings"
             print_line(f"{name}: analysis/{result.path.name}, {settings}")
-    experiment = experiment_of(open_run(path))
+    experiment = find_run_experiment(open_run(path))
     before = {} if old is None else experiment.summarise(old.document).values
     now = experiment.summarise(new.document).values
     print_table(("", "old", "new"), [[name, before.get(name), value] for name, value in now.items()])

@@ -17,7 +17,7 @@ from labrig.devices.rig import Rig
 from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.durable import require_free_bytes
 from labrig.errors import FileFormatError, InputError, Problem, RecordError
-from labrig.experiments.registry import experiment_of, protocol_of
+from labrig.experiments.registry import find_run_experiment, load_run_protocol
 from labrig.input_file import parse_json, read_file
 from labrig.protocol.model import Model
 from labrig.protocol.sections import ExperimentProtocol
@@ -42,7 +42,7 @@ def resume_and_print(
 ) -> int:
     """Continue a run, and print how it ended. Raises as `resume_run`."""
     finished = resume_run(path, protocol, rig, command_line)
-    return print_finished(finished, experiment_of(open_run(path)), as_json)
+    return print_finished(finished, find_run_experiment(open_run(path)), as_json)
 
 
 def resume_run(
@@ -70,14 +70,14 @@ def resume_run(
     if run.manifest.get("exit_status") == "success":
         say(f"{path} has come to its end; it is measured again")
         return finish(FinishedRun(path, Outcome("success", "", None)), command_line)
-    experiment = experiment_of(run)
+    experiment = find_run_experiment(run)
     if not experiment.can_resume:
         raise InputError(
             f"a run of the experiment {experiment.name} is not continued: nothing of it can be kept",
             _suggest_alternative(run, experiment),
         )
     experiment.require_parts()
-    recorded = protocol_of(run)
+    recorded = load_run_protocol(run)
     description = _require_unchanged(run, recorded, _find_sources(run, protocol, rig))
     remainder = experiment.resume(recorded, run)
     if not remainder.left:

@@ -140,7 +140,7 @@ class NeedleState:
         if referenced != self.state.referenced:
             self.update(referenced=referenced)
 
-    def roll_zero_of(self, needle_id: str) -> RollZero | None:
+    def recall_roll_zero(self, needle_id: str) -> RollZero | None:
         """Return the certified roll zero of this needle as it is clamped, or None."""
         known = self.state.roll_zero
         return known if known is not None and known.needle_id == needle_id else None

@@ -31,7 +31,7 @@ def find_experiment(name: str) -> Experiment:
     )
 
 
-def experiment_of(run: Run) -> Experiment:
+def find_run_experiment(run: Run) -> Experiment:
     """Return the experiment of a run; for a withdrawal, that of the run whose needle it withdrew.
 
     Raises
@@ -44,7 +44,7 @@ def experiment_of(run: Run) -> Experiment:
     return find_experiment(name)
 
 
-def protocol_of(run: Run) -> ExperimentProtocol:
+def load_run_protocol(run: Run) -> ExperimentProtocol:
     """Return the protocol of a run as its experiment's model.
 
     Raises
@@ -57,18 +57,18 @@ def protocol_of(run: Run) -> ExperimentProtocol:
     return load_protocol(run.protocol_path, PROTOCOL_MODELS)
 
 
-def result_of(run: Run, number: int | None = None) -> AnyResult | None:
+def load_run_result(run: Run, number: int | None = None) -> AnyResult | None:
     """Return the result of a run with that number, or the newest; None if the run has no result.
 
     Raises
     ------
     InputError, RecordError
-        As `labrig.analysis.load_result` and `experiment_of`.
+        As `labrig.analysis.load_result` and `find_run_experiment`.
     """
-    return load_result(run, experiment_of(run).result_model, number)
+    return load_result(run, find_run_experiment(run).result_model, number)
 
 
-def view_of(run: Run) -> View:
+def make_run_view(run: Run) -> View:
     """Return the additions of a run's experiment to its rerun view.
 
     Raises
@@ -78,4 +78,4 @@ def view_of(run: Run) -> View:
     RecordError
         When the result is damaged.
     """
-    return experiment_of(run).view(run, result_of(run))
+    return find_run_experiment(run).view(run, load_run_result(run))

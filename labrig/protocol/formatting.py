@@ -102,14 +102,14 @@ def range_words(
     return f"{noun} {limits}".rstrip()
 
 
-def unit_of(key: str) -> str:
+def find_unit(key: str) -> str:
     """Return the suffix of `key` that names its unit, empty if there is none."""
     return max((suffix for suffix in UNITS if key.endswith(suffix)), key=len, default="")
 
 
 def rescaled_hint(key: str, value: float, lowest: float, highest: float) -> str:
     """Return a number that is out of range converted from another unit in which it would be in range."""
-    for unit, factor in UNITS.get(unit_of(key), ()):
+    for unit, factor in UNITS.get(find_unit(key), ()):
         if factor != 1.0 and value and lowest <= value * factor <= highest:
             return f"if {show_number(value)} is meant in {unit}, write {key}: {show_number(value * factor)}"
     return ""
@@ -123,7 +123,7 @@ def number_text_hint(key: str, text: str) -> str:
     if found is None:
         return ""
     number, unit = found.groups()
-    factors = dict(UNITS.get(unit_of(key), ()))
+    factors = dict(UNITS.get(find_unit(key), ()))
     if unit in factors:
         return f"write the number alone, the key names the unit: {show_number(float(number) * factors[unit])}"
     return f"write the number without quotes: {number}" if not unit else f"write the number alone: {number}"
@@ -131,7 +131,7 @@ def number_text_hint(key: str, text: str) -> str:
 
 def other_unit_hint(written: str, known: str, value: object) -> str:
     """Return `value` converted from the unit of `written` to the unit of `known`, if the keys differ only in it."""
-    suffix = unit_of(known)
+    suffix = find_unit(known)
     stem = known.removesuffix(suffix)
     for unit, factor in UNITS.get(suffix, ()):
         if written == f"{stem}_{unit.replace('/', '_')}" and isinstance(value, int | float):

@@ -23,6 +23,6 @@ class AxisPositions:
         )
 
 
-def axis_positions_of(states: Mapping[str, AxisReadback]) -> AxisPositions:
+def collect_axis_positions(states: Mapping[str, AxisReadback]) -> AxisPositions:
     """Return the positions in the states that `Rig.read_states` returns."""
     return AxisPositions(states["insertion"].position, states["rotation"].position, states["linear"].position)

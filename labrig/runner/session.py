@@ -12,7 +12,7 @@ from labrig.errors import SafetyStopError
 from labrig.record.events import Event, Move, MoveDone, OperatorQuestion, PictureRole
 from labrig.record.layout import picture_file
 from labrig.record.sink import RecordSink
-from labrig.runner.axis_positions import AxisPositions, axis_positions_of
+from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.vision.picture import Picture
 
 
@@ -88,10 +88,10 @@ class Session:
         The exposure lies between two readings of the encoders. The positions are interpolated to the time of the camera
         or, without one, half-way. At 1 mm/s their error is a few hundredths of a millimetre.
         """
-        before = axis_positions_of(self.rig.read_states())
+        before = collect_axis_positions(self.rig.read_states())
         frame, states = self.rig.take_picture()
         positions = before.interpolate_to(
-            axis_positions_of(states), 0.5 if frame.fraction is None else frame.fraction
+            collect_axis_positions(states), 0.5 if frame.fraction is None else frame.fraction
         )
         self.recorder.can_frames(self.rig.take_can_frames())
         known = {**frame.time_fields(), **asdict(positions)}

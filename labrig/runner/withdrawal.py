@@ -15,7 +15,7 @@ import pandas as pd
 from labrig.devices.operator import ConfirmNeedleOut, ConfirmStance, ConfirmWithdrawal
 from labrig.record.events import TrialStart, TrialStop, WithdrawalStart, WithdrawalStop
 from labrig.record.reader import Run, open_run
-from labrig.runner.axis_positions import AxisPositions, axis_positions_of
+from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.session import Session
 
 _SAME_DEPTH_MM = 0.02
@@ -144,7 +144,7 @@ def withdraw(session: Session, path: Sequence[AxisPositions], speeds: Mapping[st
         The needle still counts as in tissue.
     """
     rig = session.rig
-    moves = plan_reverse_moves((*path, axis_positions_of(rig.read_states())))
+    moves = plan_reverse_moves((*path, collect_axis_positions(rig.read_states())))
     session.record(WithdrawalStart(moves=len(moves)))
     for move in moves:
         axis = rig.axis(move.axis)
@@ -188,7 +188,7 @@ def recover(session: Session, run_name: str, path: Sequence[AxisPositions], stan
             ConfirmStance(run_name, standing.insertion_mm, standing.rotation_rad, standing.linear_mm, lost)
         )
         rig.assume_positions({name: assumed[name] for name in lost})
-    moves = plan_reverse_moves((*path, axis_positions_of(rig.read_states())))
+    moves = plan_reverse_moves((*path, collect_axis_positions(rig.read_states())))
     session.ask(ConfirmWithdrawal(tuple(_describe_move(move) for move in moves)))
     rig.needle.mark_in_tissue(session.recorder.run_name)
     withdraw(session, path)

@@ -31,7 +31,7 @@ class TipView:
     template: TipTemplate
     mask: Mask | None = None
 
-    def pixel_of(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
+    def compute_pixel(self, place_mm: tuple[float, float, float]) -> tuple[float, float]:
         """Return the pixel (u, v) at which a point (x, y, z) of the steering plane is seen."""
         u, v = self.plane.to_px(np.array([place_mm[1:]]))[0].tolist()
         return u, v

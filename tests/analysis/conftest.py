@@ -7,7 +7,7 @@ import pytest
 
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
@@ -32,7 +32,12 @@ class MeasuredRun:
 def measure(run: Run, *overrides: str, workers: int = 1) -> MeasuredRun:
     """Analyse a run in this process."""
     result = analyze_run(
-        run, experiment_of(run), overrides=overrides, workers=workers, created=NOW, provenance=PROVENANCE
+        run,
+        find_run_experiment(run),
+        overrides=overrides,
+        workers=workers,
+        created=NOW,
+        provenance=PROVENANCE,
     )
     return MeasuredRun(open_run(run.path), result)
 

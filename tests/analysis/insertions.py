@@ -8,7 +8,7 @@ from typing import Any
 
 from labrig.analysis.run import analyze_run
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE
 from tests.experiments.insertion.test_procedure import conduct_insertion, insertion
@@ -28,7 +28,7 @@ def record_insertion(*overrides: str) -> Run:
 def analyse(run: Run, *overrides: str) -> InsertionResult:
     """Analyse a run of insertions."""
     result = analyze_run(
-        run, experiment_of(run), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE
+        run, find_run_experiment(run), overrides=overrides, workers=1, created=NOW, provenance=PROVENANCE
     )
     assert isinstance(result.content, InsertionResult)
     return result.content

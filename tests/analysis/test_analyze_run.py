@@ -20,7 +20,7 @@ import pytest
 from labrig.analysis.result import load_centre_lines
 from labrig.analysis.run import analyze_run
 from labrig.errors import DiskError, FileFormatError, InputError, RecordError
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
@@ -195,7 +195,7 @@ def test_workers_end_with_a_parent_that_was_killed(measured: MeasuredRun) -> Non
     script = """
 import os, signal, sys
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import open_run
 from tests.analysis.synthetic import NOW
 
@@ -204,7 +204,7 @@ def die(done, total):
     os.kill(os.getpid(), signal.SIGSTOP)
 
 run = open_run(sys.argv[1])
-analyze_run(run, experiment_of(run), workers=2, progress=die, created=NOW, provenance={})
+analyze_run(run, find_run_experiment(run), workers=2, progress=die, created=NOW, provenance={})
 """
     root = Path(__file__).parents[2]
     command = [sys.executable, "-c", script, str(measured.run.path)]
@@ -223,7 +223,7 @@ def test_progress_is_told_after_each_picture(measured: MeasuredRun) -> None:
     updates: list[tuple[int, int]] = []
     analyze_run(
         measured.run,
-        experiment_of(measured.run),
+        find_run_experiment(measured.run),
         workers=1,
         progress=lambda done, total: updates.append((done, total)),
         created=NOW,
@@ -246,8 +246,8 @@ def test_a_new_result_stands_beside_the_old_and_the_record_is_untouched(folder: 
 
 def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> None:
     """load_result gives the newest result, or the one asked for, equal to what analyze_run returned."""
-    assert result_of(measured.run, 1) == measured.result
-    newest = result_of(measured.run)
+    assert load_run_result(measured.run, 1) == measured.result
+    newest = load_run_result(measured.run)
     assert newest is not None
     assert newest.path.name == max(path.name for path in (measured.run.path / "analysis").iterdir())
 
@@ -255,9 +255,9 @@ def test_results_are_read_back_as_they_were_written(measured: MeasuredRun) -> No
 def test_a_run_that_was_never_analysed_has_no_result(folder: Path) -> None:
     """Without a result the answer is None; a missing number is an error that lists the existing ones."""
     run = record_sweep(folder)
-    assert result_of(run) is None
+    assert load_run_result(run) is None
     with pytest.raises(InputError, match="no result 004"):
-        result_of(run, 4)
+        load_run_result(run, 4)
 
 
 def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
@@ -268,13 +268,13 @@ def test_a_damaged_result_is_refused_with_its_path(folder: Path) -> None:
     content = file.read_bytes()
     file.write_bytes(content.replace(b"27.", b"99."))
     with pytest.raises(RecordError, match=r"001/result\.json: it was changed"):
-        result_of(run)
+        load_run_result(run)
     file.write_bytes(content)
     without_chain(run.path)
     document = json.loads(file.read_text())
     file.write_text(json.dumps({**document, "schema_version": 2}))
     with pytest.raises(RecordError, match=r"result\.json.*schema_version"):
-        result_of(run)
+        load_run_result(run)
 
 
 def _empty(_: Mapping[str, np.ndarray]) -> bytes:
@@ -445,7 +445,9 @@ def test_a_mask_is_used_and_kept_with_the_result(folder: Path) -> None:
     file.write_text('{"*": [[[0, 0], [5000, 0], [5000, 5000], [0, 5000]]]}')
     run = record_sweep(folder / "runs", SyntheticSweep())
     mask = load_mask(file)
-    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask)
+    result = analyze_run(
+        run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE, mask=mask
+    )
     assert isinstance(result.content, CurvatureResult)
     assert not any(measurement.found for measurement in result.content.measurements)
     assert (result.path / "mask.json").read_bytes() == file.read_bytes()
@@ -456,6 +458,6 @@ def test_a_result_can_be_shown_without_personal_data(folder: Path) -> None:
     """Host, account and command line are left out of the shown result, and stay in the file."""
     run = record_sweep(folder, SyntheticSweep(without_needle=frozenset({3})))
     provenance = {**PROVENANCE, "host": "lab-pc", "account": "chen", "command_line": ["labrig"]}
-    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=provenance)
+    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=provenance)
     assert result.without_personal_data().document == {**result.document, "provenance": PROVENANCE}
     assert json.loads((result.path / "result.json").read_bytes())["provenance"] == provenance

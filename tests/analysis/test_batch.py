@@ -8,7 +8,7 @@ from labrig.analysis.divergence import find_divergence
 from labrig.analysis.result import AnalysisResult
 from labrig.analysis.run import analyze_run
 from labrig.errors import FileFormatError, RecordError
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import open_run
 from labrig.vision.mask import load_mask
 from tests.analysis.synthetic import NOW, PROVENANCE
@@ -22,7 +22,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     updates: list[tuple[int, int, str]] = []
     outcomes = analyze_runs(
         [*runs, tmp_path / "none"],
-        experiment_of,
+        find_run_experiment,
         workers=2,
         progress=lambda done, total, run: updates.append((done, total, run.name)),
         created=NOW,
@@ -38,7 +38,7 @@ def test_each_run_gets_its_result_and_the_order_is_kept(tmp_path: Path) -> None:
     assert [result.path for result in results] == [run / "analysis" / "002" for run in runs]
     assert [result.content.parent for result in results] == [1, 1, 1]
     for run, result in zip(runs, results, strict=True):
-        read = result_of(open_run(run), 2)
+        read = load_run_result(open_run(run), 2)
         assert read is not None
         assert find_divergence(read.document, results[0].document) is None
         assert find_divergence(result.document, results[0].document) is None
@@ -49,7 +49,7 @@ def test_a_wrong_setting_is_told_for_each_run(tmp_path: Path) -> None:
     runs = [Path(shutil.copytree(FIRST, tmp_path / name)) for name in ("a", "b")]
     outcomes = analyze_runs(
         runs,
-        experiment_of,
+        find_run_experiment,
         overrides=["analysis.window_start_mm=-1"],
         workers=2,
         created=NOW,
@@ -68,7 +68,7 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
     alone = [
         analyze_run(
             open_run(run),
-            experiment_of(open_run(run)),
+            find_run_experiment(open_run(run)),
             workers=1,
             created=NOW,
             provenance=PROVENANCE,
@@ -76,7 +76,9 @@ def test_runs_with_a_mask_have_together_what_each_has_alone(tmp_path: Path) -> N
         )
         for run in runs
     ]
-    together = analyze_runs(runs, experiment_of, workers=2, created=NOW, provenance=PROVENANCE, mask=mask)
+    together = analyze_runs(
+        runs, find_run_experiment, workers=2, created=NOW, provenance=PROVENANCE, mask=mask
+    )
     for run, single, other in zip(runs, alone, together, strict=True):
         assert isinstance(other, AnalysisResult)
         assert find_divergence(single.document, other.document) is None

@@ -23,7 +23,7 @@ from time import perf_counter
 
 from labrig.analysis.run import analyze_run
 from labrig.devices.rig import open_rig
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.check import check_run
 from labrig.record.reader import Run, open_run
 from labrig.record.repair import repair_run
@@ -142,7 +142,7 @@ def examine_killed(folder: Path, unkilled: RunSource) -> Survived:
     theirs = {stream: unkilled.reference.lines(stream) for stream in _STREAMS}
     unchanged = all(lines[stream] == theirs[stream][: len(lines[stream])] for stream in _STREAMS)
     repaired = _is_repaired(Path(shutil.copytree(path, folder / "repaired")), lines)
-    if experiment_of(run).can_resume:
+    if find_run_experiment(run).can_resume:
         return Survived(opened, nothing_lost, unchanged, repaired, *_is_resumed(path, unkilled))
     return Survived(opened, nothing_lost, unchanged, repaired, None, None)
 
@@ -171,7 +171,7 @@ def _resume(path: Path, name: str) -> None:
     protocol, run = short_protocol(name), open_run(path)
     if run.manifest["exit_status"] == "success":
         return
-    experiment = experiment_of(run)
+    experiment = find_run_experiment(run)
     remainder = experiment.resume(protocol, run)
     if not remainder.left:
         recorder = Recorder.reopen(path, "benchmark")
@@ -185,7 +185,7 @@ def _resume(path: Path, name: str) -> None:
 
 def measure_radii(run: Run) -> dict[int, float]:
     """Measure a run and return the radius of each trial's final picture."""
-    result = analyze_run(run, experiment_of(run), created=_STARTED, provenance={}, workers=1)
+    result = analyze_run(run, find_run_experiment(run), created=_STARTED, provenance={}, workers=1)
     return {
         int(line["trial"]): float(line["radius_mm"])
         for line in result.document["measurements"]

@@ -43,7 +43,7 @@ from labrig.devices.rig_file import load_rig
 from labrig.errors import LabrigError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.scenario import load_scenario, make_problem
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.posix import WORKER_START_METHOD
 from labrig.protocol.design_file import load_design
 from labrig.protocol.load import load_protocol
@@ -456,8 +456,8 @@ def _read_record(place: FuzzPlace) -> int:
         lambda run: run.annotations,
         lambda run: run.sessions,
         lambda run: run.protocol,
-        lambda run: experiment_of(run).result_model,
-        result_of,
+        lambda run: find_run_experiment(run).result_model,
+        load_run_result,
         lambda run: check_run(run.path),
         lambda run: note_on_run(run.path, "x", revises=None, by="x", at=_NOW),
     )

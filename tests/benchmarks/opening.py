@@ -24,10 +24,10 @@ _UNCHECKED = """
 from pathlib import Path
 from labrig.cli import main, record
 from labrig.cli.reporting import write_page
-from labrig.experiments.registry import result_of
+from labrig.experiments.registry import load_run_result
 from labrig.record.reader import open_run
 run = open_run(Path(RUN))
-print(write_page(run, result_of(run)))
+print(write_page(run, load_run_result(run)))
 """
 _ALONE = """
 from pathlib import Path

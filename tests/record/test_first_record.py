@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.catalogue import list_runs
 from labrig.record.check import check_run
@@ -41,7 +41,7 @@ def test_it_opens_whole(copy: Path) -> None:
 
 def test_its_first_result_reads_as_it_was_written(copy: Path) -> None:
     """The radius that the first labrig measured, with its interval."""
-    result = result_of(open_run(copy))
+    result = load_run_result(open_run(copy))
     assert result is not None
     assert isinstance(result.content, CurvatureResult)
     (specimen,) = result.content.specimens
@@ -51,7 +51,7 @@ def test_its_first_result_reads_as_it_was_written(copy: Path) -> None:
 def test_it_is_measured_again(copy: Path) -> None:
     """Today's analysis measures its final picture to a tenth of a millimetre of what was drawn."""
     result = analyze_run(
-        open_run(copy), experiment_of(open_run(copy)), workers=1, created=NOW, provenance=PROVENANCE
+        open_run(copy), find_run_experiment(open_run(copy)), workers=1, created=NOW, provenance=PROVENANCE
     )
     assert isinstance(result.content, CurvatureResult)
     assert result.content.parent == 1
@@ -61,7 +61,7 @@ def test_it_is_measured_again(copy: Path) -> None:
 def test_its_report_is_written(copy: Path) -> None:
     """A page is made from it, with the radius."""
     run = open_run(copy)
-    assert "27.7" in write_page(run, result_of(run), NOW).read_text(encoding="utf-8")
+    assert "27.7" in write_page(run, load_run_result(run), NOW).read_text(encoding="utf-8")
 
 
 def test_it_is_listed_and_compared(copy: Path) -> None:

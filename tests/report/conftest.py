@@ -7,7 +7,7 @@ import pytest
 
 from labrig.analysis.result import AnyResult
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.reader import Run, open_run
 from tests.analysis.synthetic import NOW, PROVENANCE, SyntheticSweep, record_sweep
 from tests.pages import write_page
@@ -27,7 +27,7 @@ class WrittenPage:
 def make_page(run: Run, *, analysed: bool = True) -> WrittenPage:
     """Analyse a run, unless told not to, and write its page."""
     result = (
-        analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+        analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
         if analysed
         else None
     )

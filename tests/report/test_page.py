@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.record.annotations import judge_run, note_on_run, tag_run
 from labrig.record.reader import open_run
 from tests.analysis.synthetic import (
@@ -258,7 +258,7 @@ def test_damage_at_the_time_of_the_measurement_is_shown(folder: Path) -> None:
     file = run.path / run.frame_table.loc[run.frame_table["role"] == "final", "file"].iloc[0]
     content = file.read_bytes()
     file.write_bytes(content[:-1])
-    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     file.write_bytes(content)
     head = _words(
         write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8").split("</header>")[0]

@@ -13,7 +13,7 @@ from labrig.devices.operator import ClearBench, ConfirmPlan, LayGraphPaper, Oper
 from labrig.errors import CalibrationRefusedError, MeasurementRefusedError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.insertion.result import InsertionResult
-from labrig.experiments.registry import experiment_of
+from labrig.experiments.registry import find_run_experiment
 from labrig.experiments.roll_zero.result import RollZeroResult
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -53,7 +53,7 @@ def conduct(
 
 def analyse(run: Run) -> AnyResult:
     """Analyse a run."""
-    return analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    return analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
 
 
 def page(run: Run, result: AnyResult) -> str:
@@ -144,7 +144,7 @@ def test_a_roll_zero_seen_by_a_bumped_camera_is_not_certified(tmp_path: Path) ->
     protocol = roll_zero("sentinel={pitch_mm: 1}", "sheath.origin=null")
     with bench(tmp_path, protocol, EVEN) as opened:
         outcome, run = conduct(opened, protocol, 0.02, ShiftToHole)
-        assert opened.opened.rig.needle.roll_zero_of("N1") is None
+        assert opened.opened.rig.needle.recall_roll_zero("N1") is None
     assert isinstance(outcome.error, CalibrationRefusedError)
     assert (outcome.exit_status, outcome.error.exit_code) == ("failed", 1)
     result = analyse(run)

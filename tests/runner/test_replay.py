@@ -17,7 +17,7 @@ from labrig.devices.replayed.recording import read_recordings
 from labrig.errors import InputError
 from labrig.experiments.declared import PROTOCOL_MODELS
 from labrig.experiments.hinge_design.protocol import DesignProtocol
-from labrig.experiments.registry import experiment_of, find_experiment, protocol_of
+from labrig.experiments.registry import find_experiment, find_run_experiment, load_run_protocol
 from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.load import load_protocol
 from labrig.protocol.sections import ExperimentProtocol
@@ -35,7 +35,7 @@ from tests.runner.sessions import PROTOCOLS, RunBench, Told, Watched, bench, swe
 def replay(run: Run) -> Replay:
     """Replay a run opened afresh."""
     again = open_run(run.path)
-    return replay_run(again, experiment_of(again), protocol_of(again), Told())
+    return replay_run(again, find_run_experiment(again), load_run_protocol(again), Told())
 
 
 def record_run(tmp_path: Path, protocol: ExperimentProtocol, *overrides: str) -> Run:
@@ -93,7 +93,7 @@ def test_nothing_is_written_by_a_replay(insertion: Run) -> None:
 
 def replay_with(run: Run, *overrides: str) -> ReplayDifference | None:
     """Replay a run with another procedure, and return the first difference."""
-    return replay_run(run, experiment_of(run), sweep(*overrides), Told()).first_difference
+    return replay_run(run, find_run_experiment(run), sweep(*overrides), Told()).first_difference
 
 
 def test_the_first_command_that_differs_is_named_with_both_values(insertion: Run) -> None:
@@ -154,7 +154,7 @@ def test_a_record_that_says_something_else_than_was_done_is_found(insertion: Run
         return event | {"asked_position": 41.0} if event.get("asked_position") == 40.0 else event
 
     run = edit_events(insertion, tmp_path, change)
-    difference = replay_run(run, experiment_of(run), protocol_of(run), Told()).first_difference
+    difference = replay_run(run, find_run_experiment(run), load_run_protocol(run), Told()).first_difference
     assert difference is not None
     assert (difference.recorded, difference.now) == (
         "move: asked_position = 41.0",
@@ -247,7 +247,7 @@ def test_a_resumed_run_is_replayed_session_by_session(tmp_path: Path) -> None:
         recorder = Recorder.reopen(run.path, "test")
         devices = open_run(again.recorder.path).manifest["devices"]
         recorder.begin_session(again.opened.rig.clock.utc(), devices=devices)
-        experiment = experiment_of(run)
+        experiment = find_run_experiment(run)
         remainder = experiment.resume(protocol, run)
         outcome = conduct_remainder(experiment, remainder, Session(again.opened.rig, recorder, Told()))
     assert outcome.exit_status == "success"
@@ -293,7 +293,7 @@ def test_pictures_that_have_times_of_their_own_come_again(tmp_path: Path) -> Non
     late = Replay()
     (exact,) = read_recordings(open_run(run.path), exact=False)
     frames = tuple(frame._replace(t_s=1.01 * frame.t_s) for frame in exact.can_frames)
-    replayed = _Replayed(run, experiment_of(run), protocol_of(run), load_recorded_rig(run))
+    replayed = _Replayed(run, find_run_experiment(run), load_run_protocol(run), load_recorded_rig(run))
     _replay_session(replayed, replace(exact, can_frames=frames), Told(), late)
     assert late.first_difference is None
 
@@ -312,7 +312,7 @@ def test_a_record_of_real_time_is_identical_though_its_times_are_not_ours(
     found = Replay()
     recording = replace(exact, can_frames=tuple(frames))
     replayed = _Replayed(
-        insertion, experiment_of(insertion), protocol_of(insertion), load_recorded_rig(insertion)
+        insertion, find_run_experiment(insertion), load_run_protocol(insertion), load_recorded_rig(insertion)
     )
     _replay_session(replayed, recording, Told(), found)
     assert found.first_difference is None

@@ -18,7 +18,7 @@ from labrig.devices.operator import (
 from labrig.errors import DriveError, SafetyStopError
 from labrig.record.events import TrialStart
 from labrig.record.reader import open_run
-from labrig.runner.axis_positions import AxisPositions, axis_positions_of
+from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.withdrawal import ReverseMove, plan_reverse_moves, read_needle_path, withdraw
 from tests.runner.sessions import RunBench, Watched, bench, sweep
 
@@ -120,7 +120,7 @@ def test_a_recorded_path_is_gone_back(tmp_path: Path) -> None:
         path = read_needle_path(open_run(rig.recorder.path))
         assert [round(path[-1].insertion_mm, 2), round(path[-1].rotation_rad, 2)] == [14, 3]
         withdraw(rig.session, path)
-        positions = axis_positions_of(rig.opened.rig.read_states())
+        positions = collect_axis_positions(rig.opened.rig.read_states())
         assert max(abs(positions.insertion_mm), abs(positions.rotation_rad), abs(positions.linear_mm)) < 0.01
         assert rig.opened.rig.state.needle_in_tissue is False
 

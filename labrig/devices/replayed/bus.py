@@ -99,7 +99,7 @@ class RecordedBus:
         if can_id == self._heartbeat_id:
             return
         now = _Entry(self._clock.now_us, can_id, data, sent=True)
-        place = self._place_of(now)
+        place = self._find_place(now)
         if place is None:
             self._answer_again(now)
             return
@@ -108,7 +108,7 @@ class RecordedBus:
             self._comparison.count_same("commands")
         self._deliver_until(self._clock.now_us)
 
-    def _place_of(self, now: _Entry) -> int | None:
+    def _find_place(self, now: _Entry) -> int | None:
         """Return where the record has this frame; None for a read that it does not have before its next command."""
         for place in range(self._next, len(self._entries)):
             entry = self._entries[place]

@@ -38,7 +38,7 @@ from labrig.experiments.insertion.settings import make_insertion_settings, with_
 from labrig.experiments.shared.needle_events import NeedleRole
 from labrig.experiments.shared.rig_view import load_tip_view, require_light
 from labrig.experiments.shared.roll_zero_search import find_roll_zero
-from labrig.runner.axis_positions import AxisPositions, axis_positions_of
+from labrig.runner.axis_positions import AxisPositions, collect_axis_positions
 from labrig.runner.graph_paper import confirm_needle_out, photograph_grid, require_same_grid
 from labrig.runner.session import Session, TakenPicture
 from labrig.runner.withdrawal import withdraw
@@ -87,7 +87,7 @@ def run(protocol: InsertionProtocol, session: Session) -> None:
 def _obtain_roll_zero(protocol: InsertionProtocol, session: Session) -> RollZero:
     """Return the certified roll zero of the needle; without one, find it as the protocol's section says."""
     needle, rig = protocol.needle, session.rig
-    known = rig.needle.roll_zero_of(needle.needle_id)
+    known = rig.needle.recall_roll_zero(needle.needle_id)
     if known is not None and all(axis.referenced for axis in rig.axes):
         confirm_needle_out(session)
         _move_to_start(protocol, session)
@@ -129,7 +129,7 @@ def _insert_once(
     rig.needle.mark_in_tissue(session.recorder.run_name)
     session.move("rotation", roll_zero.zero_rad, rig.rotation.max_speed / 2)
     session.move("linear", sheath.depth_mm, sheath.speed_mm_s)
-    insertion.path.append(axis_positions_of(rig.read_states()))
+    insertion.path.append(collect_axis_positions(rig.read_states()))
     picture = session.take_picture(InsertionRole.SCENE, trial)
     origin = insertion.find_sheath(picture)
     if origin is not None:
@@ -161,7 +161,7 @@ def _find_aim(protocol: InsertionProtocol, session: Session, view: TipView, tria
     """Have the block placed, ask for the target if the protocol requires it, and return target and obstacles."""
     specimen = protocol.specimen
     obstacles = tuple(
-        (view.pixel_of(obstacle.position_mm), obstacle.radius_mm)
+        (view.compute_pixel(obstacle.position_mm), obstacle.radius_mm)
         for obstacle in locate_obstacles(protocol, view.plane)
     )
     name = specimen.name if protocol.repetitions == 1 else f"{specimen.name} {trial + 1}"
@@ -210,7 +210,7 @@ class _Insertion:
         self.session.record(BevelTurn(trial=self.trial, depth_mm=depth_mm, from_rad=from_rad, to_rad=to_rad))
         self.session.move("rotation", to_rad, rotation.nearest_speed(rotation.max_speed))
         self.session.rig.wait(rotation.lag_s)
-        self.path.append(axis_positions_of(self.session.rig.read_states()))
+        self.path.append(collect_axis_positions(self.session.rig.read_states()))
 
     def advance(self, command: SteeringCommand) -> TakenPicture:
         """Advance at the set speed, without stopping a moving needle, and take a picture at the commanded depth."""
@@ -220,7 +220,7 @@ class _Insertion:
         there = False
         while not there:
             states = self.session.record_next_states()
-            self.path.append(axis_positions_of(states))
+            self.path.append(collect_axis_positions(states))
             passing = command.run_to_mm - command.observe_at_mm > _SAME_MM
             there = states["insertion"].target_reached or (
                 passing and self.path[-1].insertion_mm >= command.observe_at_mm
@@ -273,7 +273,7 @@ class _Insertion:
         file = self.session.draw(draw_plan(image, self.view.plane, drawn), InsertionRole.PLAN, self.trial)
         arcs = len(state.plan.arcs)
         plan = f"{arcs} {'arc' if arcs == 1 else 'arcs'}, {state.plan.length_mm or 0.0:.0f} mm"
-        self.session.ask(ConfirmPlan(str(file), self.view.pixel_of(aim.target_mm), plan))
+        self.session.ask(ConfirmPlan(str(file), self.view.compute_pixel(aim.target_mm), plan))
 
     def finish(self, state: SteeringState, command: SteeringCommand) -> None:
         """Hold, take the last picture, record the truth, and withdraw along the path."""

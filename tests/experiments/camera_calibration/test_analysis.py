@@ -9,7 +9,7 @@ import pytest
 from labrig.analysis.divergence import find_divergence
 from labrig.analysis.run import analyze_run
 from labrig.experiments.camera_calibration.result import CalibrationResult
-from labrig.experiments.registry import experiment_of, result_of
+from labrig.experiments.registry import find_run_experiment, load_run_result
 from labrig.record.reader import Run
 from labrig.vision.calibration_file import load_intrinsics, load_plane
 from labrig.vision.refraction import Gel
@@ -17,7 +17,7 @@ from tests.analysis.synthetic import NOW, PROVENANCE, record_calibration
 
 
 def _analyse(run: Run) -> tuple[CalibrationResult, Path]:
-    result = analyze_run(run, experiment_of(run), created=NOW, provenance=PROVENANCE)
+    result = analyze_run(run, find_run_experiment(run), created=NOW, provenance=PROVENANCE)
     assert isinstance(result.content, CalibrationResult)
     return result.content, result.path
 
@@ -36,7 +36,7 @@ def test_lens_and_plane_are_found_and_written(run: Run) -> None:
     assert load_plane(folder / "plane.json", lens).mm_per_px == pytest.approx(0.0646, abs=0.001)
     assert content.intrinsics is not None
     assert content.intrinsics["fx"] == lens.fx
-    assert result_of(run) is not None
+    assert load_run_result(run) is not None
 
 
 def test_the_gel_of_the_protocol_is_corrected_and_the_assumptions_are_kept(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_progress_counts_the_pictures(run: Run) -> None:
     updates: list[tuple[int, int]] = []
     analyze_run(
         run,
-        experiment_of(run),
+        find_run_experiment(run),
         progress=lambda done, total: updates.append((done, total)),
         created=NOW,
         provenance=PROVENANCE,

@@ -6,7 +6,7 @@ import pytest
 
 from labrig.analysis.result import NO_LINES
 from labrig.analysis.run import analyze_run
-from labrig.experiments.registry import experiment_of, view_of
+from labrig.experiments.registry import find_run_experiment, make_run_view
 from labrig.record.reader import open_run
 from labrig.report.rerun_view import write_view
 from labrig.report.view import NO_VIEW
@@ -19,7 +19,7 @@ from tests.pages import write_page
 def html() -> str:
     """Return the page of an insertion past one obstacle."""
     run = record_insertion()
-    result = analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    result = analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     return write_page(open_run(run.path), result, NOW).read_text(encoding="utf-8")
 
 
@@ -70,9 +70,9 @@ def test_the_page_says_how_near_and_by_what_it_was_measured(html: str) -> None:
 def test_the_view_shows_the_insertion_too() -> None:
     """The rerun file of an insertion also holds paths, plans and curves of the estimate."""
     run = record_insertion()
-    analyze_run(run, experiment_of(run), workers=1, created=NOW, provenance=PROVENANCE)
+    analyze_run(run, find_run_experiment(run), workers=1, created=NOW, provenance=PROVENANCE)
     assert b"/estimate" not in write_view(run, NO_LINES, NO_VIEW).read_bytes()
-    assert b"/estimate" in write_view(run, NO_LINES, view_of(run)).read_bytes()
+    assert b"/estimate" in write_view(run, NO_LINES, make_run_view(run)).read_bytes()
 
 
 def test_what_a_person_wrote_stays_text(html: str) -> None:

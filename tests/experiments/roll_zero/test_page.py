@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labrig.analysis.result import AnalysisResult
-from labrig.experiments.registry import protocol_of
+from labrig.experiments.registry import load_run_protocol
 from labrig.experiments.roll_zero.page import make_page as roll_zero_page
 from labrig.experiments.roll_zero.protocol import RollZeroProtocol
 from labrig.experiments.roll_zero.result import RollZeroResult
@@ -55,7 +55,7 @@ def test_a_result_of_an_earlier_labrig_has_its_page(tmp_path: Path) -> None:
     assert first.result is not None
     shown = first.result.content.model_copy(update={"offset_mm": None})
     assert isinstance(shown, RollZeroResult)
-    protocol = protocol_of(first.run)
+    protocol = load_run_protocol(first.run)
     assert isinstance(protocol, RollZeroProtocol)
     page = roll_zero_page(first.run, protocol, AnalysisResult(first.result.path, shown))
     assert "fitted cosine" not in page.shown["figure"]

@@ -218,9 +218,12 @@ def _select_notes(said: str) -> str:
 
 
 def _spell(names: tuple[str, ...]) -> Iterator[str]:
-    """Yield the changed files as messages name them; a checksum that does not fit is reported of can.log."""
+    """Yield the changed files as messages name them: by its folder if a result was added, can.log for its checksums."""
     for name in names:
-        yield from (name, name.rpartition("/")[2])
+        folder, _, file = name.rpartition("/")
+        yield from (name, file)
+        if folder.startswith("analysis/"):
+            yield folder
     if "can.sums.jsonl" in names:
         yield "can.log"
 

@@ -84,7 +84,7 @@ CONSUMER_HEARTBEAT = Entry(0x1016, 1, "consumer heartbeat", "I")
 PRODUCER_HEARTBEAT = Entry(0x1017, 0, "producer heartbeat time", "H")
 VENDOR_ID = Entry(0x1018, 1, "vendor id", "I", "ro", 0xFB)
 PRODUCT_CODE = Entry(0x1018, 2, "product code", "I", "ro", 0x62200000)
-REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21100000)
+REVISION = Entry(0x1018, 3, "revision number", "I", "ro", 0x21220000)
 SERIAL_NUMBER = Entry(0x1018, 4, "serial number", "I", "ro")
 ABORT_CONNECTION = Entry(0x6007, 0, "abort connection option code", "h", default=1)
 CONTROLWORD = Entry(0x6040, 0, "controlword", "H")
@@ -116,14 +116,14 @@ LIFE_TIME_FACTOR = Entry(0x100D, 0, "life time factor", "B")
 STORE = Entry(0x1010, 1, "store all parameters", "I", default=1)
 RESTORE = Entry(0x1011, 1, "restore all default parameters", "I", default=1)
 RESTORE_PDO_IDS = Entry(0x1011, 5, "restore default PDO COB-IDs", "I", default=1)
-EMERGENCY_ID = Entry(0x1014, 0, "COB-ID EMCY", "I", "ro", 0x80)
+EMERGENCY_ID = Entry(0x1014, 0, "COB-ID EMCY", "I", default=0x80)
 CONSUMER_HEARTBEAT_2 = Entry(0x1016, 2, "consumer heartbeat 2", "I")
 SDO_REQUEST_ID = Entry(0x1200, 1, "COB-ID SDO client to server", "I", "ro", 0x600)
 SDO_RESPONSE_ID = Entry(0x1200, 2, "COB-ID SDO server to client", "I", "ro", 0x580)
 ERROR_HISTORY = (LAST_ERROR, *(Entry(0x1003, n, f"error history {n}", "I", "ro") for n in range(2, 6)))
 """Newest first; the code stands in the lower sixteen bits."""
 PDO_INVALID = 0x80000000
-"""The bit of a PDO's COB-ID that switches it off."""
+"""The bit of a COB-ID that switches a PDO or EMCY off."""
 RECEIVE_PDO_COB_IDS = tuple(
     Entry(0x1400 + n, 1, f"RxPDO {n + 1} COB-ID", "I", default=0x200 + 0x100 * n) for n in range(4)
 )
@@ -143,7 +143,9 @@ TRANSMIT_PDO_COB_IDS = tuple(
 TPDO_TYPES = tuple(
     Entry(0x1800 + n, 2, f"TxPDO {n + 1} transmission type", "B", default=255) for n in range(4)
 )
-TPDO_INHIBITS = tuple(Entry(0x1800 + n, 3, f"TxPDO {n + 1} inhibit time [100 us]", "H") for n in range(4))
+TPDO_INHIBITS = tuple(
+    Entry(0x1800 + n, 3, f"TxPDO {n + 1} inhibit time [100 us]", "H", default=10) for n in range(4)
+)
 _RPDO_MAPS = ((0x60400010,), (0x60400010, 0x60600008), (0x60400010, 0x607A0020), (0x60400010, 0x60FF0020))
 _TPDO_MAPS = ((0x60410010,), (0x60410010, 0x60610008), (0x60410010, 0x60640020), (0x60410010, 0x606C0020))
 

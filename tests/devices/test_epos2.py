@@ -79,7 +79,7 @@ def test_identity_is_read(bench: OneDrive) -> None:
     assert identity.document() == {
         "model": "EPOS2 24/5",
         "hardware_version": 0x6220,
-        "software_version": 0x2110,
+        "software_version": 0x2122,
         "serial_number": 1001,
     }
 
@@ -268,8 +268,6 @@ def test_passing_a_limit_is_a_fault_at_the_limit(ready: OneDrive) -> None:
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        (0x3220, "under-voltage"),
-        (0x7320, "position sensor"),
         (0x8611, "following error"),
         (0xFF06, "negative limit switch"),
         (0x1234, "unknown to labrig"),
@@ -289,6 +287,19 @@ def test_a_fault_while_moving_stops_the_axis_and_is_named(ready: OneDrive, code:
     assert ready.drive.shaft_counts == stopped_at
     with pytest.raises(DriveError, match=f"0x{code:04X}"):
         ready.driver.raise_if_faulted()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"), [(0x3220, "under-voltage"), (0x7320, "position sensor"), (0xFF01, "Hall sensor")]
+)
+def test_a_fault_that_takes_power_away_is_named(ready: OneDrive, code: int, words: str) -> None:
+    """The drive goes to fault without braking, and the error is named as any other."""
+    ready.driver.start_profile(40_000, 120)
+    ready.clock.sleep(2.0)
+    ready.drive.fail(code)
+    assert decode_state(ready.driver.statusword()) is DriveState.FAULT
+    with pytest.raises(DriveError, match=words):
+        ready.driver.check()
 
 
 def test_nothing_enables_a_faulted_drive(ready: OneDrive) -> None:

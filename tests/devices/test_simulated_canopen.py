@@ -313,3 +313,29 @@ def test_a_booting_drive_is_silent_until_it_announces_itself() -> None:
     assert heard == [0x705]
     drive.unplug()
     bus.shutdown()
+
+
+def test_every_receive_pdo_is_valid_by_default(bench: CanopenBench) -> None:
+    """RxPDO 2 of a drive as it comes sets mode and controlword: the log of a real EPOS2 begins with this frame."""
+    bench.nmt(0x01)
+    bench.send(0x300 + NODE, bytes([0x00, 0x00, 0x03]))
+    assert bench.read(co.MODE) == 3
+
+
+def test_an_emergency_goes_out_under_its_own_cob_id(bench: CanopenBench) -> None:
+    """0x1014 can be written; with its highest bit set the drive sends no EMCY."""
+    assert bench.read(co.EMERGENCY_ID) == 0x80 + NODE
+    bench.write(co.EMERGENCY_ID, 0x90)
+    bench.drive.fail(0x8110)
+    assert bench.frames(0x090) == [b"\x10\x81\x11\0\0\0\0\0"]
+    bench.write(co.EMERGENCY_ID, 0x80000090)
+    bench.drive.fail(0x8111)
+    assert bench.frames(0x090) + bench.frames(0x080 + NODE) == []
+
+
+def test_a_masked_input_is_not_shown(bench: CanopenBench) -> None:
+    """0x2071:01 shows the inputs of the mask 0x2071:02; by default position marker and drive enable are hidden."""
+    bench.drive.press(0xFFFF)
+    assert bench.read(od.INPUT_STATE) == 0xE387
+    bench.write(od.INPUT_MASK, 0x0010)
+    assert bench.read(od.INPUT_STATE) == 0x0010

@@ -60,7 +60,7 @@ def test_identity_is_that_of_an_epos2(node: canopen.RemoteNode) -> None:
         (0x4000, 0, b"\0", 0x06020000),
         (0x607D, 9, b"\0", 0x06090011),
         (0x6041, 0, b"\0\0", 0x06010002),
-        (0x6081, 0, b"\0\0", 0x06070010),
+        (0x6081, 0, b"\0\0", 0x06070013),
         (0x6081, 0, bytes(4), 0x06090032),
         (0x6081, 0, (25_001).to_bytes(4, "little"), 0x06090031),
     ],
@@ -68,7 +68,7 @@ def test_identity_is_that_of_an_epos2(node: canopen.RemoteNode) -> None:
 def test_refusals_carry_the_codes_that_maxon_lists(
     node: canopen.RemoteNode, index: int, subindex: int, data: bytes, code: int
 ) -> None:
-    """No object, no subindex, read only, wrong length, too low, too high."""
+    """No object, no subindex, read only, too short, too low, too high."""
     with pytest.raises(SdoAbortedError) as refusal:
         node.sdo.download(index, subindex, data)
     assert refusal.value.code == code

@@ -29,9 +29,11 @@ MECHANICS = Mechanics(
 class MotionBench:
     """A drive whose objects are written directly, and its clock."""
 
-    def __init__(self, mechanics: Mechanics) -> None:
+    def __init__(self, mechanics: Mechanics, encoder_pulses: int) -> None:
         self.clock = SimulatedClock()
-        self.drive = SimulatedDrive(InProcessWire(), 1, self.clock, mechanics=mechanics)
+        self.drive = SimulatedDrive(
+            InProcessWire(), 1, self.clock, encoder_pulses=encoder_pulses, mechanics=mechanics
+        )
         self.clock.on_advance(self.drive.tick)
         for word in (0x06, 0x0F):
             self.write(co.CONTROLWORD, word)
@@ -65,9 +67,9 @@ class MotionBench:
 
 
 @contextmanager
-def bench(mechanics: Mechanics = MECHANICS) -> Iterator[MotionBench]:
+def bench(mechanics: Mechanics = MECHANICS, encoder_pulses: int = 500) -> Iterator[MotionBench]:
     """Set up an enabled drive."""
-    made = MotionBench(mechanics)
+    made = MotionBench(mechanics, encoder_pulses)
     yield made
     made.drive.unplug()
 
@@ -87,6 +89,22 @@ def test_profile_velocity_runs_until_it_is_halted() -> None:
         b.clock.sleep(1.0)
         assert b.drive.speed_quadcounts_s == 0
         assert b.word() & 0x1400 == 0x1400
+
+
+@pytest.mark.parametrize(("rpm", "shown"), [(100, {59, 117}), (500, {469, 527}), (-100, {-59, -117})])
+def test_the_measured_speed_alternates_as_that_of_a_real_drive(rpm: int, shown: set[int]) -> None:
+    """It is whole counts per millisecond, here of 1024 per turn as in the log of kay01-kwon/ROS_EPOS2."""
+    with bench(Mechanics(), encoder_pulses=256) as b:
+        b.write(co.MODE, 3)
+        b.write(co.TARGET_VELOCITY, rpm)
+        b.clock.sleep(1.0)
+        found = []
+        for _ in range(200):
+            b.clock.sleep(0.01)
+            found.append(b.read(co.VELOCITY_ACTUAL))
+        assert set(found) == shown
+        assert sum(found) / len(found) == pytest.approx(rpm, rel=0.1)
+        assert b.read(od.VELOCITY_AVERAGE) == rpm
 
 
 @pytest.mark.parametrize(
@@ -185,9 +203,30 @@ def test_limit_switches_do_nothing_until_their_mask_says_so() -> None:
         assert b.read(co.LAST_ERROR) == 0xFF07
 
 
-@pytest.mark.parametrize("code", [0x2310, 0x3210])
-def test_errors_of_the_power_stage_switch_power_off_at_once(code: int) -> None:
-    """Over-current and over-voltage are a fault without braking."""
+POWER_OFF_AT_ONCE = (
+    *(0x1000, 0x2310, 0x3210, 0x3220, 0x4210, 0x5113, 0x6100, 0x6320, 0x7320),
+    *(0xFF01, 0xFF02, 0xFF03, 0xFF04, 0xFF0A, 0xFF0B),
+)
+BRAKING = (
+    0x8110,
+    0x8111,
+    0x8120,
+    0x8130,
+    0x8150,
+    0x81FD,
+    0x81FE,
+    0x81FF,
+    0x8210,
+    0x8611,
+    0xFF06,
+    0xFF07,
+    0xFF09,
+)
+
+
+@pytest.mark.parametrize("code", POWER_OFF_AT_ONCE)
+def test_errors_that_take_power_away_do_so_at_once(code: int) -> None:
+    """They are a fault without braking, whatever 0x605E says."""
     with bench(Mechanics()) as b:
         b.go(100_000)
         b.clock.sleep(0.5)
@@ -196,6 +235,108 @@ def test_errors_of_the_power_stage_switch_power_off_at_once(code: int) -> None:
         still = b.drive.journal.last("still")
         assert still is not None
         assert still.t_s == 0.5
+
+
+@pytest.mark.parametrize(("option", "rpm_per_s"), [(1, 10_000), (2, 40_000)])
+@pytest.mark.parametrize("code", BRAKING)
+def test_other_errors_brake_first_as_0x605e_says(code: int, option: int, rpm_per_s: int) -> None:
+    """1: with the profile deceleration; 2: with that of the quick stop. Power goes at standstill."""
+    with bench(Mechanics()) as b:
+        b.write(co.QUICK_STOP_DECELERATION, 40_000)
+        b.write(co.FAULT_REACTION, option)
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.drive.fail(code)
+        assert b.word() & 0x6F == 0x0F
+        b.clock.sleep(1.0)
+        assert b.word() & 0x6F == 0x08
+        still = b.drive.journal.last("still")
+        assert still is not None
+        assert still.t_s == pytest.approx(0.5 + 1000 / rpm_per_s)
+
+
+def test_with_0x605e_at_zero_every_error_takes_power_away_at_once() -> None:
+    """0: the motor turns freely."""
+    with bench(Mechanics()) as b:
+        b.write(co.FAULT_REACTION, 0)
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.drive.fail(0x8611)
+        assert b.word() & 0x6F == 0x08
+
+
+@pytest.mark.parametrize(
+    ("word", "option", "state"), [(0x06, co.SHUTDOWN_OPTION, 0x21), (0x07, co.DISABLE_OPTION, 0x23)]
+)
+def test_leaving_operation_brakes_first_as_its_option_code_says(word: int, option: Entry, state: int) -> None:
+    """Shutdown and disable operation: 1 brakes and takes power away at standstill, 0 takes it away at once."""
+    with bench(Mechanics()) as b:
+        b.write(option, 1)
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.write(co.CONTROLWORD, word)
+        assert b.word() & 0x6F == 0x27
+        b.clock.sleep(0.2)
+        assert b.word() & 0x6F == state
+        still = b.drive.journal.last("still")
+        assert still is not None
+        assert still.t_s == pytest.approx(0.6)
+    with bench(Mechanics()) as b:
+        b.write(option, 0)
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.write(co.CONTROLWORD, word)
+        assert b.word() & 0x6F == state
+
+
+def test_a_set_point_is_not_taken_while_operation_is_being_left() -> None:
+    """The command that ends operation counts; enabling again while the axis brakes keeps power on and moves nothing."""
+    with bench(Mechanics()) as b:
+        b.write(co.DISABLE_OPTION, 1)
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.write(co.TARGET_POSITION, -100_000)
+        b.write(co.CONTROLWORD, 0x37)
+        b.write(co.CONTROLWORD, 0x0F)
+        b.clock.sleep(1.0)
+        assert b.word() & 0x6F == 0x27
+        assert not b.drive.is_moving
+        assert b.drive.shaft_counts > 0
+
+
+def test_transition_16_leads_from_quick_stop_back_to_operation() -> None:
+    """Enable operation leaves a quick stop with power on; the axis brakes on and then takes a new set-point."""
+    with bench(Mechanics()) as b:
+        b.go(100_000)
+        b.clock.sleep(0.5)
+        b.write(co.CONTROLWORD, 0x02)
+        assert b.word() & 0x6F == 0x07
+        b.write(co.CONTROLWORD, 0x0F)
+        assert b.word() & 0x6F == 0x27
+        b.clock.sleep(1.0)
+        stopped = b.drive.shaft_counts
+        assert stopped < 100_000
+        assert not b.drive.is_moving
+        b.go(0)
+        b.clock.sleep(5.0)
+        assert b.drive.shaft_counts == 0
+
+
+@pytest.mark.parametrize("code", [None, 0x2310, 0x8611])
+def test_the_acknowledge_of_a_set_point_ends_with_power(code: int | None) -> None:
+    """Bit 12 does not outlive disable voltage or a fault, not even one at whose end power goes."""
+    with bench(Mechanics()) as b:
+        b.write(co.TARGET_POSITION, 100_000)
+        b.write(co.CONTROLWORD, 0x1F)
+        b.clock.sleep(0.5)
+        assert b.word() & 0x1000
+        if code is None:
+            b.write(co.CONTROLWORD, 0x10)
+        else:
+            b.drive.fail(code)
+        b.clock.sleep(2.0)
+        assert not b.drive.is_powered()
+        assert not b.word() & 0x1000
 
 
 def test_an_emergency_stop_lasts_until_power_is_back() -> None:

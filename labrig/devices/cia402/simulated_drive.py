@@ -97,6 +97,10 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         """Return the value of the object for it; zero in a drive without one."""
         return self._option(self._section.objects.entry("home_position") or co.HOME_OFFSET, 0)
 
+    def stays_in_quick_stop(self) -> bool:
+        """Tell it from the quick stop option code."""
+        return self._option(od.QUICK_STOP_OPTION, 2) >= _STAYS_IN_QUICK_STOP
+
     def position_limits(self) -> tuple[int, int]:
         """Return the software limits; both zero, the default of an EPOS4, mean no limits."""
         limits = super().position_limits()
@@ -112,7 +116,7 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
         if (
             self._state is DriveState.QUICK_STOP_ACTIVE
             and self._is_at_rest()
-            and self._option(od.QUICK_STOP_OPTION, 2) < _STAYS_IN_QUICK_STOP
+            and not self.stays_in_quick_stop()
         ):
             self._change_state(0)
 

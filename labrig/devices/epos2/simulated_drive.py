@@ -1,6 +1,7 @@
 """A simulated EPOS2: its objects, errors and homing; state machine and motion are those of CiA 402."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 from labrig.clock import Clock
@@ -16,14 +17,30 @@ from labrig.devices.simulated.shaft import Mechanics
 
 METHODS = frozenset({-4, -3, -2, -1, 0, 1, 2, 7, 11, 17, 18, 23, 27, 33, 34, 35})
 _SENSOR_ERROR = 0x7320
-_NO_MECHANICS = Mechanics()
-
-_OBJECTS = ObjectTable(
-    b"EPOS2",
-    od.NUMBERS,
-    frozenset({od.ENCODER_PULSES, od.SENSOR_TYPE, od.SENSOR_POLARITY, co.MOTOR_TYPE, od.POLE_PAIRS}),
-    (od.CONFIGURATION_DATE, od.CONFIGURATION_TIME),
+_DISABLING_ERRORS = frozenset(
+    {0x1000, 0x2310, 0x3210, 0x3220, 0x4210, 0x5113, 0x6100, 0x6320, 0x7320}
+    | {0xFF01, 0xFF02, 0xFF03, 0xFF04, 0xFF0A, 0xFF0B}
 )
+"""By maxon's firmware specification of the first EPOS generation (798675-03)."""
+
+_NO_MECHANICS = Mechanics()
+_EPOS2_70_10 = 0x6420
+_RATED_MA = {_EPOS2_70_10: {od.CONTINUOUS_CURRENT: 10_000, od.MAX_CURRENT: 25_000}}
+"""Hardware version -> current limits, default and highest at once; those of the table are an EPOS2 24/5's."""
+
+
+def _objects(hardware_version: int) -> ObjectTable:
+    """Return the objects of a type of EPOS2."""
+    rated_ma = _RATED_MA.get(hardware_version & 0xFFF0, {})
+    return ObjectTable(
+        b"EPOS2",
+        tuple(
+            replace(entry, default=rated_ma[entry], highest=rated_ma[entry]) if entry in rated_ma else entry
+            for entry in od.NUMBERS
+        ),
+        frozenset({od.ENCODER_PULSES, od.SENSOR_TYPE, od.SENSOR_POLARITY, co.MOTOR_TYPE, od.POLE_PAIRS}),
+        (od.CONFIGURATION_DATE, od.CONFIGURATION_TIME),
+    )
 
 
 class SimulatedDrive(SimulatedCia402Drive):
@@ -35,8 +52,8 @@ class SimulatedDrive(SimulatedCia402Drive):
         See `SimulatedCia402Drive`.
     encoder_pulses : int
         Encoder lines per turn.
-    hardware_version : int
-        Hardware version that it reports (0x2003:02).
+    hardware_version, software_version : int
+        Versions that it reports (0x2003).
     """
 
     state_bits: ClassVar[Mapping[DriveState, int]] = {
@@ -46,6 +63,7 @@ class SimulatedDrive(SimulatedCia402Drive):
     homing_methods = METHODS
     switch_errors: ClassVar[Mapping[int, int]] = {0x0001: 0xFF06, 0x0002: 0xFF07}
     position_limit_error = 0xFF09
+    disabling_errors = _DISABLING_ERRORS
     reset_communication_first = frozenset({0x8120, 0x81FD})
     reset_node_first = frozenset({0xFF04})
 
@@ -58,6 +76,7 @@ class SimulatedDrive(SimulatedCia402Drive):
         encoder_pulses: int = 500,
         shaft_counts: float = 0.0,
         hardware_version: int = od.HARDWARE_VERSION.default,
+        software_version: int = od.SOFTWARE_VERSION.default,
         mechanics: Mechanics = _NO_MECHANICS,
         boot_time_s: float = 0.0,
     ) -> None:
@@ -65,12 +84,14 @@ class SimulatedDrive(SimulatedCia402Drive):
             wire,
             node_id,
             clock,
-            table=_OBJECTS,
+            table=_objects(hardware_version),
             fixed={
                 od.NODE_ID: node_id,
                 od.ENCODER_PULSES: encoder_pulses,
                 od.HARDWARE_VERSION: hardware_version,
+                od.SOFTWARE_VERSION: software_version,
                 co.PRODUCT_CODE: hardware_version << 16,
+                co.REVISION: software_version << 16,
                 co.SERIAL_NUMBER: 1000 + node_id,
             },
             shaft_counts=shaft_counts,
@@ -118,7 +139,7 @@ class SimulatedDrive(SimulatedCia402Drive):
             od.FOLLOWING_ERROR_ACTUAL: lambda: max(
                 -32768, min(32767, round(self._shaft.demand - self._shaft.actual))
             ),
-            od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFF,
-            od.INPUT_STATE: self._read_inputs,
-            od.VELOCITY_AVERAGE: self._velocity_rpm,
+            od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFFFFFF,
+            od.INPUT_STATE: lambda: self._read_inputs() & self._values(od.INPUT_MASK),
+            od.VELOCITY_AVERAGE: lambda: round(self.speed_quadcounts_s / self.counts_per_speed_unit()),
         }

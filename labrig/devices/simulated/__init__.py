@@ -15,9 +15,10 @@ What is decided here
   target, a drive moves towards a target beyond the software limits until it passes the limit, an axis moves on
   through NMT stop and reset communication, a new target velocity acts at once, and a homing search without a stop
   never ends.
-- Unsure, for want of a device to compare with: which errors other than over-current and over-voltage switch the
-  power stage off at once instead of braking; the order in which a mapping may be written; COB-IDs of PDOs after
-  0x1011:05; that only 1, 253 and 255 are transmission types; the bits of 0x2071:01; ranges of 0x2070 and 0x6410.
+- Unsure, for want of a device to compare with: whether the errors that only the EPOS2 has (0x5114, 0xFF0C to 0xFF12)
+  brake, as here, or switch the power stage off at once; the order in which a mapping may be written; COB-IDs of PDOs
+  after 0x1011:05; that only 1, 253 and 255 are transmission types; the bits of 0x2071:01; ranges of 0x2070; the default
+  of 0x6007; whether the attained bit of a homing outlives power off, as here.
 - Left out: interpolated, current, velocity, position and master encoder modes, which change the mode display and
   move nothing; sin2 profiles; storing to flash takes no time; SDO block transfer is refused, as by the drive.
 """

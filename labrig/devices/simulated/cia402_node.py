@@ -1,5 +1,6 @@
 """What simulated drives of the profile CiA 402 have in common: state machine, faults and motion of one CANopen node."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import ClassVar
@@ -39,8 +40,11 @@ _FOLLOWING_ERROR, _HEARTBEAT_ERROR = 0x8611, 0x8130
 _NO_ACTION, _FAULT_SIGNAL, _QUICK_STOP_COMMAND = 0, 1, 3
 """Values of 0x6007; 2 switches power off."""
 
-_POWER_OFF = 0
-"""Value of 0x605E that makes the motor turn freely."""
+_POWER_OFF, _SLOW_DOWN = 0, 1
+"""Values of 0x605B, 0x605C and 0x605E: power off at once, or after braking with the profile deceleration."""
+
+_COUNTING_S = 0.001
+"""Time in which a drive counts its encoder to measure the speed."""
 
 _MODE_SPECIFIC = 0x2000
 _FOLLOWING_ERROR_OFF = 0xFFFFFFFF
@@ -81,7 +85,7 @@ class SimulatedCia402Drive(CanopenNode):
     position_limit_error : int
         Error code of a passed software limit.
     disabling_errors : frozenset of int
-        Errors that switch the power stage off at once; to all others the drive reacts by a quick stop.
+        Errors that switch the power stage off at once; to all others the drive reacts as 0x605E says.
     reset_communication_first, reset_node_first : frozenset of int
         Errors that stay until this NMT command.
     """
@@ -124,6 +128,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._ready_s = clock.now_s()
         self._shaft = MotorShaft(mechanics, clock.now_s(), shaft_counts)
         self._state = DriveState.SWITCH_ON_DISABLED
+        self._state_at_rest: DriveState | None = None
         self._errors: list[int] = []
         self._target = 0.0
         self._waiting_target: float | None = None
@@ -189,6 +194,10 @@ class SimulatedCia402Drive(CanopenNode):
         """Return the software limits [counts]."""
         values = self.objects.values
         return values[co.LOWER_LIMIT], values[co.UPPER_LIMIT]
+
+    def stays_in_quick_stop(self) -> bool:
+        """Tell whether power stays on at the end of a quick stop, which transition 16 can then leave."""
+        return True
 
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
@@ -258,7 +267,7 @@ class SimulatedCia402Drive(CanopenNode):
         self._shaft.hold(now_s)
         self._shaft.zero, before = self._shaft.position, self._moving
         self._shaft.count_from(now_s, 0.0)
-        self._state = DriveState.SWITCH_ON_DISABLED
+        self._state, self._state_at_rest = DriveState.SWITCH_ON_DISABLED, None
         self._forget()
         self._moving = before
         self.objects.load()
@@ -297,8 +306,11 @@ class SimulatedCia402Drive(CanopenNode):
             return
         self._note_stillness(self._shaft.profile.end_s)
         if self._state is DriveState.FAULT_REACTION:
-            self._shaft.hold(now_s)
             self._set_state(DriveState.FAULT)
+            self._hold()
+        elif self._state_at_rest is not None:
+            self._set_state(self._state_at_rest)
+            self._hold()
         elif self._waiting_target is not None:
             self._target, self._waiting_target = self._waiting_target, None
             self._start_move(now_s)
@@ -362,8 +374,17 @@ class SimulatedCia402Drive(CanopenNode):
         }
 
     def _velocity_rpm(self) -> int:
-        """Return the speed in the coarse steps of a real drive: one quadcount a millisecond."""
-        return round(int(self.speed_quadcounts_s / 1000) * 1000 / self.counts_per_speed_unit())
+        """Return the speed as a drive measures it: the counts of the last whole millisecond.
+
+        It alternates between two neighbours: a real EPOS2 with 1024 counts per turn shows 59 and 117 rpm at 100 rpm.
+        """
+        end_s = math.floor(self._clock.now_s() / _COUNTING_S) * _COUNTING_S
+        before, after = (round(self._shaft.at(t_s)[1]) for t_s in (end_s - _COUNTING_S, end_s))
+        return round((after - before) / _COUNTING_S / self.counts_per_speed_unit())
+
+    def _operates(self) -> bool:
+        """Tell whether operation is enabled, and not about to be left at standstill."""
+        return self._state is DriveState.OPERATION_ENABLED and self._state_at_rest is None
 
     def _on_write(self, entry: Entry, value: int, before: int) -> None:
         super()._on_write(entry, value, before)
@@ -372,7 +393,7 @@ class SimulatedCia402Drive(CanopenNode):
         elif entry == co.MODE:
             self._change_mode(value, before)
         elif entry == co.TARGET_VELOCITY:
-            if self._state is DriveState.OPERATION_ENABLED and self._values(co.MODE) == _PROFILE_VELOCITY:
+            if self._operates() and self._values(co.MODE) == _PROFILE_VELOCITY:
                 self._run(self._values(co.CONTROLWORD))
         elif entry == co.HOMING_METHOD and value not in self.homing_methods:
             self.objects.values[entry] = before
@@ -446,7 +467,7 @@ class SimulatedCia402Drive(CanopenNode):
 
     def _set_state(self, state: DriveState) -> None:
         if state is not self._state:
-            self._state = state
+            self._state, self._state_at_rest = state, None
             self._note("state", state.name)
 
     def _obey(self, word: int, before: int) -> None:
@@ -456,25 +477,37 @@ class SimulatedCia402Drive(CanopenNode):
             return
         if self._state is not DriveState.FAULT_REACTION:
             self._change_state(word)
-        if self._state is DriveState.OPERATION_ENABLED:
+        if self._operates():
             self._operate(word, before)
 
     def _change_state(self, word: int) -> None:
-        powered = self._state in _POWERED
+        powered, self._state_at_rest = self._state in _POWERED, None
+        enables = word & 0x0F == 0x0F
         if not word & 0x02:
             self._set_state(DriveState.SWITCH_ON_DISABLED)
         elif not word & 0x04:
             self._quick_stop()
         elif self._state is DriveState.QUICK_STOP_ACTIVE:
-            return
+            if enables and self.stays_in_quick_stop():
+                self._set_state(DriveState.OPERATION_ENABLED)  # transition 16
         elif word & 0x0F in {0x06, 0x0E}:
-            self._set_state(DriveState.READY_TO_SWITCH_ON)
+            self._leave_operation(DriveState.READY_TO_SWITCH_ON, co.SHUTDOWN_OPTION)
+        elif enables and self._state is not DriveState.SWITCH_ON_DISABLED:
+            self._set_state(DriveState.OPERATION_ENABLED)  # transitions 3 and 4 may be combined
         elif self._state is not DriveState.SWITCH_ON_DISABLED:
-            # Transitions 3 and 4 may be combined.
-            enabled = word & 0x0F == 0x0F
-            self._set_state(DriveState.OPERATION_ENABLED if enabled else DriveState.SWITCHED_ON)
+            self._leave_operation(DriveState.SWITCHED_ON, co.DISABLE_OPTION)
         if powered != (self._state in _POWERED):
             self._hold()
+
+    def _leave_operation(self, state: DriveState, option: Entry) -> None:
+        """Go to a state without power, after braking if the option code says so (transitions 5 and 8)."""
+        moves = self._state is DriveState.OPERATION_ENABLED and not self._is_at_rest()
+        if moves and self._values(option) == _SLOW_DOWN:
+            self._stop_homing()
+            self._brake(co.PROFILE_DECELERATION, self._clock.now_s())
+            self._state_at_rest = state
+        else:
+            self._set_state(state)
 
     def _hold(self) -> None:
         """Stand still: power has come or gone."""
@@ -633,14 +666,15 @@ class SimulatedCia402Drive(CanopenNode):
         self.send_emergency(code, values[co.ERROR_REGISTER])
 
     def _react(self, code: int, t_s: float) -> None:
-        """Brake by quick stop or switch the power stage off, whichever the error asks for."""
+        """Brake, or switch the power stage off at once, whichever the error and 0x605E ask for."""
         self._homing_failed = self._homing_failed or self._homing
         self._stop_homing()
         if self._state not in _POWERED or self.loses_power(code):
             self._hold()
             self._set_state(DriveState.FAULT)
         elif self._state is not DriveState.FAULT_REACTION:
-            self._brake(co.QUICK_STOP_DECELERATION, t_s)
+            slows_down = self._values(co.FAULT_REACTION) == _SLOW_DOWN
+            self._brake(co.PROFILE_DECELERATION if slows_down else co.QUICK_STOP_DECELERATION, t_s)
             self._moving = True
             self._set_state(DriveState.FAULT_REACTION)
 

@@ -126,6 +126,8 @@ class ObjectDictionary:
             return self._table.device_name
         entry = self.find(index, subindex)
         if entry is not None:
+            if entry.access == "wo":
+                raise SdoAbortError(sdo_server.WRITE_ONLY)
             return entry.pack(self.value(entry))
         if subindex == 0 and self._highest_subindex.get(index, 0):
             return bytes([self._highest_subindex[index]])
@@ -140,7 +142,7 @@ class ObjectDictionary:
         if entry.access == "ro":
             raise SdoAbortError(sdo_server.READ_ONLY)
         if len(data) != entry.size:
-            raise SdoAbortError(sdo_server.LENGTH)
+            raise SdoAbortError(sdo_server.TOO_LONG if len(data) > entry.size else sdo_server.TOO_SHORT)
         value = entry.unpack(data)
         self._check(entry, value)
         self.put(entry, value)

@@ -10,7 +10,7 @@ from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402 import DRIVE
 from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402.simulated_drive import SimulatedProfileDrive
-from labrig.devices.cia402_states import DriveState, decode_standard_state
+from labrig.devices.cia402_states import ENABLE, QUICK_STOP, DriveState, decode_standard_state
 from labrig.devices.drive import Homing
 from labrig.devices.homing import HOMING_HERE
 from labrig.devices.units import AxisScale
@@ -89,6 +89,21 @@ def test_safety_settings_are_written_and_read_back(bare: ProfileDriveOnABus) -> 
     written = bare.driver.settings()
     assert written["0x6007:00"] == 1
     assert {"0x6067:00", "0x605D:00", "0x607C:00"}.isdisjoint(written)
+
+
+@pytest.mark.parametrize(("option", "state"), [(2, 0x07), (6, 0x27)])
+def test_transition_16_needs_a_quick_stop_that_keeps_power(
+    bare: ProfileDriveOnABus, option: int, state: int
+) -> None:
+    """From 5 on the quick stop option code lets enable operation lead back; below it the stop is brought to its end."""
+    bare.driver.configure(HEARTBEAT, None)
+    bare.driver.enable()
+    bare.driver.adjust({od.QUICK_STOP_OPTION: option})
+    bare.driver.start_profile(100_000, 100)
+    bare.clock.sleep(0.2)
+    bare.driver.download(co.CONTROLWORD, QUICK_STOP)
+    bare.driver.download(co.CONTROLWORD, ENABLE)
+    assert bare.driver.statusword() & 0x6F == state
 
 
 @pytest.mark.parametrize(("option", "faulted"), [(1, True), (3, False)])

@@ -53,7 +53,7 @@ class FaultDescription(Model):
         1, description="Frames that are lost, duplicated or late; SDO requests without an answer [-]."
     )
     delay_s: Annotated[float, Field(gt=0, le=60)] = Field(0.1, description="How late frames arrive [s].")
-    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] = Field(
+    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] = Field(
         1000, description="What encoder-resolution sets the drive to [-]."
     )
 

@@ -286,8 +286,8 @@ TOLD_WITHIN_S = 1.0
 REFUSED_AT_CONNECT = {
     "node-id clash": "two nodes answer as node",
     "wrong encoder resolution": "encoder pulses a turn, the rig file says 500",
-    "wrong vendor": "is not an EPOS2: vendor 0x",
-    "unknown hardware": "is not an EPOS2: hardware version 0x6552",
+    "wrong vendor": "is not an EPOS2 that labrig knows: vendor 0x",
+    "unknown hardware": "is not an EPOS2 that labrig knows: hardware version 0x6552",
     "fingerprint mismatch": "configuration fingerprint",
 }
 """Fault -> what the next run says when it finds it there; these are not mended by switching off and on."""

@@ -77,7 +77,7 @@ BAD = [
     ("gear_ratio: 4.0", "gear_ratio: four", "gear_ratio"),
     ("lead_mm: 2.0", "lead_mm: 0", "above 0"),
     ("encoder_pulses_per_turn: 500", "encoder_pulses_per_turn: 0", "16"),
-    ("encoder_pulses_per_turn: 500", "encoder_pulses_per_turn: 70000", "65535"),
+    ("encoder_pulses_per_turn: 500", "encoder_pulses_per_turn: 2500001", "2500000"),
     ("node_id: 2", "node_id: 1", "also that of axis insertion"),
     ("\n    node_id: 1\n", "\n    node_id: 0\n", "node_id is 0"),
     ("\n    node_id: 1\n", "\n    node_id: 128\n", "node_id is 128"),

@@ -19,12 +19,21 @@ from labrig.devices.epos2.check import check_axis
 from labrig.devices.epos2.settings import Epos2Axis
 from labrig.devices.rig import open_rig
 from labrig.devices.rig_file import load_rig
-from labrig.devices.simulated.bus import InProcessBus
+from labrig.devices.simulated.bus import InProcessBus, attach
 from labrig.devices.stop import stop_drives, stop_rig
 from labrig.errors import BusError, SafetyStopError
 from labrig.vision.calibration_file import save_intrinsics
 from labrig.vision.intrinsics import Intrinsics
-from tests.devices.rigs import BENCH, OpenedRig, Person, Signal, opened_rig, simulated_rig
+from tests.devices.rigs import (
+    ANSWER_TIMEOUT_S,
+    BENCH,
+    OpenedRig,
+    Person,
+    Signal,
+    one_drive,
+    opened_rig,
+    simulated_rig,
+)
 
 
 def _by_name(results: list[CheckResult]) -> dict[str, CheckResult]:
@@ -50,6 +59,20 @@ def test_the_simulated_rig_is_in_order() -> None:
     ):
         assert results[name].status is CheckStatus.PASS, results[name]
     assert results["reference insertion"].status is CheckStatus.WARN
+
+
+def test_other_software_of_a_drive_is_warned_of() -> None:
+    """The check names the version, and those whose objects labrig knows."""
+    with one_drive(software_version=0x2126) as one:
+        heartbeat = simulated_rig().can.heartbeat
+        link = attach(one.wire, one.clock, ANSWER_TIMEOUT_S)
+        found = next(check_axis(link, one.driver.section, "insertion", one.clock, heartbeat))
+        assert found.status is CheckStatus.WARN
+        assert (
+            "software 0x2126, serial 1001; labrig knows the objects of software 0x2110 and 0x2122"
+            in found.value
+        )
+        link.close()
 
 
 def test_a_bench_without_bus_camera_or_figures_fails_line_by_line() -> None:

@@ -84,11 +84,46 @@ def test_identity_is_read(bench: OneDrive) -> None:
     }
 
 
-@pytest.mark.parametrize(("version", "name"), [(0x6210, "EPOS 24/5"), (0x6552, "unknown to labrig")])
-def test_another_generation_is_refused_by_name(version: int, name: str) -> None:
-    """A first-generation EPOS and an unknown model are not an EPOS2."""
-    with one_drive(hardware_version=version) as bench, pytest.raises(DriveError, match=name):
+@pytest.mark.parametrize(
+    ("version", "model"),
+    [(0x6120, "EPOS2 Module 36/2"), (0x6221, "EPOS2 24/5"), (0x6320, "EPOS2 50/5"), (0x6420, "EPOS2 70/10")],
+)
+def test_every_known_type_is_accepted(version: int, model: str) -> None:
+    """The last digit of the hardware version, its revision, does not matter."""
+    with one_drive(hardware_version=version) as bench:
+        assert bench.driver.identify().model == model
+
+
+@pytest.mark.parametrize(
+    ("version", "words"),
+    [
+        (0x6210, "hardware version 0x6210, EPOS 24/5"),
+        (0x6520, "hardware version 0x6520, unknown to labrig"),
+        (0x6552, "hardware version 0x6552, unknown to labrig"),
+    ],
+)
+def test_another_type_is_refused_with_its_hardware_version(version: int, words: str) -> None:
+    """A first-generation EPOS and unknown models are not driven; the hint lists the known ones."""
+    with one_drive(hardware_version=version) as bench, pytest.raises(DriveError, match=words) as refusal:
         bench.driver.read_identity()
+    assert "EPOS2 70/10 (0x6420)" in str(refusal.value.hint)
+
+
+@pytest.mark.parametrize("version", [0x2101, 0x2110, 0x2122, 0x2126])
+def test_a_drive_with_other_software_of_its_generation_is_accepted(version: int) -> None:
+    """The record tells which it has."""
+    with one_drive(software_version=version) as bench:
+        assert bench.driver.identify().versions["software_version"] == version
+
+
+@pytest.mark.parametrize("version", [0x2033, 0x2200])
+def test_software_of_another_generation_is_refused(version: int) -> None:
+    """Its objects may have other meanings."""
+    with (
+        one_drive(software_version=version) as bench,
+        pytest.raises(DriveError, match=rf"software version 0x{version:04X}, an EPOS2 has 0x2100 to 0x21FF"),
+    ):
+        bench.driver.identify()
 
 
 def test_a_wrong_encoder_is_refused_and_never_written(bench: OneDrive) -> None:

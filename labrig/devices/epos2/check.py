@@ -7,6 +7,7 @@ from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.cia402_check import check_dead_man, check_limits, check_reference
+from labrig.devices.drive import Identity
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import Epos2
 from labrig.devices.epos2.settings import Epos2Axis, drive_settings, fingerprint
@@ -20,12 +21,7 @@ def check_axis(
     drive = Epos2(link, axis, name, clock)
     try:
         identity = drive.read_identity()
-        yield CheckResult(
-            f"drive {name}",
-            CheckStatus.PASS,
-            f"node {axis.node_id}: {identity.model}, hardware 0x{identity.versions['hardware_version']:04X}, "
-            f"software 0x{identity.versions['software_version']:04X}, serial {identity.serial_number}",
-        )
+        yield _identity_result(name, axis, identity)
         drive.raise_if_faulted()
         yield _encoder_result(name, axis, drive)
         if not axis.unknown:
@@ -35,6 +31,24 @@ def check_axis(
         yield check_limits(name, axis, drive)
     except LabrigError as error:
         yield failed(f"drive {name}", error)
+
+
+def _identity_result(name: str, axis: Epos2Axis, identity: Identity) -> CheckResult:
+    """Report model and versions; warn of software whose objects nobody has compared with labrig's."""
+    software = identity.versions["software_version"]
+    value = (
+        f"node {axis.node_id}: {identity.model}, hardware 0x{identity.versions['hardware_version']:04X}, "
+        f"software 0x{software:04X}, serial {identity.serial_number}"
+    )
+    if software in od.TRIED_SOFTWARE:
+        return CheckResult(f"drive {name}", CheckStatus.PASS, value)
+    tried = " and ".join(f"0x{version:04X}" for version in sorted(od.TRIED_SOFTWARE))
+    return CheckResult(
+        f"drive {name}",
+        CheckStatus.WARN,
+        f"{value}; labrig knows the objects of software {tried}",
+        "a run reads every setting back; try homing, jog and the emergency stop without a needle first",
+    )
 
 
 def _configuration_result(

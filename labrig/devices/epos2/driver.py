@@ -4,6 +4,7 @@ What is decided here
 --------------------
 - Writing a setting clears the drive's configuration fingerprint (0x1020); the fingerprint is written again last.
 - The encoder resolution is compared with the rig file and never written.
+- An EPOS2 of an unknown type is refused with its hardware version: those of the 24/2 and of others are not published.
 - Uncertain until tried on a device: whether 0x2210:01 holds the encoder resolution on every EPOS2; whether the measure
   init state may show bit 14; whether TxPDO 3 carries statusword and position by default and can be switched on while
   the node is operational (if not, SDO does all of it); which objects clear 0x1020 when they are written (it is written
@@ -73,8 +74,9 @@ class Epos2(Cia402Drive[Epos2Axis]):
         Raises
         ------
         DriveError
-            When it is not an EPOS2 (other generations have other objects and signs), when two drives answer, when it
-            is set to another encoder, or when its configuration has been changed.
+            When it is no known EPOS2 (other generations have other objects and signs), when two drives answer, when it
+            is set to another encoder, or when its configuration has been changed. An EPOS2 with other software is
+            accepted: each setting is read back, and `labrig devices check` warns.
         """
         identity = self.read_identity()
         require_all((self.require_encoder, self.require_fingerprint))
@@ -92,14 +94,22 @@ class Epos2(Cia402Drive[Epos2Axis]):
         if model is None:
             other = od.OTHER_HARDWARE.get(hardware & 0xFFF0, "unknown to labrig")
             raise self._refuse_model(f"hardware version 0x{hardware:04X}, {other}")
-        versions = {"hardware_version": hardware, "software_version": self.upload(od.SOFTWARE_VERSION)}
+        software = self.upload(od.SOFTWARE_VERSION)
+        if software not in od.EPOS2_SOFTWARE:
+            low, high = od.EPOS2_SOFTWARE[0], od.EPOS2_SOFTWARE[-1]
+            raise self._refuse_model(
+                f"software version 0x{software:04X}, an EPOS2 has 0x{low:04X} to 0x{high:04X}"
+            )
+        versions = {"hardware_version": hardware, "software_version": software}
         identity = Identity(model, self.upload(co.SERIAL_NUMBER), versions)
         self.require_alone(strays)
         return identity
 
     def _refuse_model(self, found: str) -> DriveError:
+        known = ", ".join(f"{name} (0x{version:04X})" for version, name in od.EPOS2_HARDWARE.items())
         return DriveError(
-            f"{self.name} is not an EPOS2: {found}", "check the node id in the rig file and the drive itself"
+            f"{self.name} is not an EPOS2 that labrig knows: {found}",
+            f"check the node id in the rig file and the drive itself; known by 0x2003:02 are {known}",
         )
 
     def require_encoder(self) -> None:

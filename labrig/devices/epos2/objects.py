@@ -80,4 +80,10 @@ EPOS2_HARDWARE = {
     0x6420: "EPOS2 70/10",
 }
 OTHER_HARDWARE = {0x6010: "EPOS 24/1", 0x6210: "EPOS 24/5", 0x6410: "EPOS 70/10", 0x6610: "EPOS MCD"}
-"""Hardware version 0x2003:02 without its last digit -> name (libcanepos)."""
+"""Hardware version 0x2003:02 without its last digit -> name (libcanepos, and maxon's EDS file of the EPOS2 70/10)."""
+
+EPOS2_SOFTWARE = range(0x2100, 0x2200)
+"""Software versions 0x2003:01 of an EPOS2; those of the first EPOS generation begin with 0x20."""
+
+TRIED_SOFTWARE = frozenset({0x2110, 0x2122})
+"""Versions whose objects are known: by the driver of IRI (CEpos2), and by maxon's EDS file."""

@@ -63,7 +63,7 @@ class Epos2Axis(AxisDescription):
 
     driver: Literal["epos2"] = Field("epos2", description="Kind of drive.")
     node_id: NodeId = Field(description="CANopen node id of the drive, as set by its DIP switches.")
-    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=65535)] | None = Field(
+    encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] | None = Field(
         description="Encoder lines per turn of the motor; a quadcount is a quarter of a line. null: unknown [-]."
     )
     homing: Epos2Homing = Field(default_factory=Epos2Homing, description="How the axis gets its reference.")

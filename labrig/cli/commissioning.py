@@ -1,10 +1,11 @@
 """Homes and jogs axes from the command line: opens the rig with limited current and prints the findings."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from labrig.cli.needle_report import NeedleReport, say_where_needle_is
 from labrig.cli.options import find_rig_file
 from labrig.cli.output import print_checks
 from labrig.cli.rigs import open_rig_for_person, remark_on_yes
@@ -12,7 +13,7 @@ from labrig.devices.axis_description import AXES
 from labrig.devices.homing import HOME_ORDER
 from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import load_rig
-from labrig.errors import InputError
+from labrig.errors import InputError, InterruptedRunError, SafetyStopError, WireError
 from labrig.runner.commissioning import (
     USUAL_DISTANCE,
     Finding,
@@ -84,7 +85,10 @@ def _require_axes(names: Sequence[str]) -> tuple[str, ...]:
 
 @contextmanager
 def _open_axes(options: CommissioningOptions, axes: tuple[str, ...], doing: str) -> Iterator[Rig]:
-    """Open axes of a rig, without its camera, with limited current; faults are reset if the person confirms."""
+    """Open axes of a rig, without its camera, with limited current; faults are reset if the person confirms.
+
+    If bus or drives fail, or a signal ends the work, it says what the needle is doing and where it is.
+    """
     if 0 < options.current_ma < _LEAST_MA:
         raise InputError(
             f"--current-ma {options.current_ma} moves nothing", f"give {_LEAST_MA} or more, or 0 for no limit"
@@ -93,7 +97,13 @@ def _open_axes(options: CommissioningOptions, axes: tuple[str, ...], doing: str)
     remark_on_yes(description, yes=options.yes)
     opening = Opening(axes, camera=False, max_current_ma=options.current_ma or None, reset_faults=True)
     with open_rig_for_person(description, doing, opening=opening) as (rig, _):
-        yield rig
+        try:
+            yield rig
+        except (InterruptedRunError, WireError):
+            with suppress(SafetyStopError):  # closing the rig tries again and tells
+                rig.stop()
+            say_where_needle_is(NeedleReport(rig.locate_needle(), rig.state.way_out))
+            raise
 
 
 def _print_findings(findings: Sequence[Finding], *, as_json: bool) -> int:

@@ -1,5 +1,6 @@
-"""What `labrig run` says of the needle when a run ends early, in its order and in JSON."""
+"""What `labrig run` and `devices home|jog` say of the needle when they end early, in order and in JSON."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -47,3 +48,41 @@ def test_a_run_that_succeeds_says_nothing_of_the_needle(labrig: Labrig, tmp_path
     """The key is there, and empty."""
     done = labrig("run", SWEEP, "--rig", RIG, "--runs-dir", tmp_path, "--json", *ONE_INSERTION)
     assert (done.exit_code, done.json()["needle"], "positions:" in done.err) == (0, None, False)
+
+
+@pytest.mark.parametrize(
+    ("command", "when"),
+    [
+        (("jog", "--axis", "linear", "--distance", 5), "moving"),
+        (("home", "--axis", "linear", "--method", -4), "homing"),
+    ],
+    ids=["jog", "home"],
+)
+@pytest.mark.parametrize("fault", ["silent", "emergency, code: 0x8611"])
+def test_home_and_jog_say_where_the_needle_is(
+    fault: str, command: tuple[object, ...], when: str, labrig: Labrig, tmp_path: Path
+) -> None:
+    """They tell at once of lost drives, and then motion, place and error as a run does."""
+    rig = tmp_path / "rig.yaml"
+    shutil.copytree(RIG.parent, tmp_path, dirs_exist_ok=True)
+    script = f"faults: [{{fault: {fault}, axis: linear, at_s: 0, once: {when}}}]\n"
+    rig.write_text(f"{RIG.read_text(encoding='utf-8')}\n{script}", encoding="utf-8")
+    done = labrig("devices", *command, "--rig", rig, "--yes")
+    assert (done.exit_code, done.out) == (3, "")
+    motion = (
+        "not every axis is known to stand still: press"
+        if fault == "silent"
+        else "every axis stands still; no"
+    )
+    words = (f"needle: {motion}", "positions: linear ", "error: ", "hint: ")
+    places = [f"\n{done.err}".find(f"\n{word}") for word in words]
+    assert places == sorted(places), done.err
+    assert places[0] >= 0, done.err
+    told = done.err.find("the drive of axis linear (node 3) does not answer: press the emergency stop")
+    assert (0 <= told < places[0]) is (fault == "silent")
+
+
+def test_a_refused_jog_says_nothing_of_the_needle(labrig: Labrig) -> None:
+    """50 mm are too far without a reference; nothing has moved."""
+    done = labrig("devices", "jog", "--axis", "linear", "--distance", 50, "--rig", RIG, "--yes")
+    assert (done.exit_code, "needle:" in done.err) == (2, False)

@@ -7,6 +7,7 @@ the failure by the silence of the drives.
 
 import logging
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Lock
@@ -24,6 +25,9 @@ _NOTIFIER_CYCLE_S = 0.1
 
 _LOOK_S = 0.01
 """On a bus inside the process, time passes only during a sleep; a late answer is polled at this interval."""
+
+_ATTEND_S = 0.02
+"""Longest wait for an answer until `CanLink.attend` is called again, on a real bus [s]."""
 
 _MOST_FRAMES_KEPT = 200_000
 """Most frames that wait for the record; beyond that the oldest are dropped."""
@@ -141,12 +145,15 @@ class CanLink:
         How long a drive may take to answer; a real drive took at most 13 ms in 30 000 answers.
     in_process : bool
         Whether waiting for an answer must let time pass.
+    attend : callable
+        Called whenever an answer is awaited, and again and again until it comes.
     """
 
     network: BusNetwork
     clock: Clock
     answer_timeout_s: float
     in_process: bool = False
+    attend: Callable[[], None] = lambda: None
 
     @property
     def trouble(self) -> BusError | None:
@@ -169,18 +176,23 @@ class CanLink:
             raise self.network.trouble from error
 
     def receive(self, answers: SimpleQueue[bytes], deadline_s: float) -> bytes | None:
-        """Return the next of `answers`, waiting for it until the rig time `deadline_s`; None when none comes."""
+        """Return the next of `answers`, waiting for it until the rig time `deadline_s`; None when none comes.
+
+        Raises what `attend` raises: a `BusError`.
+        """
         while True:
             left_s = deadline_s - self.clock.now_s()
             try:
                 if self.in_process or left_s <= 0:
                     return answers.get_nowait()
-                return answers.get(timeout=left_s)
+                self.attend()
+                return answers.get(timeout=min(left_s, _ATTEND_S))
             except Empty:
                 if left_s <= 0:
                     return None
                 if self.in_process:
                     self.clock.sleep(_LOOK_S)
+                    self.attend()
 
     def close(self) -> None:
         """Leave the bus. Raises `BusError` if closing fails, unless the bus had failed before."""

@@ -1,12 +1,16 @@
 """The computer's heartbeat: the drives stop by themselves when it stops.
 
-Each heartbeat is one frame, sent while rig time passes, and only while nothing is wrong. There is no timer and no
-thread: a labrig that hangs, is stopped or is killed sends none. (With python-can's periodic sending the kernel would
-continue while the program is stopped.)
+Each heartbeat is one frame, sent while rig time passes, and only while nothing is wrong. There is no timer, and no
+thread but the one that supervises can send it: a labrig that hangs, is stopped or is killed sends none. (With
+python-can's periodic sending the kernel would continue while the program is stopped.)
+
+A long exchange with drives, such as opening a rig, sends the beats that are due while it awaits answers. It may do so
+for `LONGEST_EXCHANGE_S` after somebody has supervised last: an exchange without end does not count as supervision.
 """
 
 import math
 from datetime import datetime
+from threading import get_ident
 
 from labrig.clock import Clock
 from labrig.devices.bus import CanLink
@@ -14,6 +18,9 @@ from labrig.devices.can_description import HeartbeatDescription
 
 _OPERATIONAL = b"\x05"
 _EARLY_S = 1e-6
+LONGEST_EXCHANGE_S = 2.0
+"""Time after supervision for which an exchange with drives may send beats [s]."""
+
 _RECENT_S = 5.0
 """A gap that ended longer ago explains nothing any more [s]."""
 
@@ -40,6 +47,8 @@ class HeartbeatClock:
         self._last_s = -math.inf
         self._gap_end_s, self._gap_s = -math.inf, 0.0
         self._is_silent = False
+        self._supervised_s = clock.now_s()
+        self._thread = get_ident()
 
     def now_s(self) -> float:
         """Return the rig time [s]."""
@@ -57,9 +66,24 @@ class HeartbeatClock:
             self.beat()
 
     def beat(self) -> None:
-        """Send a heartbeat if one is due and the bus carries frames. Raises `BusError`."""
+        """Send a heartbeat if one is due and the bus carries frames; only a supervisor calls it. Raises `BusError`."""
+        self.note_supervision()
+        self._send_if_due(self._supervised_s)
+
+    def attend(self) -> None:
+        """Send a heartbeat if one is due, and somebody has supervised of late. Raises `BusError`."""
         now_s = self.now_s()
-        if self._is_silent or not self._link.carries or now_s - self._last_s < self._period_s - _EARLY_S:
+        if now_s - self._supervised_s <= LONGEST_EXCHANGE_S:
+            self._send_if_due(now_s)
+
+    def note_supervision(self) -> None:
+        """Note that somebody supervises now: a long exchange with drives may follow."""
+        self._supervised_s = self.now_s()
+
+    def _send_if_due(self, now_s: float) -> None:
+        if now_s - self._last_s < self._period_s - _EARLY_S or self._is_silent or not self._link.carries:
+            return
+        if get_ident() != self._thread:
             return
         if self._last_s + self._timeout_s < now_s and self._last_s >= 0:
             self._gap_end_s, self._gap_s = now_s, now_s - self._last_s

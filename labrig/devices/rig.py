@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import NoReturn
 
@@ -177,9 +177,11 @@ class Rig:
         self._motions = MotionLog(description.state_path, hardware.clock.utc, doing)
         self._identities: dict[str, Identity] = {}
         self._link = link
+        self._step_s = min(MAX_STEP_S, description.can.heartbeat.period_ms / 1000)
         self._heartbeat = HeartbeatClock(self.clock, link, description.can.heartbeat)
+        attended = replace(link, attend=self._heartbeat.attend)
         self._axes = {
-            name: Axis(name, axis, open_drive(link, axis, name, self._heartbeat), self._heartbeat)
+            name: Axis(name, axis, open_drive(attended, axis, name, self._heartbeat), self._heartbeat)
             for name, axis in description.axes.items()
             if name in opening.axes
         }
@@ -365,7 +367,7 @@ class Rig:
         DriveError
             When a drive has reported a fault or has restarted; the axes have been stopped.
         """
-        steps = max(1, math.ceil(duration_s / MAX_STEP_S))
+        steps = max(1, math.ceil(duration_s / self._step_s))
         try:
             self.supervise()
             for _ in range(steps):
@@ -650,6 +652,7 @@ class Rig:
         """Do something with every axis, and raise the failures of all together, with more that are found afterwards."""
         failures: list[MachineError] = []
         for axis in self.axes:
+            self._heartbeat.note_supervision()
             try:
                 step(axis)
             except MachineError as error:
@@ -657,7 +660,6 @@ class Rig:
         raise_together([*failures, *find_more()])
 
     def _verify_dead_man(self, axis: Axis) -> None:
-        self._heartbeat.beat()
         axis.drive.verify_dead_man(self.description.can.heartbeat)
 
     def _identify(self, axis: Axis) -> None:

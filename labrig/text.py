@@ -1,4 +1,4 @@
-"""How numbers are printed."""
+"""How numbers and counts are printed."""
 
 from collections.abc import Sequence
 
@@ -13,3 +13,8 @@ def interval(value: object, digits: int = 2) -> str:
     if isinstance(value, Sequence) and len(value) == 2:
         return f"{number(value[0], digits)} to {number(value[1], digits)}"
     return "-"
+
+
+def format_count(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural if needed."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -263,8 +263,3 @@ def _format_cell(value: object) -> str:
         if isinstance(value, float)
         else escape_controls(str(value)).replace("\n", " ").replace("\t", " ")
     )
-
-
-def plural(count: int, noun: str) -> str:
-    """Return the count with its noun, in the plural if needed."""
-    return f"{count} {noun}" + ("" if count == 1 else "s")

@@ -6,10 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from labrig.cli.calibration_files import require_writable
-from labrig.cli.output import AsJson, plural, print_json, print_line, print_table
+from labrig.cli.output import AsJson, print_json, print_line, print_table
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError
-from labrig.text import number
+from labrig.text import format_count, number
 
 
 def plan(
@@ -64,7 +64,7 @@ def _print(document: dict[str, Any]) -> None:
     print_table(("arc", "roll rad", "angle rad", "length mm"), rows)
     x, y, z = document["tip_mm"]
     print_line(
-        f"\n{plural(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "
+        f"\n{format_count(len(rows), 'arc')}, {document['length_mm']:.1f} mm, tip at {x:.2f}, {y:.2f}, {z:.2f} mm, "
         f"{document['target_error_mm']:.2f} mm from the target, clearance {number(document['clearance_mm'], 2)} mm, "
         f"planned in {1000 * document['elapsed_s']:.1f} ms"
     )

@@ -11,7 +11,6 @@ from labrig.cli.output import (
     AsJson,
     failure_document,
     failure_lines,
-    plural,
     print_json,
     print_line,
     print_wrapped,
@@ -20,6 +19,7 @@ from labrig.cli.output import (
 from labrig.cli.plugin_faults import find_plugin_faults
 from labrig.errors import FileFormatError, Problem
 from labrig.plugins import CAMERAS, DRIVES, EXPERIMENTS
+from labrig.text import format_count
 
 
 def check(
@@ -59,7 +59,7 @@ def check(
         where = "without a rig" if description is None else f"on rig {description.name}"
         print_wrapped(
             f"{protocol} {verdict} {where}: {plan.duration_s / 60:.0f} min of motion, "
-            f"{plural(plan.operator_steps, 'operator step')}, {plural(plan.pictures, 'picture')}, "
+            f"{format_count(plan.operator_steps, 'operator step')}, {format_count(plan.pictures, 'picture')}, "
             f"{disk_bytes / 1e6:.0f} MB"
         )
     return 1 if problems else 0

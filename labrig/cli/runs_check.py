@@ -10,11 +10,12 @@ import typer
 
 from labrig.cli.next_steps import can_resume
 from labrig.cli.options import RunsArgument
-from labrig.cli.output import AsJson, plural, print_line, print_wrapped
+from labrig.cli.output import AsJson, print_line, print_wrapped
 from labrig.cli.several_runs import do_for_each_run
 from labrig.devices.clocks import SystemClock
 from labrig.errors import InputError, Problem
 from labrig.record.chain import Link, find_link
+from labrig.text import format_count
 
 
 class _ShownLink(TypedDict):
@@ -179,8 +180,14 @@ def _join(damage: Iterable[Problem]) -> str | None:
 def _print(row: _CheckedRun) -> None:
     """Print what a run holds, and a line for each problem."""
     print_wrapped(f"{row['run']}: {'sound' if row['ok'] else 'damaged'}, {_describe_state(row)}")
-    counts = (plural(row["frames"], "frame"), plural(row["states"], "state"), plural(row["events"], "event"))
-    print_wrapped(f"  it holds {', '.join(counts)}; {plural(row['trials_done'], 'trial')} came to the end")
+    counts = (
+        format_count(row["frames"], "frame"),
+        format_count(row["states"], "state"),
+        format_count(row["events"], "event"),
+    )
+    print_wrapped(
+        f"  it holds {', '.join(counts)}; {format_count(row['trials_done'], 'trial')} came to the end"
+    )
     _print_seal(row)
     for name, problems in (("damage", row["damage"]), ("torn", row["torn"]), ("note", row["notices"])):
         for problem in problems:

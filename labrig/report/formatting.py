@@ -31,11 +31,6 @@ def interval(value: Sequence[float] | None, digits: int = 2) -> str:
     return UNKNOWN if value is None else f"{number(value[0], digits)} to {number(value[1], digits)}"
 
 
-def count_of(count: int, noun: str) -> str:
-    """Return a count with its noun, in the plural if needed."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
 def join_words(words: Iterable[str]) -> str:
     """Return words as a list in a sentence: `a, b and c`."""
     listed = list(words)

@@ -13,7 +13,8 @@ from labrig.errors import RecordError
 from labrig.record.events import INCOMPLETE, INTERRUPTED, RecordedTrial, TrialStart, TrialStop
 from labrig.record.reader import Run
 from labrig.record.seal import find_root
-from labrig.report.formatting import UNKNOWN, Rows, count_of, format_time, format_value
+from labrig.report.formatting import UNKNOWN, Rows, format_time, format_value
+from labrig.text import format_count
 
 _STATUS_WORDS = {"success": "complete", "aborted": "aborted", "failed": "failed", "incomplete": "incomplete"}
 
@@ -129,7 +130,7 @@ def _describe_ending(run: Run, status: str) -> tuple[str, ...]:
     reason = recorded.replace(str(run.path), run.shown_path).rstrip(".").replace("_", " ")
     planned, done = run.manifest.get("trials_planned"), _count_ended_trials(run)
     made = (
-        f" {done} of {count_of(planned, 'planned insertion')} ended."
+        f" {done} of {format_count(planned, 'planned insertion')} ended."
         if isinstance(planned, int) and planned
         else ""
     )

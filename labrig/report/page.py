@@ -13,9 +13,10 @@ from markupsafe import Markup
 from labrig.analysis.result import AnyResult
 from labrig.durable import write_atomically
 from labrig.record.reader import Run
-from labrig.report.formatting import Rows, count_of, interval, mark_breaks, number, signed
+from labrig.report.formatting import Rows, interval, mark_breaks, number, signed
 from labrig.report.heading import make_heading
 from labrig.report.provenance import make_provenance
+from labrig.text import format_count
 
 REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -23,7 +24,7 @@ _FILTERS = {
     "number": number,
     "signed": signed,
     "interval": interval,
-    "count_of": count_of,
+    "count_of": format_count,
     "breakable": mark_breaks,
 }
 

@@ -1,7 +1,6 @@
 """Text of numbers and lists on the pages."""
 
 from labrig.report.formatting import (
-    count_of,
     flatten,
     format_time,
     format_value,
@@ -10,6 +9,7 @@ from labrig.report.formatting import (
     number,
     signed,
 )
+from labrig.text import format_count
 
 
 def test_numbers_keep_their_digits_and_have_a_true_minus() -> None:
@@ -30,7 +30,7 @@ def test_a_difference_shows_its_sign_unless_it_rounds_to_zero() -> None:
 def test_intervals_and_counts_read_as_text() -> None:
     """Both ends with the same digits; one insertion, two insertions."""
     assert (interval((1.0, 2.5)), interval(None)) == ("1.00 to 2.50", "–")
-    assert (count_of(1, "gel"), count_of(0, "gel")) == ("1 gel", "0 gels")
+    assert (format_count(1, "gel"), format_count(0, "gel")) == ("1 gel", "0 gels")
     assert (join_words(["a", "b", "c"]), join_words(["a"]), join_words([])) == ("a, b and c", "a", "")
 
 

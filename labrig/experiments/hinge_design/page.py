@@ -12,9 +12,10 @@ from labrig.experiments.hinge_design.study import find_design_basis
 from labrig.needle.design_search import STEEPEST_CUT_DEG, GridPoint
 from labrig.needle.equations import RotationPlane
 from labrig.record.reader import Run
-from labrig.report.formatting import Rows, count_of, interval, number
+from labrig.report.formatting import Rows, interval, number
 from labrig.report.page import Page
 from labrig.report.pictures import data_uri
+from labrig.text import format_count
 
 TEMPLATE = Path(__file__).with_name("page.html.jinja")
 
@@ -130,7 +131,7 @@ def _list_optional_answers(content: DesignResult) -> list[tuple[str, str, str]]:
         )
         rows.append((label, number(measured["clearance_mm"], 4), number(measured["search_clearance_mm"], 4)))
     if content.links is not None:
-        links = count_of(content.links, "link")
+        links = format_count(content.links, "link")
         rows.append(("The tip takes", links, links))
     return rows
 

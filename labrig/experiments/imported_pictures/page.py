@@ -5,8 +5,8 @@ from labrig.experiments.imported_pictures.protocol import ImportProtocol
 from labrig.experiments.shared.curvature_page import make_curvature_page
 from labrig.experiments.shared.curvature_result import CurvatureResult
 from labrig.record.reader import Run
-from labrig.report.formatting import count_of
 from labrig.report.page import Page
+from labrig.text import format_count
 
 
 def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[CurvatureResult] | None) -> Page:
@@ -22,5 +22,5 @@ def make_page(run: Run, protocol: ImportProtocol, result: AnalysisResult[Curvatu
 def _write_verdict(content: CurvatureResult) -> list[str]:
     found = sum(measurement.found for measurement in content.measurements)
     accepted = sum(measurement.accepted for measurement in content.measurements)
-    pictures = count_of(len(content.measurements), "picture")
+    pictures = format_count(len(content.measurements), "picture")
     return [f"Shaft and tip were found in {found} of {pictures}; a radius can be stated in {accepted}."]

@@ -17,11 +17,12 @@ from labrig.experiments.insertion.protocol import InsertionProtocol
 from labrig.experiments.insertion.result import InsertionPlan, InsertionResult, InsertionTrial
 from labrig.record.reader import Run
 from labrig.report.calibration_rows import describe_calibration
-from labrig.report.formatting import Rows, count_of, number
+from labrig.report.formatting import Rows, number
 from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
 from labrig.report.pictures import PLATE, Pixel, circle, data_uri, jpeg, pixel, polyline, scale_bar
 from labrig.report.sheath_view import draw_sheath_views
+from labrig.text import format_count
 from labrig.vision.picture import size_of
 from labrig.vision.plane import PlaneMap
 
@@ -126,7 +127,7 @@ def _write_verdict(content: InsertionResult) -> list[str]:
     """Return the page in a sentence or two."""
     if not content.made:
         return ["No insertion was begun."]
-    sentences = [f"{content.arrived} of {count_of(content.made, 'insertion')} reached the target."]
+    sentences = [f"{content.arrived} of {format_count(content.made, 'insertion')} reached the target."]
     several = content.made > 1
     if content.target_error_mm is not None:
         where = "is never further than" if several else "is"

@@ -11,9 +11,10 @@ from labrig.experiments.steerability.protocol import SteerabilityProtocol
 from labrig.protocol.sections import Needle
 from labrig.record.reader import Run
 from labrig.report.figures import Design
-from labrig.report.formatting import UNKNOWN, Rows, count_of, interval, join_words, number
+from labrig.report.formatting import UNKNOWN, Rows, interval, join_words, number
 from labrig.report.heading import format_trials_done
 from labrig.report.page import Page
+from labrig.text import format_count
 
 
 def make_page(
@@ -65,12 +66,12 @@ def _write_verdict(protocol: SteerabilityProtocol, content: CurvatureResult) -> 
     trials = sum(group.trials for group in content.specimens)
     measured = sum(group.n for group in content.specimens)
     if content.mean_radius_mm is None:
-        return [f"No radius could be stated: {measured} of {count_of(trials, 'insertion')} measured."]
+        return [f"No radius could be stated: {measured} of {format_count(trials, 'insertion')} measured."]
     groups = sum(group.mean_radius_mm is not None for group in content.specimens)
     sentences = [
         (
-            f"{measured} of {count_of(trials, 'insertion')} measured. "
-            f"The mean radius over {count_of(groups, 'gel')} is {number(content.mean_radius_mm)} mm; "
+            f"{measured} of {format_count(trials, 'insertion')} measured. "
+            f"The mean radius over {format_count(groups, 'gel')} is {number(content.mean_radius_mm)} mm; "
             f"the paper reports {PAPER_MEAN_RADIUS_MM:g} mm, "
             f"and the needle was designed for {protocol.needle.design_radius_mm:g} mm."
         )

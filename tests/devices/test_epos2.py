@@ -379,3 +379,20 @@ def test_a_drive_that_does_not_get_there_is_told(ready: OneDrive) -> None:
     ready.driver.send_nmt(0x02)
     with pytest.raises(DriveError, match="did not answer"):
         ready.driver.go_to(TargetState.POWER_OFF)
+
+
+@pytest.mark.parametrize(
+    ("bit", "name"),
+    [
+        (0, "negative-limit"),
+        (1, "positive-limit"),
+        (2, "home"),
+        (8, "general-H"),
+        (13, "general-C"),
+        (15, "general-A"),
+    ],
+)
+def test_an_input_has_the_name_of_its_function(bench: OneDrive, bit: int, name: str) -> None:
+    """The general inputs count backwards: maxon's EposCmd gives A the number 15 and H the number 8."""
+    bench.drive.press(1 << bit)
+    assert [found for found, is_on in bench.driver.inputs().items() if is_on] == [name]

@@ -39,9 +39,9 @@ from labrig.errors import DriveError
 
 _SLOWEST_RPM = 1
 _INPUT_NAMES = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
-_GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("ABCDEFGH", start=8)}
+_GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("HGFEDCBA", start=8)}
 _INPUTS = {name: bit for bit, name in enumerate(_INPUT_NAMES)} | _GENERAL_INPUTS
-"""Name of a digital input -> its bit in 0x2071:01."""
+"""Name of a digital input -> its bit in 0x2071:01, which is its number in 0x2070 (maxon's EposCmd: A is 15, H is 8)."""
 
 
 class Epos2(Cia402Drive[Epos2Axis]):

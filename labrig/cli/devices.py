@@ -49,5 +49,5 @@ app.command(
 app.command("withdraw", help="Withdraw a needle that a run has left in tissue, along its path.")(withdraw)
 app.command(
     "simulate",
-    help="Serve simulated EPOS2 drives on a CAN bus until interrupted, for any CANopen client.",
+    help="Serve a simulated rig for a rehearsal, or drives for any CANopen client, until interrupted.",
 )(simulate)

@@ -55,6 +55,11 @@ class InProcessWire:
         """Unplug the adapter: sending fails, and it receives nothing."""
         self._unplugged = True
 
+    @property
+    def is_unplugged(self) -> bool:
+        """Whether the adapter is unplugged."""
+        return self._unplugged
+
     def restore(self) -> None:
         """Restore the bus."""
         self._dead = self._unplugged = False

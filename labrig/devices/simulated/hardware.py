@@ -2,24 +2,18 @@
 
 from collections.abc import Sequence
 
-from labrig.devices.axis_description import AxisDescription
 from labrig.devices.bus import CanLink
 from labrig.devices.camera import PictureSource
 from labrig.devices.camera_kind import CameraContext, find_camera_kind
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.drive import find_drive_kind
 from labrig.devices.past_insertion import PastInsertion
-from labrig.devices.rig_file import RigDescription, require_complete
+from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessWire, attach
 from labrig.devices.simulated.faults import FaultScript
 from labrig.devices.simulated.operator import SimulatedOperator
-from labrig.devices.simulated.shaft import Mechanics
-from labrig.devices.units import AxisScale
+from labrig.devices.simulated.plant import SimulatedPlant
 from labrig.simulation.description import WorldDescription
 from labrig.simulation.world import World
-
-_STOP_BEYOND, _SWITCH_BEYOND = 2.0, 1.0
-"""Distance of the hard stops and limit switches beyond the limits of a travelling axis [mm]."""
 
 
 class SimulatedHardware:
@@ -41,20 +35,14 @@ class SimulatedHardware:
     """
 
     def __init__(self, rig: RigDescription, world: WorldDescription, seed: int) -> None:
-        require_complete(rig, dict(rig.axes.items()))
         self.clock = SimulatedClock()
         self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
-        self.world = World(world, seed)
-        self.operator = SimulatedOperator(self.world, self._true_positions)
         self.wire = InProcessWire()
-        self._scales = {name: axis.scale() for name, axis in rig.axes.items()}
-        self.drives = {
-            name: find_drive_kind(axis.driver).simulate(
-                axis, self.wire, self.clock, _make_mechanics(axis, self._scales[name])
-            )
-            for name, axis in rig.axes.items()
-        }
+        self._plant = SimulatedPlant(rig, self.wire, self.clock)
+        self.drives = self._plant.drives
+        self.world = World(world, seed)
+        self.operator = SimulatedOperator(self.world, self._plant.true_positions)
         self._positions = dict.fromkeys(self.drives, 0.0)
         for drive in self.drives.values():
             self.clock.on_advance(drive.tick)
@@ -86,32 +74,11 @@ class SimulatedHardware:
 
     def close(self) -> None:
         """Take the drives off the bus."""
-        for drive in self.drives.values():
-            drive.unplug()
+        self._plant.close()
 
     def _move_world(self) -> None:
         """Move the world to where the shafts are; in a new rig all of them are at zero."""
-        where = self._true_positions()
+        where = self._plant.true_positions()
         if where != self._positions:
             self._positions = where
             self.world.advance(where["insertion"], where["rotation"], where["linear"])
-
-    def _true_positions(self) -> dict[str, float]:
-        """Return the true position of each axis [mm or rad]."""
-        return {
-            name: self._scales[name].to_position(drive.shaft_counts) for name, drive in self.drives.items()
-        }
-
-
-def _make_mechanics(axis: AxisDescription, scale: AxisScale) -> Mechanics:
-    """Return the stops and switches of an axis, whose shaft is at zero in a new rig; none for a rotating axis."""
-    if axis.unit == "rad":
-        return Mechanics()
-    low, high = axis.limits
-
-    def shaft(*positions: float) -> list[float]:
-        return sorted(float(scale.to_counts(position)) for position in positions)
-
-    lower_stop, upper_stop = shaft(low - _STOP_BEYOND, high + _STOP_BEYOND)
-    negative, positive = shaft(low - _SWITCH_BEYOND, high + _SWITCH_BEYOND)
-    return Mechanics(lower_stop, upper_stop, negative, positive)

@@ -1,7 +1,7 @@
 """Simulated drives on a bus that other programs can join, through python-can or a simulated slcan adapter."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,14 @@ from labrig.devices.bus import OPENING_FAILURES
 from labrig.devices.clocks import SystemClock
 from labrig.devices.drive import DEFAULT_DRIVER, find_drive_kind
 from labrig.devices.simulated.bus import InProcessBus, InProcessWire
-from labrig.devices.simulated.drive_journal import DriveEvent
 from labrig.devices.simulated.shaft import Mechanics
+from labrig.devices.simulated.simulated_node import SimulatedNode
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
 from labrig.durable import write_atomically
 from labrig.errors import BusError, InputError
 
 _TICK_S = 0.002
-_BOOT_TIME_S = 0.26
+BOOT_TIME_S = 0.26
 """Measured on a real drive, from NMT reset to boot-up frame."""
 
 _BITRATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
@@ -81,42 +81,33 @@ class ServedBus:
             ) from error
 
 
-class ServedDrives:
-    """Simulated drives on a bus, in real time.
+class Gateway:
+    """Passes frames between the wire of simulated drives and a bus that other programs can join.
 
     Parameters
     ----------
     bus : can.BusABC
         The bus; the caller closes it.
-    node_ids : iterable of int
-        A drive for each.
-    mechanics : Mechanics
-        Stops and switches of each shaft.
-    driver : str
-        Kind of the drives.
     """
 
-    def __init__(
-        self,
-        bus: can.BusABC,
-        node_ids: Iterable[int],
-        mechanics: Mechanics | None = None,
-        driver: str = DEFAULT_DRIVER,
-    ) -> None:
-        self.clock = SystemClock()
+    def __init__(self, bus: can.BusABC) -> None:
         self.wire = InProcessWire()
         self._bus = bus
-        self._gate = InProcessBus(self.wire, bus.send)
-        kind = find_drive_kind(driver)
-        self.drives = {
-            node_id: kind.simulate(
-                kind.example_section(node_id), self.wire, self.clock, mechanics or Mechanics(), _BOOT_TIME_S
-            )
-            for node_id in node_ids
-        }
+        self._end = InProcessBus(self.wire, bus.send)
 
-    def serve(self, until: Callable[[], object]) -> None:
-        """Let drives and bus exchange frames until `until` returns something true.
+    def serve(
+        self, drives: Collection[SimulatedNode], until: Callable[[], object], tick: Callable[[], None]
+    ) -> None:
+        """Pass frames until `until` returns something true, some hundred times a second; then take the drives off.
+
+        Parameters
+        ----------
+        drives : collection of SimulatedNode
+            The drives on the wire.
+        until : callable
+            Called before each round.
+        tick : callable
+            Called at the end of each round.
 
         Raises
         ------
@@ -127,21 +118,52 @@ class ServedDrives:
             while not until():
                 message = self._bus.recv(timeout=_TICK_S)
                 while message is not None:
-                    self._gate.send(message)
+                    self._end.send(message)
                     message = self._bus.recv(timeout=0)
-                for drive in self.drives.values():
+                for drive in drives:
                     drive.tick()
+                tick()
         except (can.CanError, OSError) as error:
             raise BusError(f"the bus failed: {error}", "start the simulation again") from error
         finally:
-            for drive in self.drives.values():
+            for drive in drives:
                 drive.unplug()
-            self._gate.shutdown()
+            self._end.shutdown()
 
-    def events(self) -> list[tuple[int, DriveEvent]]:
-        """Return the events of all drives with their node ids, in order of time."""
-        noted = [(node_id, event) for node_id, drive in self.drives.items() for event in drive.journal]
-        return sorted(noted, key=lambda pair: pair[1].t_s)
+
+class ServedDrives:
+    """Simulated drives on a bus, in real time.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        The bus; the caller closes it.
+    node_ids : iterable of int
+        A drive for each.
+    driver : str
+        Kind of the drives.
+    """
+
+    def __init__(self, bus: can.BusABC, node_ids: Iterable[int], driver: str = DEFAULT_DRIVER) -> None:
+        self._gateway = Gateway(bus)
+        self.wire, clock = self._gateway.wire, SystemClock()
+        kind = find_drive_kind(driver)
+        self.drives = {
+            node_id: kind.simulate(kind.example_section(node_id), self.wire, clock, Mechanics(), BOOT_TIME_S)
+            for node_id in node_ids
+        }
+
+    def serve(self, until: Callable[[], object]) -> None:
+        """Let drives and bus exchange frames until `until` returns something true. Raises `BusError`."""
+        self._gateway.serve(self.drives.values(), until, lambda: None)
+
+
+def write_journal(path: Path, drives: Iterable[SimulatedNode]) -> None:
+    """Write the events of all drives with their node ids, in order of time, a JSON line each. Raises `DiskError`."""
+    noted = [(drive.node_id, event) for drive in drives for event in drive.journal]
+    noted.sort(key=lambda pair: pair[1].t_s)
+    lines = [json.dumps({"node_id": node_id, **event.document()}) for node_id, event in noted]
+    write_atomically(path, "".join(line + "\n" for line in lines).encode())
 
 
 def serve_drives(
@@ -178,5 +200,4 @@ def serve_drives(
             drives.serve(until)
         finally:
             if journal is not None:
-                lines = [json.dumps({"node_id": node, **event.document()}) for node, event in drives.events()]
-                write_atomically(journal, "".join(line + "\n" for line in lines).encode())
+                write_journal(journal, drives.drives.values())

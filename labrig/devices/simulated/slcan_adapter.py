@@ -1,4 +1,4 @@
-"""A simulated USB-CAN adapter that speaks slcan (Lawicel's ASCII protocol) on a pseudo-terminal.
+"""A simulated USB-CAN adapter that speaks slcan (Lawicel's ASCII protocol) on a serial line.
 
 It acknowledges each command as the adapters do: a carriage return, `z` before it after a frame, or a bell for what it
 refuses. Frames pass only while its channel is open and its bit rate is that of the bus.
@@ -6,10 +6,11 @@ refuses. Frames pass only while its channel is open and its bit rate is that of 
 
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 import can
 
-from labrig.posix import PseudoTerminal, open_pseudo_terminal
+from labrig.posix import open_pseudo_terminal
 
 _OK, _REFUSED = b"\r", b"\a"
 _LONGEST_LINE = 64
@@ -30,6 +31,23 @@ _FRAME_SHAPES = {"t": (3, False), "T": (8, False), "r": (3, True), "R": (8, True
 _ERROR_PASSIVE = 0x20
 
 
+class SerialLine(Protocol):
+    """The adapter's end of a serial line; no call fails, whatever the program at the other end does."""
+
+    @property
+    def path(self) -> str:
+        """The name by which programs open the other end."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what was written at the other end; wait at most `timeout_s` for it."""
+
+    def write(self, data: bytes) -> None:
+        """Write for the other end to read; drop `data` if nobody reads and the line is full."""
+
+    def close(self) -> None:
+        """Remove the line, as if a USB plug was pulled."""
+
+
 class SlcanAdapter(can.BusABC):
     """The bus side of the adapter: `recv` returns what clients send, and `send` sends to them.
 
@@ -37,14 +55,16 @@ class SlcanAdapter(can.BusABC):
     ----------
     bitrate : int
         Bit rate of its bus.
+    line : SerialLine or None
+        The line by which it is reached; None makes a pseudo-terminal.
     """
 
     channel_info = "simulated slcan adapter"
 
-    def __init__(self, bitrate: int) -> None:
+    def __init__(self, bitrate: int, line: SerialLine | None = None) -> None:
         super().__init__(channel="slcan")
-        self._terminal: PseudoTerminal | None = open_pseudo_terminal()
-        self.path = self._terminal.path
+        self._serial: SerialLine | None = line or open_pseudo_terminal()
+        self.path = self._serial.path
         self._bus_bitrate = bitrate
         self._bitrate: int | None = None
         self._line = bytearray()
@@ -64,18 +84,18 @@ class SlcanAdapter(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - never waits
         """Pass a frame of the bus to the client."""
-        if self._terminal is None or not self._on_bus or msg.is_error_frame:
+        if self._serial is None or not self._on_bus or msg.is_error_frame:
             return
-        self._terminal.write(format_frame(msg))
+        self._serial.write(format_frame(msg))
 
     def unplug(self) -> None:
         """Unplug the adapter: the serial port disappears."""
-        if self._terminal is not None:
-            self._terminal.close()
-            self._terminal = None
+        if self._serial is not None:
+            self._serial.close()
+            self._serial = None
 
     def shutdown(self) -> None:
-        """Close the terminal."""
+        """Close the line."""
         super().shutdown()
         self.unplug()
 
@@ -84,8 +104,8 @@ class SlcanAdapter(can.BusABC):
         return self._is_open and self._bitrate in {None, self._bus_bitrate}
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._received and self._terminal is not None:
-            for byte in self._terminal.read(1.0 if timeout is None else timeout):
+        if not self._received and self._serial is not None:
+            for byte in self._serial.read(1.0 if timeout is None else timeout):
                 self._take_byte(byte)
         return (self._received.popleft() if self._received else None), False
 
@@ -97,8 +117,8 @@ class SlcanAdapter(can.BusABC):
         line = self._line.decode("ascii", errors="replace")
         self._line.clear()
         answer = self._obey(line)
-        if self._terminal is not None:
-            self._terminal.write(answer)
+        if self._serial is not None:
+            self._serial.write(answer)
 
     def _obey(self, line: str) -> bytes:
         if not line:

@@ -1,0 +1,190 @@
+"""A rig served for a rehearsal: which rig files can be, and the world that its camera sees."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+import pytest
+
+from labrig.devices.camera import Picture
+from labrig.devices.rig_file import load_rig
+from labrig.devices.simulated.local_ports import LocalPorts, find_local_ports
+from labrig.devices.simulated.picture_stream import PictureStream
+from labrig.devices.simulated.served_rig import Rehearsal, SeenWorld, serve_rig
+from labrig.errors import InputError
+from labrig.simulation.world import World
+from tests.devices.rigs import BENCH, SIMULATED
+
+REHEARSAL = BENCH.parent / "rig-rehearsal.yaml"
+_LONG_S = 60.0
+
+
+def test_the_example_names_two_ports_of_this_computer() -> None:
+    """They are those of bus and camera."""
+    assert find_local_ports(load_rig(REHEARSAL)) == LocalPorts(can=29536, camera=29537)
+
+
+def test_the_example_differs_from_the_simulated_rig_in_bus_camera_and_homing_alone() -> None:
+    """So the calibration of the simulated rig is its own."""
+    rehearsal, simulated = load_rig(REHEARSAL), load_rig(SIMULATED)
+    for (name, axis), (_, other) in zip(rehearsal.axes.items(), simulated.axes.items(), strict=True):
+        assert axis.model_copy(update={"homing": other.homing}) == other, name
+    assert rehearsal.calibration == simulated.calibration
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (("can.interface=socketcan", "can.channel=can0"), "can is socketcan can0"),
+        (("can.channel=/dev/ttyACM0",), "can is slcan /dev/ttyACM0"),
+        (("can.channel='socket://10.0.0.5:29536'",), "can is slcan socket://10.0.0.5:29536"),
+        (("can.channel='socket://127.0.0.1:port'",), "can is slcan socket://127.0.0.1:port"),
+        (("can.channel='socket://127.0.0.1'",), "can is slcan socket://127.0.0.1"),
+        (("camera.source='http://10.0.0.7/live'",), "camera is files http://10.0.0.7/live"),
+        (("camera.source='rtsp://127.0.0.1:8554/live'",), "camera is files rtsp://"),
+        (("camera.source=film.avi",), "camera is files film.avi"),
+    ],
+)
+def test_a_rig_elsewhere_is_not_served(overrides: tuple[str, ...], words: str) -> None:
+    """Simulated drives never join a bus that may have real ones; the hint says what to write."""
+    with pytest.raises(InputError, match=words) as refusal:
+        find_local_ports(load_rig(REHEARSAL, overrides))
+    assert "socket://127.0.0.1:29536" in refusal.value.hint
+    assert "http://127.0.0.1:29537/" in refusal.value.hint
+
+
+def test_the_hint_for_a_bench_is_a_rig_file_that_is_served(tmp_path: Path) -> None:
+    """Its two sections, put into the file of the bench, name ports."""
+    with pytest.raises(
+        InputError, match="rig bench is not served: can is socketcan can0, camera is uvc"
+    ) as refusal:
+        find_local_ports(load_rig(BENCH))
+    can, camera = (refusal.value.hint.split(f" {key}: ")[1].split("}, ")[0] for key in ("can", "camera"))
+    braces = can.count("{") - can.count("}")
+    sections = (f"can={can}{'}' * braces}", f"camera={camera.split('} ')[0]}}}")
+    assert find_local_ports(load_rig(BENCH, sections)) == LocalPorts(can=29536, camera=29537)
+
+
+def test_bus_and_camera_cannot_share_a_port() -> None:
+    """The error names it."""
+    with pytest.raises(InputError, match="the same port, 29536"):
+        find_local_ports(load_rig(REHEARSAL, ["camera.source='http://127.0.0.1:29536/'"]))
+
+
+def test_a_camera_of_another_size_than_the_worlds_is_refused() -> None:
+    """The error names both sizes."""
+    rig, world = load_rig(REHEARSAL, ["camera.width_px=640"]), load_rig(SIMULATED).world
+    with pytest.raises(InputError, match=r"640x720 px, the world's lens draws 1280x720 px"):
+        serve_rig(
+            Rehearsal(rig, world),
+            until=lambda: True,
+            ready=lambda: None,
+            typed=list,
+            report=lambda _line: None,
+        )
+
+
+class _Screen(PictureStream):
+    """Keeps the pictures that it is shown."""
+
+    def __init__(self) -> None:
+        self.shown: SimpleQueue[tuple[Picture, float]] = SimpleQueue()
+
+    @property
+    def has_clients(self) -> bool:
+        """Somebody looks."""
+        return True
+
+    def show(self, picture: Picture, exposed_utc_s: float) -> None:
+        """Keep it."""
+        self.shown.put((picture, exposed_utc_s))
+
+
+class _Clock:
+    """Time that passes when a test says so; its day began at 1000 s since 1970."""
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now_s(self) -> float:
+        """Return it."""
+        return self.time_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Let it pass."""
+        self.time_s += duration_s
+
+    def utc(self) -> datetime:
+        """Return the date of it."""
+        return datetime.fromtimestamp(1000 + self.time_s, UTC)
+
+
+@contextmanager
+def _seen_world() -> Iterator[tuple[SeenWorld, _Screen, _Clock, "SimpleQueue[str]"]]:
+    screen, clock, reports = _Screen(), _Clock(), SimpleQueue[str]()
+    world = World(load_rig(SIMULATED).world, 1)
+    with closing(SeenWorld(world, screen, clock, rate_hz=20.0, report=reports.put)) as seen:
+        yield seen, screen, clock, reports
+
+
+def test_the_camera_sees_what_the_drives_move() -> None:
+    """A needle that the shafts bring into a gel darkens the picture along its path, at the time of its positions."""
+    with _seen_world() as (seen, screen, clock, reports):
+        for line in ("needle N1", "specimen gel 13", "hole 1 0"):
+            seen.do(line)
+            assert reports.get(timeout=_LONG_S) == f"done: {line}"
+        before = _move_to(0.0, seen, screen, clock)
+        for depth_mm in range(1, 30):
+            _move(float(depth_mm), seen, clock)
+        after = _move_to(30.0, seen, screen, clock)
+    rows, columns = np.nonzero(np.abs(after.astype(int) - before) > 40)
+    assert 500 < len(rows) < 20_000
+    assert columns.min() >= 150  # where the sheath ends
+    assert rows.max() > rows.min() + 20  # the needle bends
+
+
+def _move(insertion_mm: float, seen: SeenWorld, clock: _Clock) -> None:
+    clock.sleep(0.5)
+    seen.move(clock.now_s(), {"insertion": insertion_mm, "rotation": 0.0, "linear": 15.0})
+
+
+def _move_to(insertion_mm: float, seen: SeenWorld, screen: _Screen, clock: _Clock) -> Picture:
+    """Return the picture whose time is that at which the axes stood at a position; it is drawn later."""
+    _move(insertion_mm, seen, clock)
+    moved_s = clock.now_s()
+    for _ in range(100):
+        clock.sleep(0.1)
+        picture, exposed_utc_s = screen.shown.get(timeout=_LONG_S)
+        if exposed_utc_s == pytest.approx(1000 + moved_s, abs=1e-6):
+            return picture
+    raise AssertionError("no picture of this time")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("hole 1 0", "not done: no specimen is on the bench (place one first: specimen NAME PERCENT)"),
+        ("specimen gel 50", "not done: "),
+        ("nonsense", "not done: 'nonsense' is not understood"),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_the_world_goes_on(line: str, words: str) -> None:
+    """The next line is done."""
+    with _seen_world() as (seen, _, _, reports):
+        seen.do(line)
+        assert reports.get(timeout=_LONG_S).startswith(words)
+        seen.do("needle N2")
+        assert reports.get(timeout=_LONG_S) == "done: needle N2"
+        seen.check()
+
+
+def test_a_bug_in_the_worlds_thread_is_raised_where_the_rig_is_served() -> None:
+    """It does not end the thread in silence."""
+    with _seen_world() as (seen, _, _, _):
+        seen.move(0.0, {"insertion": 1.0})
+        seen._life.exception(timeout=_LONG_S)
+        with pytest.raises(KeyError):
+            seen.check()

@@ -1,0 +1,119 @@
+"""A rehearsal as two people have it: a labrig that serves the rig, another that runs, a hand and a keyboard."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PATIENCE_S = 120.0
+_PATIENT = "  answer_timeout_ms: 5000\n  heartbeat: {timeout_ms: 10000}\n"
+"""The drives wait longer than by default for a labrig on a machine that is busy with something else."""
+
+_QUESTION = re.compile(r">> (.*?)\n +[^\n]*or no to stop:", re.DOTALL)
+_ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A command that has ended: its exit code, and what its terminal showed."""
+
+    exit_code: int
+    shown: str
+
+
+class ServingRig:
+    """A running `labrig devices simulate --rig`."""
+
+    def __init__(self, folder: Path, process: "subprocess.Popen[str]") -> None:
+        self.rig = folder / "rig-rehearsal.yaml"
+        self.process = process
+
+    def does(self, line: str) -> str:
+        """Do something by hand, and return what is said of it."""
+        assert self.process.stdin is not None
+        assert self.process.stderr is not None
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+        return self.process.stderr.readline().strip()
+
+    def run(self, *arguments: object, answer: Callable[[str], str]) -> Ended:
+        """Run a labrig in a terminal of its own; `answer` returns what is typed at each question."""
+        keyboard, screen = os.openpty()
+        command = [sys.executable, "-m", "labrig", *map(str, arguments)]
+        with subprocess.Popen(
+            command,
+            cwd=ROOT,
+            stdin=screen,
+            stdout=screen,
+            stderr=screen,
+            env={**os.environ, "COLUMNS": "300"},
+        ) as running:
+            os.close(screen)
+            watchdog = threading.Timer(PATIENCE_S, running.kill)
+            watchdog.start()
+            try:
+                shown = _converse(keyboard, answer)
+            finally:
+                watchdog.cancel()
+                os.close(keyboard)
+            return Ended(running.wait(PATIENCE_S), shown)
+
+
+def _converse(keyboard: int, answer: Callable[[str], str]) -> str:
+    """Answer each question of a terminal until it closes; return everything that it showed."""
+    shown, answered = "", 0
+    while True:
+        try:
+            data = os.read(keyboard, 65536)
+        except OSError:  # the last program at the terminal has ended
+            return _ESCAPES.sub("", shown)
+        shown += data.decode("utf-8", "replace")
+        questions = _QUESTION.findall(_ESCAPES.sub("", shown))
+        for question in questions[answered:]:
+            os.write(keyboard, f"{answer(' '.join(question.split()))}\n".encode())
+        answered = len(questions)
+
+
+def free_port() -> int:
+    """Return a TCP port that nobody uses now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def copy_rig(folder: Path) -> Path:
+    """Return a rehearsal's rig file in a copy of the calibration folder, with ports of its own."""
+    shutil.copytree(ROOT / "calibration", folder, dirs_exist_ok=True)
+    rig = folder / "rig-rehearsal.yaml"
+    text = rig.read_text(encoding="utf-8")
+    for port in ("29536", "29537"):
+        assert port in text
+        text = text.replace(port, str(free_port()))
+    text = text.replace("  bitrate: 1000000\n", f"  bitrate: 1000000\n{_PATIENT}", 1)
+    rig.write_text(text, encoding="utf-8")
+    return rig
+
+
+@contextmanager
+def serve_rehearsal(folder: Path, *options: str) -> Iterator[ServingRig]:
+    """Serve a rig until the block is left."""
+    rig = copy_rig(folder)
+    command = [sys.executable, "-m", "labrig", "devices", "simulate", "--rig", str(rig), *options]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            assert process.stdout.readline().startswith("ready: "), process.stderr.read()
+            process.stderr.readline()
+            yield ServingRig(folder, process)
+        finally:
+            process.terminate()

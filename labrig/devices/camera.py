@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from labrig.clock import Clock
-from labrig.devices.camera_settings import CameraDescription, Setting
+from labrig.devices.camera_settings import CONTROL_NAMES, CameraDescription, Setting
 from labrig.errors import CameraError
 
 Picture = npt.NDArray[np.uint8]
@@ -228,7 +228,9 @@ def _read_back(source: PictureSource, name: str, asked: Setting) -> Setting:
     if got is None:
         raise CameraError(
             f"the camera does not tell its {name}; {asked} was asked for",
-            f"write {name}: null where the camera has none",
+            f"write camera.{name}: null if it has no such control"
+            if name in CONTROL_NAMES
+            else f"enter a {name} that the camera has in the rig file, or use another camera",
         )
     if name == "rate_hz" and not isinstance(got, str) and not isinstance(asked, str):
         same = abs(got - asked) <= _RATE_TOLERANCE * asked

@@ -12,6 +12,10 @@ Setting = str | float
 """Value of a camera setting."""
 
 
+CONTROL_NAMES = ("mains_hz", "exposure_us", "gain", "white_balance_k", "focus")
+"""Settings that a camera may lack, and that are then null, in the order in which a camera takes them."""
+
+
 class CameraDescription(Model):
     """The camera and each of its settings; one that it does not take, or does not read back, is refused."""
 
@@ -47,8 +51,8 @@ class ControlledCameraDescription(CameraDescription):
     pixel_format: Annotated[str, Field(min_length=4, max_length=4)] = Field(
         description="Four characters: MJPG, YUYV, GREY; simulated cameras have GREY."
     )
-    exposure_us: Annotated[int, Field(ge=100, le=1_000_000)] = Field(
-        description="Exposure, automatic off; UVC cameras take multiples of 100 [us]."
+    exposure_us: Annotated[int, Field(ge=100, le=1_000_000)] | None = Field(
+        description="Exposure, automatic off; UVC cameras take multiples of 100. null: it cannot be set [us]."
     )
     gain: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
         description="Gain in the camera's own steps, automatic off. null: the camera has none [-]."
@@ -59,8 +63,8 @@ class ControlledCameraDescription(CameraDescription):
     focus: Annotated[int, Field(ge=0, le=100_000)] | None = Field(
         description="Focus in the camera's own steps, automatic off. null: the lens is turned by hand [-]."
     )
-    mains_hz: Literal[0, 50, 60] = Field(
-        description="Mains frequency whose flicker is filtered, 0 for none [Hz]."
+    mains_hz: Literal[0, 50, 60] | None = Field(
+        description="Mains frequency whose flicker is filtered, 0 for none. null: the camera has no filter [Hz]."
     )
 
     @property
@@ -68,12 +72,16 @@ class ControlledCameraDescription(CameraDescription):
         """The device file."""
         return self.device
 
+    @property
+    def longest_exposure_s(self) -> float:
+        """The exposure, or the time between two pictures if the exposure is not known [s]."""
+        return 1 / self.rate_hz if self.exposure_us is None else self.exposure_us / 1e6
+
     def settings(self) -> dict[str, Setting]:
         """Return the settings to be made, in the order in which a camera takes them."""
-        controls = ("mains_hz", "exposure_us", "gain", "white_balance_k", "focus")
         values = {
             "pixel_format": self.pixel_format,
             **super().settings(),
-            **{name: getattr(self, name) for name in controls},
+            **{name: getattr(self, name) for name in CONTROL_NAMES},
         }
         return {name: value for name, value in values.items() if value is not None}

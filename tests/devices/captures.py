@@ -130,13 +130,15 @@ class FakeCapture:
 
 @dataclass
 class FakeControls:
-    """Controls that take every setting."""
+    """Controls that take every setting, except for one that the camera lacks."""
 
     values: dict[str, float] = field(default_factory=dict)
+    lacks: str = ""
 
     def set(self, name: str, value: float) -> None:
         """Take it."""
-        self.values[name] = value
+        if name != self.lacks:
+            self.values[name] = value
 
     def get(self, name: str) -> float | None:
         """Tell it."""

@@ -9,15 +9,17 @@ import pytest
 
 from labrig.devices.camera import Camera, Exposure, Picture
 from labrig.devices.camera_kind import CameraContext
-from labrig.devices.camera_settings import Setting
+from labrig.devices.camera_settings import CONTROL_NAMES, Setting
 from labrig.devices.clocks import SimulatedClock
-from labrig.devices.rig_file import load_rig
+from labrig.devices.rig_file import RigDescription, load_rig
 from labrig.devices.simulated.camera import SimulatedCameraDescription, SimulatedSource
 from labrig.devices.uvc.camera import CAMERA as UVC
 from labrig.devices.uvc.camera import UvcCameraDescription
-from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL
+from labrig.devices.uvc.source import UvcSource
+from labrig.devices.uvc.v4l2 import CONTROLS, GET_CONTROL, QUERY_CAPABILITY, SET_CONTROL, V4l2Controls
 from labrig.errors import CameraError
 from labrig.simulation.world import World
+from tests.devices.captures import Computer, ComputerClock, FakeCapture, FakeControls
 from tests.devices.rigs import BENCH, simulated_rig
 
 CAMERA = simulated_rig().camera
@@ -169,6 +171,67 @@ def test_a_file_that_is_no_camera_is_refused(tmp_path: Path) -> None:
     path.touch()
     with pytest.raises(CameraError, match="is not a camera"):
         _open_uvc(str(path))
+
+
+@pytest.mark.parametrize("name", CONTROL_NAMES)
+def test_a_camera_that_lacks_a_control_is_usable_once_its_key_is_null(name: str) -> None:
+    """Without the control it is refused; what the hint says to write makes it a camera that gives pictures."""
+    with pytest.raises(CameraError, match=f"does not tell its {name}") as refusal:
+        _open_lacking(name, load_rig(BENCH, _ALL_CONTROLS))
+    assert f"write camera.{name}: null" in refusal.value.hint
+    camera = _open_lacking(name, load_rig(BENCH, (*_ALL_CONTROLS, f"camera.{name}=null")))
+    assert camera.capture().image.shape == (48, 64)
+    assert name not in camera.settings.asked
+    assert set(CONTROL_NAMES) - {name} < set(camera.settings.readback)
+
+
+def test_a_camera_without_any_control_is_usable() -> None:
+    """Every key of a control is null; the time of a picture is then known to a period."""
+    nulls = [f"camera.{name}=null" for name in CONTROL_NAMES]
+    camera = _open_lacking("every", load_rig(BENCH, (*_SMALL, *nulls)))
+    assert camera.settings.asked.keys() == {"pixel_format", "width_px", "height_px", "rate_hz"}
+    assert camera.capture().t_bound_s == pytest.approx(1 / 30)
+
+
+@pytest.mark.parametrize("name", CONTROL_NAMES)
+def test_a_device_that_refuses_a_control_has_the_same_hint(name: str) -> None:
+    """/dev/null refuses every control."""
+    controls = V4l2Controls.__new__(V4l2Controls)
+    with Path("/dev/null").open("rb") as nothing:
+        controls._handle, controls._device = nothing.fileno(), "/dev/null"
+        assert controls.get(name) is None
+        with pytest.raises(CameraError, match=f"does not accept {name} = 50") as refusal:
+            controls.set(name, 50)
+    assert f"write camera.{name}: null" in refusal.value.hint
+
+
+def test_a_size_that_a_camera_does_not_tell_cannot_be_null() -> None:
+    """The hint proposes nothing that the rig file would refuse."""
+    lens, rig = Lens(), load_rig(BENCH)
+    lens.get = lambda name: None if name == "width_px" else rig.camera.settings()[name]  # type: ignore[method-assign]
+    with pytest.raises(CameraError, match="does not tell its width_px") as refusal:
+        Camera(lens, rig.camera, SimulatedClock())
+    assert "null" not in refusal.value.hint
+
+
+_SMALL = ("camera.width_px=64", "camera.height_px=48", "camera.pixel_format=GREY")
+_ALL_CONTROLS = (*_SMALL, "camera.focus=3")
+
+
+def _open_lacking(name: str, rig: RigDescription) -> Camera:
+    """Return an opened USB camera that has every control but one."""
+    computer, section = Computer(), rig.camera
+    assert isinstance(section, UvcCameraDescription)
+    clock, controls = ComputerClock(computer), FakeControls(lacks=name)
+    source = UvcSource(
+        FakeCapture(computer, rate_hz=30.0),
+        controls,
+        clock,
+        exposure_s=section.longest_exposure_s,
+        rate_hz=section.rate_hz,
+        monotonic_s=computer,
+    )
+    return Camera(source, section, clock)
 
 
 def test_request_codes_are_those_of_the_kernel() -> None:

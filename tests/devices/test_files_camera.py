@@ -9,6 +9,7 @@ import pytest
 
 from labrig.devices.camera import Camera
 from labrig.devices.camera_kind import CameraContext
+from labrig.devices.camera_settings import CONTROL_NAMES
 from labrig.devices.clocks import SimulatedClock
 from labrig.devices.files.camera import CAMERA as FILES
 from labrig.devices.files.settings import FilesCameraDescription
@@ -214,6 +215,15 @@ def test_recorded_pictures_work_on_both_kinds_of_rig(tmp_path: Path) -> None:
     assert isinstance(camera, FilesCameraDescription)
     assert camera.settings() == {"width_px": 1280, "height_px": 720}
     assert camera.rig_kinds == {"simulated", "bench"}
+
+
+def test_recorded_pictures_need_no_control(tmp_path: Path) -> None:
+    """A source has none, and its section names none."""
+    write_pictures(tmp_path / "p", 1)
+    camera = _camera(tmp_path)
+    assert not set(CONTROL_NAMES) & FilesCameraDescription.model_fields.keys()
+    assert camera.settings.asked.keys() == {"width_px", "height_px"}
+    assert camera.capture().image.shape == SIZE_PX[::-1]
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ class UvcCamera(CameraKind[UvcCameraDescription]):
             capture,
             controls,
             context.clock,
-            exposure_s=section.exposure_us / 1e6,
+            exposure_s=section.longest_exposure_s,
             rate_hz=section.rate_hz,
         )
 

@@ -75,7 +75,7 @@ class UvcSource:
     clock : Clock
         Rig time.
     exposure_s : float
-        Exposure that is going to be set [s].
+        Longest exposure: the one that is going to be set, if it can be [s].
     rate_hz : float
         Pictures a second that are going to be set [Hz].
     monotonic_s : callable

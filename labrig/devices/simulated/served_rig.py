@@ -69,7 +69,7 @@ class SeenWorld:
     stream : PictureStream
         Takes the pictures.
     clock : Clock
-        Time of the positions.
+        Tells when the next picture is due.
     rate_hz : float
         Pictures a second, while a program takes them.
     report : callable
@@ -91,7 +91,7 @@ class SeenWorld:
         self._period_s = 1 / rate_hz
         self._report = report
         self._specimen = ""
-        self._sampled_s = 0.0
+        self._exposed_utc_s = clock.utc().timestamp()
         self._positions: Mapping[str, float] = {"insertion": 0.0, "rotation": 0.0, "linear": 0.0}
         self._operator = SimulatedOperator(world, lambda: self._positions)
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
@@ -99,9 +99,9 @@ class SeenWorld:
         self._thread = ThreadPoolExecutor(1, "labrig world")
         self._life = self._thread.submit(self._live)
 
-    def move(self, t_s: float, positions: Mapping[str, float]) -> None:
-        """Bring the axes to positions [mm or rad], where they are at a time [s]."""
-        self._inbox.put(partial(self._move, t_s, positions))
+    def move(self, utc_s: float, positions: Mapping[str, float]) -> None:
+        """Bring the axes to positions [mm or rad], where they are at a time [s since 1970]."""
+        self._inbox.put(partial(self._move, utc_s, positions))
 
     def do(self, line: str) -> None:
         """Do what a person has typed, and report it."""
@@ -136,15 +136,14 @@ class SeenWorld:
         except Empty:
             return
 
-    def _move(self, t_s: float, positions: Mapping[str, float]) -> None:
+    def _move(self, utc_s: float, positions: Mapping[str, float]) -> None:
         if positions != self._positions:
             self._world.advance(positions["insertion"], positions["rotation"], positions["linear"])
-        self._sampled_s, self._positions = t_s, positions
+        self._exposed_utc_s, self._positions = utc_s, positions
 
     def _draw(self) -> None:
-        """Show the world at the time of the last positions."""
-        age_s = self._clock.now_s() - self._sampled_s
-        self._stream.show(self._world.picture(), self._clock.utc().timestamp() - age_s)
+        """Show the world at the time of the last positions, however long the drawing takes."""
+        self._stream.show(self._world.picture(), self._exposed_utc_s)
 
     def _do(self, line: str) -> None:
         try:
@@ -223,7 +222,7 @@ class ServedRig:
         now_s = self._clock.now_s()
         if now_s - self._sampled_s >= _SAMPLE_S:
             self._sampled_s = now_s
-            self._world.move(now_s, self._plant.true_positions())
+            self._world.move(self._clock.utc().timestamp(), self._plant.true_positions())
 
 
 def serve_rig(

@@ -17,6 +17,9 @@ PATIENCE_S = 120.0
 _PATIENT = "  answer_timeout_ms: 5000\n  heartbeat: {timeout_ms: 10000}\n"
 """The drives wait longer than by default for a labrig on a machine that is busy with something else."""
 
+_TRAVEL = "limits: [-1, 50]"
+"""Of the linear module; a shorter one takes less time from limit to limit."""
+
 _QUESTION = re.compile(r">> (.*?)\n +[^\n]*or no to stop:", re.DOTALL)
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 
@@ -89,13 +92,15 @@ def free_port() -> int:
 
 
 def copy_rig(folder: Path) -> Path:
-    """Return a rehearsal's rig file in a copy of the calibration folder, with ports of its own."""
+    """Return a rehearsal's rig file in a copy of the calibration folder, with ports of its own and a short travel."""
     shutil.copytree(ROOT / "calibration", folder, dirs_exist_ok=True)
     rig = folder / "rig-rehearsal.yaml"
     text = rig.read_text(encoding="utf-8")
     for port in ("29536", "29537"):
         assert port in text
         text = text.replace(port, str(free_port()))
+    assert _TRAVEL in text
+    text = text.replace(_TRAVEL, "limits: [-1, 18]")
     text = text.replace("  bitrate: 1000000\n", f"  bitrate: 1000000\n{_PATIENT}", 1)
     rig.write_text(text, encoding="utf-8")
     return rig

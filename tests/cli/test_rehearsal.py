@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -10,48 +11,90 @@ from pathlib import Path
 import pytest
 
 from labrig.record.reader import open_run
-from tests.cli.conftest import ROOT, SWEEP, Labrig
-from tests.rehearsing import PATIENCE_S, ServingRig, copy_rig, serve_rehearsal
+from tests.cli.conftest import ROOT, Labrig
+from tests.rehearsing import PATIENCE_S, Ended, ServingRig, copy_rig, serve_rehearsal
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX's")
 
-ONE_SHORT_INSERTION = (
-    "--set", "specimens=[{name: gel 13 %, gelatin_percent: 13}]", "--set", "insertions_per_specimen=1",
-    "--set", "insertion={length_mm: 25, speed_mm_s: 5, withdraw_speed_mm_s: 20, frame_every_mm: 10}",
-    "--set", "sheath.speed_mm_s=10",
-)  # fmt: skip
+CHAPTER = ROOT / "labrig" / "manual" / "commissioning.md"
+RIG = "calibration/rig-rehearsal.yaml"
+FAST = ("--set", "insertion.withdraw_speed_mm_s=20", "--set", "sheath.speed_mm_s=10")
+
+
+def _read_blocks(section: str, language: str) -> list[str]:
+    """Return the code blocks of a section of the chapter."""
+    text = CHAPTER.read_text(encoding="utf-8").split(f"\n## {section}\n")[1].split("\n## ")[0]
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def _read_commands(section: str) -> list[list[str]]:
+    """Return the arguments of each labrig of a section; those of the simulation without its rig file."""
+    lines = "".join(_read_blocks(section, "sh")).splitlines()
+    return [shlex.split(line.removeprefix("labrig ")) for line in lines]
 
 
 def _obey(bench: ServingRig, question: str) -> str:
     """Do by hand what a question asks for, and return what is typed then."""
+    if found := re.search(r"Type the reading of the axis (\w+) in", question):
+        return bench.does(f"scale {found[1]}").rpartition(": ")[2]
     for pattern, line in (
         (r"Mount needle (\S+) in", r"needle \1"),
         (r"Place specimen (.+) \(([\d.]+) % gelatin\)", r"specimen '\1' \2"),
         (r"Shift specimen .+ to hole (\d+), ([\d.]+) mm", r"hole \1 \2"),
     ):
         if found := re.match(pattern, question):
-            done = bench.does(found.expand(line))
-            assert done == f"done: {found.expand(line)}"
+            assert bench.does(found.expand(line)) == f"done: {found.expand(line)}"
     return "yes"
 
 
-def test_an_insertion_is_rehearsed_to_its_report(labrig: Labrig, tmp_path: Path) -> None:
-    """Real processes, in real time: every question is asked, the camera sees the needle go in, and the record is sound.
-
-    Ctrl+C then ends the simulation with 130, and the journal of the drives holds the insertion.
-    """
-    asked: list[str] = []
+def _run(bench: ServingRig, runs: Path, command: list[str], asked: list[str]) -> Ended:
+    """Run a command of the chapter on the rig that is served."""
 
     def answer(question: str) -> str:
         asked.append(question)
         return _obey(bench, question)
 
-    journal = tmp_path / "drives.jsonl"
+    at_rig = [str(bench.rig) if argument == RIG else argument for argument in command]
+    if {"run", "withdraw"} & set(command):
+        at_rig += ["--runs-dir", str(runs)]
+    return bench.run(*at_rig, *(FAST if command[0] == "run" else ()), answer=answer)
+
+
+def test_every_command_of_the_chapter_is_run_here() -> None:
+    """No section has commands beside those that the tests below run."""
+    sections = re.findall(r"^## (.*)$", CHAPTER.read_text(encoding="utf-8"), re.MULTILINE)
+    with_commands = [section for section in sections if _read_blocks(section, "sh")]
+    assert with_commands == [*COMMISSIONING, "The first insertion", "When something fails"]
+    (simulation,) = _read_commands("The rehearsal")
+    assert simulation == ["devices", "simulate", "--rig", RIG]
+
+
+COMMISSIONING = ("The rehearsal", "Check", "Move each axis", "Home")
+
+
+def test_a_bare_bench_is_commissioned_as_the_chapter_says(tmp_path: Path) -> None:
+    """Each axis moves, is measured against a scale, finds its end stop, and reaches its limits; every check passes."""
+    asked: list[str] = []
+    with serve_rehearsal(tmp_path / "rig") as bench:
+        for command in (command for section in COMMISSIONING[1:] for command in _read_commands(section)):
+            done = _run(bench, tmp_path, command, asked)
+            assert (done.exit_code, "FAIL" in done.shown) == (0, False), f"{command}: {done.shown}"
+        assert bench.does("scale linear") == "done: scale linear: 0.000"
+    assert sum("Type the reading of the axis linear" in question for question in asked) == 4
+    assert any("search backwards for its stop" in question for question in asked)
+    state = json.loads((tmp_path / "rig" / "rehearsal.state.json").read_text())
+    assert sorted(state["referenced"]) == ["insertion", "linear", "rotation"]
+
+
+def test_an_insertion_is_rehearsed_to_its_report(labrig: Labrig, tmp_path: Path) -> None:
+    """Every question is asked, the camera sees the needle go in, and the record is sound; in real time.
+
+    Ctrl+C then ends the simulation with 130, and the journal of the drives holds the insertion.
+    """
+    asked: list[str] = []
+    journal, (command,) = tmp_path / "drives.jsonl", _read_commands("The first insertion")
     with serve_rehearsal(tmp_path / "rig", "--seed", "3", "--journal", str(journal)) as bench:
-        done = bench.run(
-            "run", SWEEP, "--rig", bench.rig, "--runs-dir", tmp_path / "runs", *ONE_SHORT_INSERTION,
-            answer=answer,
-        )  # fmt: skip
+        done = _run(bench, tmp_path / "runs", command, asked)
         assert done.exit_code == 0, done.shown
         bench.process.send_signal(signal.SIGINT)
         assert bench.process.wait(PATIENCE_S) == 130
@@ -67,24 +110,20 @@ def test_an_insertion_is_rehearsed_to_its_report(labrig: Labrig, tmp_path: Path)
     assert max(shafts) == pytest.approx(25 * 4000, abs=40)
 
 
-def test_a_needle_that_a_fault_leaves_in_tissue_is_withdrawn(tmp_path: Path) -> None:
+def test_a_needle_that_a_fault_leaves_in_tissue_is_withdrawn_as_the_chapter_says(tmp_path: Path) -> None:
     """The drive of the insertion reports a following error on the way: the run fails, and a withdrawal undoes it."""
-    faults = tmp_path / "faults.yaml"
-    faults.write_text(
-        "faults:\n  - {fault: emergency, axis: insertion, once: moving, code: 0x8611}\n", encoding="utf-8"
-    )
-    with serve_rehearsal(tmp_path / "rig", "--faults", str(faults)) as bench:
-        failed = bench.run(
-            "run", SWEEP, "--rig", bench.rig, "--runs-dir", tmp_path / "runs", *ONE_SHORT_INSERTION,
-            answer=lambda question: _obey(bench, question),
-        )  # fmt: skip
+    (file,) = _read_blocks("When something fails", "yaml")
+    (tmp_path / "faults.yaml").write_text(file, encoding="utf-8")
+    simulation, withdrawal = _read_commands("When something fails")
+    assert simulation == ["devices", "simulate", "--rig", RIG, "--faults", "faults.yaml"]
+    (insertion,) = _read_commands("The first insertion")
+    with serve_rehearsal(tmp_path / "rig", "--faults", str(tmp_path / "faults.yaml")) as bench:
+        failed = _run(bench, tmp_path / "runs", insertion, [])
         assert failed.exit_code == 3
         assert "error 0x8611" in failed.shown
         assert "labrig devices withdraw" in failed.shown
-        out = bench.run(
-            "devices", "withdraw", "--rig", bench.rig, "--runs-dir", tmp_path / "runs", answer=lambda _: "yes"
-        )
-        assert out.exit_code == 0, out.shown
+        done = _run(bench, tmp_path / "runs", withdrawal, [])
+        assert done.exit_code == 0, done.shown
         assert bench.does("scale linear") == "done: scale linear: 0.000"
         assert bench.does("scale insertion") == "done: scale insertion: 0.000"
     state = json.loads((tmp_path / "rig" / "rehearsal.state.json").read_text())

@@ -25,6 +25,7 @@
     │   │       ├── DriveRefusedError   sdo-abort: it refused an object, with the abort code
     │   │       ├── DriveRestartedError    boot-up: it lost power or was reset, and with it its reference
     │   │       ├── DriveSilentError    no-answer or heartbeat-lost
+    │   │       ├── ForceGuardError     stalled or input-limit: the axis is held up, or an input is beyond its limit
     │   │       └── DriveStrayedError   strayed, position-jump, target-changed or not-operational
     │   ├── CameraError            no camera, a setting ignored, no picture
     │   ├── DiskError              no space, not writable
@@ -197,6 +198,9 @@ POSITION_JUMPED = Fault("position-jump", 0, 0, "the position changed faster than
 TARGET_CHANGED = Fault("target-changed", 0, 0, "the drive has another target than the one sent")
 NOT_OPERATIONAL = Fault("not-operational", 0, 0, "the drive has left the NMT state operational")
 
+STALLED = Fault("stalled", 0, 0, "the motor gives all its current, and the axis lags")
+INPUT_BEYOND_LIMIT = Fault("input-limit", 0, 0, "an input of a drive is beyond its limit")
+
 
 class WireError(MachineError):
     """The CAN bus or a drive on it fails.
@@ -300,6 +304,12 @@ class DriveStrayedError(DriveError):
     """An axis that is not where it should be, or whose drive was given another target or NMT state by somebody."""
 
     fault = STRAYED
+
+
+class ForceGuardError(DriveError):
+    """An axis that something holds up, or an input of a drive with which no run may go on."""
+
+    fault = STALLED
 
 
 class CameraError(MachineError):

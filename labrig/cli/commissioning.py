@@ -95,7 +95,8 @@ def _open_axes(options: CommissioningOptions, axes: tuple[str, ...], doing: str)
         )
     description = load_rig(find_rig_file(options.rig))
     remark_on_yes(description, yes=options.yes)
-    opening = Opening(axes, camera=False, max_current_ma=options.current_ma or None, reset_faults=True)
+    limits_ma = dict.fromkeys(axes, options.current_ma) if options.current_ma else {}
+    opening = Opening(axes, camera=False, max_current_ma=limits_ma, reset_faults=True)
     with open_rig_for_person(description, doing, opening=opening) as (rig, _):
         try:
             yield rig

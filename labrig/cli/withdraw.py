@@ -126,7 +126,7 @@ def _find_folder(given: Path, runs_dir: Path) -> Path:
 def _withdraw(
     description: RigDescription, left: Run, path: tuple[AxisPositions, ...], standing: AxisPositions
 ) -> tuple[Path, Outcome, NeedleReport]:
-    opening = Opening(camera=False, reset_faults=True)
+    opening = Opening(camera=False, reset_faults=True, hold_inputs=False)
     ended: tuple[Path, Outcome, NeedleReport] | None = None
     try:
         with (

@@ -1,12 +1,13 @@
 """One axis of the rig: its limits, its reference and its moves, for any kind of drive."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from labrig.clock import Clock
 from labrig.devices.axis_description import AxisDescription
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.drive import Drive, Homing
+from labrig.devices.input_channel import InputValue
 from labrig.devices.position_supervision import AtRest, Expected, InMotion, expect_move
 from labrig.errors import TARGET_CHANGED, DriveError, DriveStrayedError, SafetyStopError
 
@@ -56,7 +57,8 @@ class _Place:
 class AxisReadback:
     """A reading of an axis: position and speed [mm or rad, per s], statusword, state, and whether the move is done.
 
-    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm.
+    The speed is computed from this position and the one before; the drive's own is quantised to tens of rpm. Motor
+    current [mA] and inputs are those of the drive; None and none where it has none.
     """
 
     position: float
@@ -64,6 +66,8 @@ class AxisReadback:
     statusword: int
     state: DriveState
     target_reached: bool
+    current_ma: float | None = None
+    inputs: Mapping[str, InputValue] = field(default_factory=dict)
 
 
 class Axis:
@@ -243,7 +247,15 @@ class Axis:
                 "and has not arrived in good time",
                 "look for what blocks it; see position_window in the rig file",
             )
-        return AxisReadback(read.position, self._speed(read.position), read.statusword, read.state, reached)
+        return AxisReadback(
+            read.position,
+            self._speed(read.position),
+            read.statusword,
+            read.state,
+            reached,
+            read.current_ma,
+            read.inputs,
+        )
 
     def require_target(self) -> None:
         """Require that the drive has the target that was last sent; the first that is read after homing counts as sent.

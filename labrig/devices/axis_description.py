@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr
 
 from labrig.devices.can_description import HeartbeatDescription
+from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
 from labrig.protocol.model import Conflict, Model
@@ -51,6 +52,8 @@ class AxisDescription(Model):
         Keys that name a file beside the rig file, of which every run keeps a copy.
     count_unit : str
         What the drive counts positions in.
+    digital_inputs : mapping of str to int
+        Digital inputs of the drive by name -> its bit in the word that holds them.
     """
 
     homing_directions: ClassVar[Mapping[int, int]] = {}
@@ -61,6 +64,7 @@ class AxisDescription(Model):
     }
     file_keys: ClassVar[tuple[str, ...]] = ()
     count_unit: ClassVar[str] = "counts"
+    digital_inputs: ClassVar[Mapping[str, int]] = {}
 
     driver: str = Field(description="Kind of drive.")
     unit: Literal["mm", "rad"] = Field(description="mm for an axis that travels, rad for one that turns.")
@@ -93,6 +97,15 @@ class AxisDescription(Model):
     )
     max_following_error: Positive = Field(
         description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
+    )
+    max_current_ma: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
+        None,
+        description="Limit of the drive's output current while labrig has the rig open; not above the drive's own, "
+        "which is restored afterwards. null: the drive's own [mA].",
+    )
+    inputs: Mapping[ChannelName, InputChannel] = Field(
+        default_factory=dict,
+        description="What is wired to inputs of this drive, by a name of its own: needle_force, door, emergency_stop.",
     )
     backlash: Annotated[float, Field(ge=0)] = Field(
         0.0,
@@ -128,6 +141,11 @@ class AxisDescription(Model):
     def speed_unit(self) -> str:
         """What the drive takes speeds in."""
         return "rpm of the motor"
+
+    @property
+    def analog_inputs(self) -> tuple[str, ...]:
+        """Names of the analog inputs that the drive has."""
+        return ()
 
     @property
     def nodes(self) -> tuple[int, ...]:
@@ -213,8 +231,20 @@ class AxisDescription(Model):
             )
         if self.unit == "rad" and self.lead_mm is not None:
             yield Conflict("lead_mm", "an axis that turns has no lead", "write lead_mm: null")
+        yield from self._input_conflicts()
         if not self.unknown:
             yield from self.scale_conflicts(self.scale())
+
+    def _input_conflicts(self) -> Iterator[Conflict]:
+        """Yield channels at inputs that the drive does not have."""
+        known = (*self.analog_inputs, *self.digital_inputs)
+        for name, channel in self.inputs.items():
+            if channel.source not in known:
+                yield Conflict(
+                    f"inputs.{name}.source",
+                    f"{channel.source} is no input of this drive",
+                    f"it has {', '.join(known) or 'none that labrig knows'}",
+                )
 
     def scale_conflicts(self, scale: AxisScale) -> Iterator[Conflict]:
         """Yield limits and speeds that the drive's numbers cannot hold."""

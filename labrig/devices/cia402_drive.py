@@ -4,9 +4,11 @@ What is decided here
 --------------------
 - SDO goes through our own client. `canopen`'s `BaseNode402` is not used: it resets faults and enables power by itself,
   and its signs of homing methods are wrong for maxon.
-- While axes move, each drive sends statusword and position at each SYNC in one process-data frame, instead of four SDO
-  frames. A missing report is requested by SDO and counted. The mapping of the report is not written: if it is not the
-  expected one, or the drive refuses to switch the report on, SDO does all of it.
+- While axes move, each drive sends statusword, position and motor current at each SYNC in one process-data frame of 8
+  bytes, instead of six SDO frames; inputs that the rig file names, and what does not fit, go into a second frame. A
+  missing report is requested by SDO and counted. Current and inputs are mapped while the node is pre-operational and
+  without power, behind statusword and position, which stand there by default. If the mapping is another one, or the
+  drive refuses it, SDO does all of it. The mapping is not stored: it ends with the drive's power.
 - Nothing counts until it has been read back: each setting after writing, both edges of the set-point acknowledge, the
   position at the end of a move, standstill after a stop.
 - Only `enable` switches power on. It sets Halt and takes the actual position as target, so nothing moves until a move
@@ -24,7 +26,6 @@ import struct
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
-from queue import SimpleQueue
 from typing import ClassVar, Generic, TypeVar
 
 from labrig.clock import Clock
@@ -51,8 +52,10 @@ from labrig.devices.cia402_states import (
     plan_controlword,
 )
 from labrig.devices.drive import STILL_COUNTS, STILL_POLL_S, DriveReading, Homing, RoundedMove
+from labrig.devices.drive_reports import DriveReports, InputPlace, mapping_of, pack_into_pdos
 from labrig.devices.error_codes import Emergency, describe_abort
 from labrig.devices.homing import HOMING_HERE
+from labrig.devices.input_channel import InputValue
 from labrig.devices.sdo_client import NO_OBJECT, RETRIES, SdoAbortedError, SdoClient, SdoSilenceError
 from labrig.devices.units import AxisScale
 from labrig.errors import (
@@ -94,8 +97,8 @@ STOP_OPTIONS = {
 _CHECK_POWER = "check power, CAN wiring, bit rate and node id of the drive"
 _EMERGENCY = struct.Struct("<HB")
 
-_REPORT_MAP = (2, co.STATUSWORD.index << 16 | 16, co.POSITION_ACTUAL.index << 16 | 32)
-_REPORT, _NO_REMOTE, _AT_EACH_SYNC = struct.Struct("<Hi"), 0x40000000, 1
+_REPORTED = (co.STATUSWORD, co.POSITION_ACTUAL)
+_NO_REMOTE, _AT_EACH_SYNC = 0x40000000, 1
 _REPORT_PATIENCE = 0.25
 """Longest wait for a report, as a part of the answer timeout: its frame is already on its way."""
 
@@ -140,11 +143,14 @@ class Cia402Drive(Generic[Section]):
         Faults that the drive resets only after its communication has been reset.
     report_pdo : int
         Transmit PDO, counted from 0, that is expected to hold statusword and position.
+    load_pdo : int
+        Transmit PDO for current and inputs without room there.
     """
 
     tool: ClassVar[str] = "the program of its manufacturer"
     reset_communication_first: ClassVar[frozenset[int]] = frozenset({0x8120, 0x8130, 0x8140, 0x81FD})
     report_pdo: ClassVar[int] = 2
+    load_pdo: ClassVar[int] = 3
 
     def __init__(
         self,
@@ -178,11 +184,9 @@ class Cia402Drive(Generic[Section]):
         self._attained_is_fresh = False
         self._was_enabled = False
         self._homing_due_s = math.inf
-        self._reports: SimpleQueue[bytes] = SimpleQueue()
-        self._has_reports = self._awaits_report = False
-        self._missed_reports = self._stray_reports = 0
-        self._report_id = 0x180 + 0x100 * self.report_pdo + node_id
-        link.network.subscribe(self._report_id, lambda _id, data, _t: self._reports.put(bytes(data)))
+        self._reports = DriveReports(link, node_id, (self.report_pdo, self.load_pdo))
+        self._reports_load = False
+        self._current: tuple[Entry, float] | None = None
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
         link.network.subscribe(0x000, self._on_nmt)
@@ -267,8 +271,8 @@ class Cia402Drive(Generic[Section]):
     def counts(self) -> dict[str, int]:
         """Return how many requests were repeated, and how many answers were unexpected."""
         return {
-            "retries": self.sdo.retries + self._missed_reports,
-            "strays": self.sdo.strays + self._stray_reports,
+            "retries": self.sdo.retries + self._reports.missed,
+            "strays": self.sdo.strays + self._reports.strays,
         }
 
     # Connecting
@@ -335,7 +339,7 @@ class Cia402Drive(Generic[Section]):
         if found is None:
             raise DriveError(
                 f"{self.name} has no current limit that labrig can set, asked for {max_current_ma} mA",
-                f"set it in {self.tool}; --current-ma 0 asks for none",
+                f"set it in {self.tool}; --current-ma 0, and a rig file without max_current_ma, ask for none",
             )
         entry, milliamperes = found
         own = self.upload(entry)
@@ -444,10 +448,10 @@ class Cia402Drive(Generic[Section]):
 
     def _unused_pdos(self) -> dict[Entry, int]:
         """Return the COB-IDs that switch off every PDO but the report: labrig commands by SDO alone."""
-        report = co.TRANSMIT_PDO_COB_IDS[self.report_pdo]
+        used = {co.TRANSMIT_PDO_COB_IDS[pdo] for pdo in (self.report_pdo, *self._reports.layouts)}
         sent, obeyed = self.pdo_entries()
         unused = [
-            entry for entry in (*obeyed, *sent) if entry != report and self.own_entry(entry).access == "rw"
+            entry for entry in (*obeyed, *sent) if entry not in used and self.own_entry(entry).access == "rw"
         ]
         values = {entry: self.upload(entry) for entry in unused}
         return {entry: value | co.PDO_INVALID for entry, value in values.items()}
@@ -530,6 +534,10 @@ class Cia402Drive(Generic[Section]):
         self._note_state(statusword)
         return statusword
 
+    def report_load(self) -> None:
+        """Make `read` return motor current and inputs too, once the drive has been configured."""
+        self._reports_load = True
+
     def let_report(self) -> None:
         """Make the drive report at each SYNC, if a PDO has statusword and position and can be switched on.
 
@@ -537,46 +545,79 @@ class Cia402Drive(Generic[Section]):
         ------
         DriveError, BusError
         """
-        mapping = co.TPDO_MAPS[self.report_pdo][: len(_REPORT_MAP)]
-        found = tuple(self.upload(entry) for entry in mapping if self.has(entry))
-        self._has_reports = found == _REPORT_MAP
-        if not self._has_reports:
-            return
-        cob_id = _NO_REMOTE | self._report_id
+        if self._reports_load:
+            self._current = self.find_current()
+        entries = map(self.own_entry, (*_REPORTED, *self._load_entries()))
+        layouts = pack_into_pdos(entries, (self.report_pdo, self.load_pdo))
+        self._reports.layouts = {
+            pdo: layout for pdo, layout in layouts.items() if self._map(pdo, layout) and self._switch_on(pdo)
+        }
+
+    def _load_entries(self) -> tuple[Entry, ...]:
+        """Return the objects of motor current and inputs that are to be reported, each once."""
+        if not self._reports_load:
+            return ()
+        current = () if self._current is None else (self._current[0],)
+        return tuple(dict.fromkeys((*current, *(place.entry for place in self._input_places.values()))))
+
+    @cached_property
+    def _input_places(self) -> dict[str, InputPlace]:
+        """Where the inputs are read that its section names."""
+        found = {name: self.find_input(channel.source) for name, channel in self.section.inputs.items()}
+        return {name: place for name, place in found.items() if place is not None}
+
+    def _map(self, pdo: int, layout: tuple[Entry, ...]) -> bool:
+        """Tell whether a PDO carries these objects; map them if it does not, and the first ones are there already."""
+        mapping = co.TPDO_MAPS[pdo][: 1 + len(layout)]
+        places = [entry for entry in mapping if self.has(entry)]
+        wanted = [len(layout), *map(mapping_of, layout)]
+        found = [self.upload(entry) for entry in places]
+        if found == wanted:
+            return True
+        own = [len(_REPORTED), *wanted[1 : 1 + len(_REPORTED)]]
+        is_free = pdo != self.report_pdo or found[: len(own)] == own
+        if not (self._reports_load and is_free and len(places) == len(mapping)):
+            return False
+        number = places[0]
+        cob_id = co.TRANSMIT_PDO_COB_IDS[pdo]
+        self.send_nmt(_NMT_PRE_OPERATIONAL)
         try:
-            self.adjust(
-                {
-                    co.TPDO_TYPES[self.report_pdo]: _AT_EACH_SYNC,
-                    co.TRANSMIT_PDO_COB_IDS[self.report_pdo]: cob_id,
-                }
-            )
+            self.adjust({cob_id: self.upload(cob_id) | co.PDO_INVALID})
+            self.adjust({number: 0})
+            self.adjust(dict(zip(places[1:], wanted[1:], strict=True)))
+            self.adjust({number: len(layout)})
         except DriveRefusedError:
-            self._has_reports = False
+            return False
+        finally:
+            self.send_nmt(_NMT_START)
+        return True
+
+    def _switch_on(self, pdo: int) -> bool:
+        """Tell whether a PDO is sent at each SYNC from now on."""
+        cob_id = _NO_REMOTE | 0x180 + 0x100 * pdo + self.node_id
+        try:
+            self.adjust({co.TPDO_TYPES[pdo]: _AT_EACH_SYNC, co.TRANSMIT_PDO_COB_IDS[pdo]: cob_id})
+        except DriveRefusedError:
+            return False
+        return True
 
     def expect_report(self) -> None:
         """Drop earlier reports: the next `report` is that of the coming SYNC."""
-        self._awaits_report = self._has_reports
-        while not self._reports.empty():
-            self._reports.get_nowait()
-            self._stray_reports += 1
+        self._reports.expect()
 
-    def report(self) -> tuple[int, int]:
-        """Return statusword and position [counts], as reported, or read by SDO if no report is expected or arrives.
+    def report(self) -> dict[Entry, int]:
+        """Return statusword, position [counts] and load, as reported; by SDO what is not expected or does not arrive.
 
         Raises
         ------
         DriveError, BusError
         """
-        awaited, self._awaits_report = self._awaits_report, False
-        if awaited:
-            patience_s = _REPORT_PATIENCE * self._link.answer_timeout_s
-            data = self._link.receive(self._reports, self._link.clock.now_s() + patience_s)
-            if data is not None and len(data) == _REPORT.size:
-                statusword, position = _REPORT.unpack(data)
-                self._note_state(statusword)
-                return statusword, position
-            self._missed_reports += 1
-        return self.statusword(), self.counter()
+        values = self._reports.take(_REPORT_PATIENCE * self._link.answer_timeout_s)
+        for entry in (*_REPORTED, *self._load_entries()):
+            if entry not in values:
+                values[entry] = self.upload(entry)
+        self._note_state(values[co.STATUSWORD])
+        return values
 
     def _note_state(self, statusword: int) -> None:
         self._was_enabled = self.decode(statusword) is DriveState.OPERATION_ENABLED
@@ -604,13 +645,37 @@ class Cia402Drive(Generic[Section]):
         return self._position(self.upload(co.TARGET_POSITION))
 
     def read(self) -> DriveReading:
-        """Read statusword and position. Raises `DriveError` if the drive cannot move."""
-        statusword, counter = self.report()
+        """Read statusword, position and load. Raises `DriveError` if the drive cannot move."""
+        values = self.report()
+        statusword, counter = values[co.STATUSWORD], values[co.POSITION_ACTUAL]
         self.refuse_unless_enabled(statusword)
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
-        return DriveReading(self._position(counter), statusword, self.decode(statusword), arrived)
+        current_ma = None if self._current is None else values[self._current[0]] * self._current[1]
+        inputs = self._convert_inputs(values) if self._reports_load else {}
+        return DriveReading(
+            self._position(counter), statusword, self.decode(statusword), arrived, current_ma, inputs
+        )
+
+    def read_inputs(self) -> dict[str, InputValue]:
+        """Return what the inputs read that its section names."""
+        entries = dict.fromkeys(place.entry for place in self._input_places.values())
+        return self._convert_inputs({entry: self.upload(entry) for entry in entries})
+
+    def _convert_inputs(self, values: Mapping[Entry, int]) -> dict[str, InputValue]:
+        channels = self.section.inputs
+        return {
+            name: channels[name].convert(values[place.entry] * place.volts)
+            if place.bit is None
+            else bool(values[place.entry] >> place.bit & 1)
+            for name, place in self._input_places.items()
+        }
+
+    def lag(self) -> float | None:
+        """Return the following error, with its sign [mm or rad]; None if the drive does not tell it."""
+        entry = self.find_following_error()
+        return None if entry is None else self.upload(entry) / self.scale.counts_per_unit
 
     def start_profile(self, target: int, speed_units: int) -> None:
         """Start a profile to an absolute position, with both edges of the set-point handshake.
@@ -839,9 +904,37 @@ class Cia402Drive(Generic[Section]):
             text=emergency.text,
         )
 
-    def current_ma(self) -> float | None:
-        """Return None: the profile has no current in milliamperes."""
+    def find_current(self) -> tuple[Entry, float] | None:
+        """Return the object of the motor current, and its unit [mA]; None without such an object."""
         return None
+
+    def find_following_error(self) -> Entry | None:
+        """Return the object of the following error [counts]; None without one."""
+        return None
+
+    def find_input(self, source: str) -> InputPlace | None:  # noqa: ARG002 - for drives that have some
+        """Return where an input of the drive is read; None for one that it does not have."""
+        return None
+
+    def current_ma(self) -> float | None:
+        """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
+        found = self.find_current()
+        return None if found is None else self.upload(found[0]) * found[1]
+
+    def require_limits(self) -> None:
+        """Refuse a current limit of the rig file above the drive's own.
+
+        Raises
+        ------
+        DriveError
+            Names both.
+        """
+        asked_ma, own_ma = self.section.max_current_ma, self.current_limit_ma()
+        if asked_ma is not None and own_ma is not None and asked_ma > own_ma:
+            raise DriveError(
+                f"{self.name} limits its current to {own_ma} mA, the rig file says max_current_ma {asked_ma}",
+                f"write {own_ma} or less into the rig file, or raise the limit in {self.tool} if the motor bears it",
+            )
 
     def current_limit_ma(self) -> int | None:
         """Return the limit of the output current [mA]; None if the drive has none."""

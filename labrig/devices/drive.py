@@ -25,6 +25,7 @@ from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.check_result import CheckResult
 from labrig.devices.cia402_states import DriveState
+from labrig.devices.input_channel import InputValue
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.shaft import Mechanics
 from labrig.devices.simulated.simulated_node import SimulatedNode
@@ -78,13 +79,17 @@ class RoundedMove:
 class DriveReading:
     """A reading of a drive: position [mm or rad], statusword, state, and whether its last move has arrived.
 
-    `target_reached` is true if the drive says so and the position is within the window around the target.
+    `target_reached` is true if the drive says so and the position is within the window around the target. After
+    `report_load` also the motor current [mA], None if the drive does not measure it, and the inputs that the rig file
+    names.
     """
 
     position: float
     statusword: int
     state: DriveState
     target_reached: bool
+    current_ma: float | None = None
+    inputs: Mapping[str, InputValue] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -133,6 +138,18 @@ class Drive(Protocol):
 
     def cob_ids(self) -> tuple[frozenset[int], frozenset[int]]:
         """Return the COB-IDs of process data that the drive sends, and that it obeys: no two drives share one."""
+
+    def require_limits(self) -> None:
+        """Refuse limits of the rig file that exceed the drive's own.
+
+        Raises
+        ------
+        DriveError
+            Names both.
+        """
+
+    def report_load(self) -> None:
+        """Make `read` return motor current and inputs too, once the drive has been configured."""
 
     def configure(self, heartbeat: HeartbeatDescription, max_current_ma: int | None) -> None:
         """Stop the axis, switch power off, and write the settings of its section and the heartbeat consumer.
@@ -282,8 +299,14 @@ class Drive(Protocol):
     def current_ma(self) -> float | None:
         """Return the motor current, with its sign [mA]; None if the drive does not measure it."""
 
+    def lag(self) -> float | None:
+        """Return the following error, with its sign [mm or rad]; None if the drive does not tell it."""
+
     def current_limit_ma(self) -> int | None:
         """Return the limit of the output current [mA]; None if the drive has none."""
+
+    def read_inputs(self) -> Mapping[str, InputValue]:
+        """Return what the inputs read that the rig file names, by its names for them."""
 
     def inputs(self) -> Mapping[str, bool]:
         """Return its digital inputs by name, true where active: `negative-limit`, `positive-limit`, `home`, others."""

@@ -80,11 +80,14 @@ class InMotion:
         By how much earlier the drive may have begun [s].
     give : float
         Uncertainty of where a move began that replaced another [mm or rad].
+    speed : float
+        Highest speed of the move [mm/s or rad/s].
     """
 
     profile: Profile
     ahead_s: float
     give: float = 0.0
+    speed: float = 0.0
 
     @cached_property
     def way(self) -> tuple[float, float]:
@@ -155,7 +158,7 @@ def expect_move(
     profile = make_move_profile(
         begun_s, here, velocity, target[0], Limits(target[1], acceleration, acceleration)
     )
-    return InMotion(profile, ahead_s, give)
+    return InMotion(profile, ahead_s, give, target[1])
 
 
 def supervise_position(

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import NoReturn
+from typing import NoReturn, Self
 
 from labrig.devices.axis import Axis, AxisReadback
 from labrig.devices.axis_description import AXES
@@ -19,6 +19,7 @@ from labrig.devices.drive import Homing, Identity, open_drive, raise_together, w
 from labrig.devices.hardware import Hardware, make_hardware
 from labrig.devices.heartbeat import HeartbeatClock
 from labrig.devices.homing import HOMING_HERE, require_homing_allowed
+from labrig.devices.load_guard import LoadGuard
 from labrig.devices.motion_log import MotionLog
 from labrig.devices.needle_location import AxisLocation, NeedleLocation
 from labrig.devices.needle_state import NeedleState, RigState
@@ -75,16 +76,20 @@ class Opening:
         The axes; the others need not be connected, nor complete in the rig file.
     camera : bool
         Whether the camera is opened too.
-    max_current_ma : int or None
-        Limit of the output current of every drive while it is open; None keeps their own limits.
+    max_current_ma : mapping of str to int
+        Axis -> limit of its output current while it is open, besides that of the rig file [mA].
     reset_faults : bool
         Whether the operator may confirm the reset of a fault; otherwise a drive in fault is refused.
+    hold_inputs : bool
+        Whether limits of inputs hold. A withdrawal goes as the person at the rig confirms: an open door or a force
+        must not keep the needle in the tissue.
     """
 
     axes: tuple[str, ...] = AXES
     camera: bool = True
-    max_current_ma: int | None = None
+    max_current_ma: Mapping[str, int] = field(default_factory=dict)
     reset_faults: bool = False
+    hold_inputs: bool = True
 
 
 WHOLE = Opening()
@@ -101,15 +106,26 @@ class Guards:
         Whether what makes a drive stop by itself is verified at opening; this writes to the drives.
     watch : bool
         Whether positions, targets and the bus are watched; this asks the drives more often.
+    force : bool
+        Whether motor currents and inputs are read and supervised; this maps them into the reports of the drives.
     """
 
     dead_man: bool = True
     watch: bool = True
+    force: bool = True
 
     @property
     def level(self) -> int:
         """The number by which a record names them; 0, or nothing, for one of before."""
-        return int(self.dead_man)
+        return 2 if self.force else int(self.dead_man)
+
+    @classmethod
+    def recorded(cls, level: int, *, exact: bool) -> Self:
+        """Return the guards with which a record of this level is replayed.
+
+        What a bench answered while it was watched cannot be asked again at other instants.
+        """
+        return cls(dead_man=level > 0, watch=level > 0 and exact, force=level > 1)
 
 
 GUARDED = Guards()
@@ -195,6 +211,10 @@ class Rig:
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
         self._targets_due = list(self._axes)
+        self._load = LoadGuard(holds_inputs=opening.hold_inputs and guards.force and guards.watch)
+        if guards.force:
+            for axis in self.axes:
+                axis.drive.report_load()
         self._alert = alert
         self._positions: dict[str, tuple[float, float]] = {}
         self._unknown_motion = ""
@@ -211,6 +231,11 @@ class Rig:
         if name not in self._axes:
             raise InputError(f"axis {name} is not open", f"open are: {', '.join(self._axes)}")
         return self._axes[name]
+
+    @property
+    def reads_load(self) -> bool:
+        """Whether states have the motor currents; those of a replay of a record of before have none."""
+        return self._guards.force
 
     @property
     def insertion(self) -> Axis:
@@ -301,6 +326,7 @@ class Rig:
             states = {name: axis.read() for name, axis in self._axes.items()}
             self._positions |= {name: (self._read_s, state.position) for name, state in states.items()}
             self._supervise_positions({name: state.position for name, state in states.items()})
+            self._load.require_inputs(self.axes, {name: state.inputs for name, state in states.items()})
         except MachineError as error:
             self._stop_because_of(error)
         return states
@@ -311,9 +337,11 @@ class Rig:
         Without a SYNC: a replay of a bench does not look, and finds the states of the record by their SYNCs.
         """
         self._read_s = self.clock.now_s()
-        positions = {name: axis.drive.read().position for name, axis in self._axes.items()}
+        readings = {name: axis.drive.read() for name, axis in self._axes.items()}
+        positions = {name: reading.position for name, reading in readings.items()}
         self._positions |= {name: (self._read_s, position) for name, position in positions.items()}
         self._supervise_positions(positions)
+        self._load.require_inputs(self.axes, {name: reading.inputs for name, reading in readings.items()})
 
     def _supervise_positions(self, positions: Mapping[str, float]) -> None:
         """Require that each axis is where it should be, and that each in motion has the target that was sent.
@@ -367,7 +395,10 @@ class Rig:
         DriveError
             When a drive has reported a fault or has restarted; the axes have been stopped.
         """
-        steps = max(1, math.ceil(duration_s / self._step_s))
+        step_s = self._step_s
+        if self._is_watching:
+            step_s = min(step_s, self._load.period_s(self.axes))
+        steps = max(1, math.ceil(duration_s / step_s))
         try:
             self.supervise()
             for _ in range(steps):
@@ -385,8 +416,11 @@ class Rig:
         """
         self._check()
         self._heartbeat.beat()
-        if self._is_watching and self.clock.now_s() - self._read_s >= _LOOK_S:
+        if not self._is_watching:
+            return
+        if self.clock.now_s() - self._read_s >= _LOOK_S:
             self._look()
+        self._load.require_moving(self.axes, self.clock)
 
     def ask(self, request: OperatorRequest) -> Answer:
         """Let the operator do something; meanwhile the axes hold still and are supervised.
@@ -588,12 +622,12 @@ class Rig:
             needle_mounted=needle_mounted,
             referenced=self.state.referenced,
         )
-        limit_ma = self._opening.max_current_ma
+        limit_ma = self._max_current_ma(self.axis(name))
         threshold_ma = self.axis(name).description.homing_current_ma(method)
         if threshold_ma is not None and limit_ma is not None and threshold_ma >= limit_ma:
             raise LimitError(
                 f"axis {name} would never feel its stop: it is felt at {threshold_ma} mA, and no drive exceeds "
-                f"{limit_ma} mA",
+                f"{limit_ma} mA (the lower one of --current-ma and max_current_ma of the rig file)",
                 f"--current-ma {threshold_ma + threshold_ma // 2}, or a lower homing.current_threshold_ma",
             )
 
@@ -642,6 +676,8 @@ class Rig:
         if self._watch is not None:
             self._watch.require_free()
             self._watch.forget_states()
+        if self._guards.force and self._guards.watch:
+            self._load.get_ready(self.axes)
         for axis in self.axes:
             axis.drive.enable()
         self._is_watching = self._guards.watch
@@ -666,7 +702,14 @@ class Rig:
         self._identities[axis.name] = axis.drive.identify()
 
     def _configure(self, axis: Axis) -> None:
-        axis.drive.configure(self.description.can.heartbeat, self._opening.max_current_ma)
+        if self._guards.force:
+            axis.drive.require_limits()
+        axis.drive.configure(self.description.can.heartbeat, self._max_current_ma(axis))
+
+    def _max_current_ma(self, axis: Axis) -> int | None:
+        """Return the limit of the output current of an axis while the rig is open; None keeps the drive's own."""
+        limits_ma = (axis.description.max_current_ma, self._opening.max_current_ma.get(axis.name))
+        return min((limit_ma for limit_ma in limits_ma if limit_ma is not None), default=None)
 
     def _offer_fault_reset(self, axis: Axis) -> None:
         """Reset the fault of a drive if this opening allows it and the operator confirms; refuse it otherwise."""

@@ -156,12 +156,21 @@ class Session:
 
     def _record_states(self, states: Mapping[str, AxisReadback]) -> None:
         self.recorder.can_frames(self.rig.take_can_frames())
-        self.recorder.state(
-            self.rig.clock.now_s(),
-            insertion_mm=states["insertion"].position,
-            rotation_rad=states["rotation"].position,
-            linear_mm=states["linear"].position,
-            insertion_statusword=states["insertion"].statusword,
-            rotation_statusword=states["rotation"].statusword,
-            linear_statusword=states["linear"].statusword,
-        )
+        self.recorder.state(self.rig.clock.now_s(), **_state_fields(self.rig, states))
+
+
+def _state_fields(rig: Rig, states: Mapping[str, AxisReadback]) -> dict[str, object]:
+    """Return the fields of a state line: positions, statuswords, motor currents [mA], then the inputs by their names.
+
+    A rig that replays a record of before reads neither currents nor inputs.
+    """
+    columns = {axis.name: f"{axis.name}_{axis.unit}" for axis in rig.axes}
+    fields: dict[str, object] = {columns[name]: state.position for name, state in states.items()}
+    fields |= {f"{name}_statusword": state.statusword for name, state in states.items()}
+    if rig.reads_load:
+        fields |= {f"{name}_current_ma": state.current_ma for name, state in states.items()}
+    for axis in rig.axes:
+        channels = axis.description.inputs
+        inputs = states[axis.name].inputs
+        fields |= {channels[name].column(name): value for name, value in inputs.items()}
+    return fields

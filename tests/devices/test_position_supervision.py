@@ -258,5 +258,5 @@ def test_a_move_in_two_legs_and_one_replaced_raise_no_alarm() -> None:
 def test_what_a_rig_guards_against_is_in_its_record() -> None:
     """A replay of a record of before does without."""
     with opened_rig() as opened:
-        assert ready(opened).rig.describe()["guards"] == 1
-    assert Guards(dead_man=False).level == 0
+        assert ready(opened).rig.describe()["guards"] == 2
+    assert Guards(dead_man=False, force=False).level == 0

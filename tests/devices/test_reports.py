@@ -3,7 +3,8 @@
 import pytest
 
 from labrig.devices import canopen_objects as co
-from tests.devices.rigs import OpenedRig, one_drive, opened_rig
+from labrig.devices.rig import Guards, Rig
+from tests.devices.rigs import OpenedRig, Person, one_drive, opened_rig, simulated_rig
 
 SYNC, REPORTS = 0x080, {0x381, 0x382, 0x383}
 
@@ -30,6 +31,52 @@ def test_the_states_of_three_axes_take_four_frames() -> None:
         drive = opened.drives["insertion"]
         assert states["insertion"].position == pytest.approx(drive.shaft_counts / 4000, abs=1 / 4000)
         assert states["insertion"].statusword == drive._statusword()
+
+
+def test_a_report_has_the_motor_current() -> None:
+    """It comes in the same frame as the position: 60 mA for friction of 1.5 mNm, by the motor's 25 mNm/A."""
+    with opened_rig() as opened:
+        _moving(opened)
+        states = opened.rig.read_states()
+        assert {name: state.current_ma for name, state in states.items()} == {
+            "insertion": 60.0,
+            "rotation": 0.0,
+            "linear": 0.0,
+        }
+        assert set(_frames(opened)) == {SYNC, *REPORTS}
+        assert opened.drives["insertion"].objects.value(co.TPDO_MAPS[2][3]) == 0x20270010
+
+
+def test_inputs_of_a_drive_come_in_a_second_report() -> None:
+    """Only the drive to which something is wired sends one; analog values are in the sensor's unit."""
+    force = "needle_force: {source: analog-1, unit: N, units_per_volt: 4, zero_v: 0.5}"
+    with opened_rig(
+        simulated_rig(f"axes.insertion.inputs={{{force}, door: {{source: general-A}}}}")
+    ) as opened:
+        opened.drives["insertion"].set_input("analog-1", 1750.0)
+        opened.drives["insertion"].set_input("general-A", 1.0)
+        _moving(opened)
+        states = opened.rig.read_states()
+        assert states["insertion"].inputs == {"needle_force": pytest.approx(5.0), "door": True}
+        assert states["linear"].inputs == {}
+        assert set(_frames(opened)) == {SYNC, *REPORTS, 0x481}
+
+
+def test_a_record_of_before_is_replayed_without_the_load() -> None:
+    """Without the guard of forces nothing is mapped, and a state has no current."""
+    with opened_rig() as opened:
+        rig = Rig(
+            opened.rig.description,
+            hardware=opened.hardware,
+            link=opened.hardware.open_link(),
+            source=None,
+            person=Person(),
+            interrupted=lambda: None,
+            guards=Guards.recorded(1, exact=True),
+        )
+        rig.connect()
+        assert rig.read_states()["insertion"].current_ma is None
+        assert opened.drives["insertion"].objects.value(co.TPDO_MAPS[2][0]) == 2
 
 
 def test_a_missing_report_is_requested_and_counted() -> None:
@@ -75,5 +122,5 @@ def test_a_drive_that_refuses_to_report_is_read_by_sdo() -> None:
         bench.drive.abort_next(0x08000022, co.TPDO_TYPES[2].index)
         bench.driver.let_report()
         bench.driver.expect_report()
-        assert bench.driver.report() == (bench.drive._statusword(), 0)
+        assert bench.driver.report() == {co.STATUSWORD: bench.drive._statusword(), co.POSITION_ACTUAL: 0}
         assert bench.driver.counts() == {"retries": 0, "strays": 0}

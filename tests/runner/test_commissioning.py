@@ -127,7 +127,7 @@ def test_a_search_that_could_do_harm_is_refused(axis: str, method: int, mounted:
 def test_a_stop_that_could_not_be_felt_is_not_sought() -> None:
     """A search for a stop is refused if the current limit is below its threshold, because it would push forever."""
     with _bare() as (opened, _):
-        opened.rig._opening = Opening(max_current_ma=400)
+        opened.rig._opening = Opening(max_current_ma={"linear": 400})
         with pytest.raises(LimitError, match="felt at 500 mA, and no drive exceeds 400 mA"):
             opened.rig.home_axis("linear", -4, needle_mounted=False)
 
@@ -192,7 +192,7 @@ def test_a_jog_is_slow_short_and_within_limits() -> None:
 def test_one_axis_is_commissioned_while_the_others_are_unknown() -> None:
     """An axis can be commissioned, at low current, while the entries of the others are missing."""
     with opened_rig() as opened:
-        opening = Opening(("linear",), camera=False, max_current_ma=300)
+        opening = Opening(("linear",), camera=False, max_current_ma={"linear": 300})
         rig = Rig(
             opened.rig.description,
             hardware=opened.hardware,

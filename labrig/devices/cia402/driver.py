@@ -26,10 +26,11 @@ from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402.eds import Eds
 from labrig.devices.cia402.error_codes import describe_emergency
-from labrig.devices.cia402.settings import Cia402Axis, drive_settings
+from labrig.devices.cia402.settings import ANALOG_KEYS, Cia402Axis, drive_settings
 from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, read_unit
 from labrig.devices.cia402_drive import ANSWER_TIME_S, POLL_S, STOP_OPTIONS, Cia402Drive, still_time_s
 from labrig.devices.drive import Homing, Identity, require_all
+from labrig.devices.drive_reports import InputPlace
 from labrig.devices.error_codes import Emergency
 from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError, InputError
@@ -39,9 +40,7 @@ _NEEDED_MODES = {0: "profile position", 5: "homing"}
 """Bit of 0x6502 -> mode of operation."""
 
 _SENT_IDS, _OBEYED_IDS = range(0x1800, 0x1A00), range(0x1400, 0x1600)
-_GENERAL_INPUTS = {f"general-{bit - 15}": bit for bit in range(16, 24)}
-_INPUTS = {"negative-limit": 0, "positive-limit": 1, "home": 2} | _GENERAL_INPUTS
-"""Name of a digital input -> its bit in 0x60FD."""
+_MILLIVOLT = 0.001
 
 
 class ProfileDrive(Cia402Drive[Cia402Axis]):
@@ -320,16 +319,34 @@ class ProfileDrive(Cia402Drive[Cia402Axis]):
         """Return what an error code means; a code that no standard lists is described by its class."""
         return describe_emergency(code)
 
-    def current_ma(self) -> float | None:
-        """Return the motor current [mA], from the object that its section names or from 0x6078 and 0x6075."""
+    def find_current(self) -> tuple[Entry, float] | None:
+        """Return the object that its section names, in mA; else 0x6078 or 0x6077, in thousandths of the rated current.
+
+        The torque 0x6077 is in thousandths of the rated torque, which the motor has at its rated current 0x6075.
+        """
         named = self.section.objects.entry("current_ma")
         if named is not None:
-            return float(self.upload(named))
-        if not (self.has(co.CURRENT_ACTUAL) and self.has(od.RATED_CURRENT)):
+            return self.own_entry(named), 1.0
+        found = next((entry for entry in (co.CURRENT_ACTUAL, od.TORQUE_ACTUAL) if self.has(entry)), None)
+        if found is None or not self.has(od.RATED_CURRENT):
             return None
-        return self.upload(co.CURRENT_ACTUAL) * self.upload(od.RATED_CURRENT) / 1000
+        rated_ma = self.upload(od.RATED_CURRENT)
+        return (found, rated_ma / 1000) if rated_ma else None
+
+    def find_following_error(self) -> Entry | None:
+        """Return 0x60F4, if the drive has it."""
+        return od.FOLLOWING_ERROR if self.has(od.FOLLOWING_ERROR) else None
+
+    def find_input(self, source: str) -> InputPlace | None:
+        """Return where an input of the drive is read: an object that its section names, or a bit of 0x60FD."""
+        bit = self.section.digital_inputs.get(source)
+        if bit is not None:
+            return InputPlace(od.DIGITAL_INPUTS, bit=bit) if self.has(od.DIGITAL_INPUTS) else None
+        named = self.section.objects.entry(ANALOG_KEYS[source])
+        return None if named is None else InputPlace(self.own_entry(named), volts=_MILLIVOLT)
 
     def inputs(self) -> dict[str, bool]:
         """Return the digital inputs (0x60FD); empty if the drive does not report them."""
         word = self._optional(od.DIGITAL_INPUTS)
-        return {} if word is None else {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}
+        bits = {} if word is None else self.section.digital_inputs
+        return {name: bool((word or 0) >> bit & 1) for name, bit in bits.items()}

@@ -59,6 +59,8 @@ _OBJECTS = (
     Entry(0x30B1, 0, "home offset move distance", "i"),
     Entry(0x30D1, 1, "current actual value averaged [mA]", "i", "ro"),
     Entry(0x30D1, 2, "current actual value [mA]", "i", "ro"),
+    Entry(0x3160, 1, "analog input 1 [mV]", "h", "ro"),
+    Entry(0x3160, 2, "analog input 2 [mV]", "h", "ro"),
     Entry(0x6007, 0, "abort connection option code", "h", default=3),
     Entry(0x603F, 0, "error code", "H", "ro"),
     Entry(0x6040, 0, "controlword", "H"),

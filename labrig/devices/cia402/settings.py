@@ -59,17 +59,31 @@ class ObjectsOfMaker(Model):
     )
     current_ma: Place | None = Field(
         None,
-        description="Motor current [mA]: 0x30D1:01 of an EPOS4. null: 0x6078 and 0x6075, if the drive has them.",
+        description="Motor current [mA]: 0x30D1:01 of an EPOS4. null: 0x6078 or 0x6077, and 0x6075, if the drive has "
+        "them.",
     )
     current_limit_ma: Place | None = Field(
         None,
         description="Output current limit [mA]: 0x3001:02 of an EPOS4. null: 0x6073 and 0x6075, if the drive has them.",
     )
 
+    analog_1: Place | None = Field(
+        None,
+        description="Analog input 1 [mV]: 0x3160:01 of an EPOS4. null: the drive has none that labrig reads.",
+    )
+    analog_2: Place | None = Field(
+        None,
+        description="Analog input 2 [mV]: 0x3160:02 of an EPOS4. null: the drive has none that labrig reads.",
+    )
+
     def entry(self, key: str) -> Entry | None:
         """Return the object that a key names; None for null."""
         place: str | None = getattr(self, key)
         return None if place is None else Entry(int(place[2:6], 16), int(place[7:], 16), key, "I")
+
+
+ANALOG_KEYS = {"analog-1": "analog_1", "analog-2": "analog_2"}
+"""Name of an analog input -> the key that names its object."""
 
 
 class Cia402Axis(AxisDescription):
@@ -82,6 +96,12 @@ class Cia402Axis(AxisDescription):
         **AxisDescription.where_to_find,
     }
     file_keys: ClassVar[tuple[str, ...]] = ("eds",)
+    digital_inputs: ClassVar[Mapping[str, int]] = {
+        "negative-limit": 0,
+        "positive-limit": 1,
+        "home": 2,
+        **{f"general-{bit - 15}": bit for bit in range(16, 24)},
+    }
 
     driver: Literal["cia402"] = Field(description="cia402: any CiA 402 drive over CANopen.")
     node_id: NodeId = Field(description="CANopen node id of the drive.")
@@ -132,6 +152,11 @@ class Cia402Axis(AxisDescription):
     def nodes(self) -> tuple[int, ...]:
         """The node id."""
         return (self.node_id,)
+
+    @property
+    def analog_inputs(self) -> tuple[str, ...]:
+        """Names of the analog inputs whose objects are named."""
+        return tuple(name for name, key in ANALOG_KEYS.items() if self.objects.entry(key) is not None)
 
     @property
     def speed_unit(self) -> str:

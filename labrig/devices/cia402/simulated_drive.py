@@ -1,13 +1,15 @@
 """A simulated CiA 402 drive: the objects of its EDS file; state machine and motion are those of the profile."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from labrig.clock import Clock
 from labrig.devices import canopen_objects as co
 from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402.error_codes import describe_emergency
-from labrig.devices.cia402.settings import Cia402Axis
+from labrig.devices.cia402.settings import ANALOG_KEYS, Cia402Axis
 from labrig.devices.cia402.units import ACCELERATION_CODES, VELOCITY_CODES, write_unit
 from labrig.devices.cia402_states import DriveState
 from labrig.devices.simulated.bus import InProcessWire
@@ -133,7 +135,36 @@ class SimulatedProfileDrive(SimulatedCia402Drive):
 
     def live_objects(self) -> dict[Entry, Callable[[], int]]:
         """Return the objects whose value is computed when it is read."""
-        return super().live_objects() | {
-            od.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
-            od.DIGITAL_INPUTS: self._read_inputs,
+        objects = self._section.objects
+        of_maker: dict[Entry | None, Callable[[], int]] = {
+            objects.entry("current_ma"): lambda: round(self.read_current_ma()),
+            **{objects.entry(key): partial(self.read_analog_mv, name) for name, key in ANALOG_KEYS.items()},
         }
+        return (
+            super().live_objects()
+            | {
+                od.ERROR_CODE: lambda: self._errors[-1] if self._errors else 0,
+                od.DIGITAL_INPUTS: self._read_inputs,
+                od.FOLLOWING_ERROR: self.read_lag,
+                co.CURRENT_ACTUAL: self._read_current_per_mille,
+                od.TORQUE_ACTUAL: self._read_current_per_mille,
+            }
+            | {entry: read for entry, read in of_maker.items() if entry is not None}
+        )
+
+    def _read_current_per_mille(self) -> int:
+        """Return the motor current in thousandths of the rated one; the torque has the same number."""
+        rated_ma = self._option(od.RATED_CURRENT, 0)
+        return round(1000 * self.read_current_ma() / rated_ma) if rated_ma else 0
+
+    def digital_inputs(self) -> Mapping[str, int]:
+        """Return the digital inputs by name -> bit of 0x60FD."""
+        return self._section.digital_inputs
+
+    def current_limit_ma(self) -> float:
+        """Return the output current limit [mA]: the object that its section names, or 0x6073; none without either."""
+        named = self._section.objects.entry("current_limit_ma")
+        if named is not None:
+            return float(self._option(named, 0))
+        rated_ma = self._option(od.RATED_CURRENT, 0)
+        return self._option(od.MAX_CURRENT, 0) * rated_ma / 1000 if rated_ma else math.inf

@@ -24,9 +24,11 @@ from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402_drive import STOP_OPTIONS, Cia402Drive, still_time_s
 from labrig.devices.cia402_states import DriveState, decode_state
 from labrig.devices.drive import Homing, Identity, require_all
+from labrig.devices.drive_reports import InputPlace
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
 from labrig.devices.epos2.settings import (
+    ANALOG_INPUTS,
     BY_CURRENT,
     HOMING_DIRECTIONS,
     Epos2Axis,
@@ -38,10 +40,7 @@ from labrig.devices.homing import HOMING_HERE
 from labrig.errors import DriveError
 
 _SLOWEST_RPM = 1
-_INPUT_NAMES = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
-_GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("HGFEDCBA", start=8)}
-_INPUTS = {name: bit for bit, name in enumerate(_INPUT_NAMES)} | _GENERAL_INPUTS
-"""Name of a digital input -> its bit in 0x2071:01, which is its number in 0x2070 (maxon's EposCmd: A is 15, H is 8)."""
+_MILLIVOLT = 0.001
 
 
 class Epos2(Cia402Drive[Epos2Axis]):
@@ -174,6 +173,21 @@ class Epos2(Cia402Drive[Epos2Axis]):
         """Return the option codes by which the drive stops; it has none for a quick stop."""
         return dict(STOP_OPTIONS)
 
+    def require_limits(self) -> None:
+        """Refuse a current limit or a speed of the rig file above the drive's own. Raises `DriveError`."""
+        require_all((super().require_limits, self._require_motor_speed))
+
+    def _require_motor_speed(self) -> None:
+        own_rpm = self.upload(od.MAX_MOTOR_SPEED)
+        rpm = self.scale.to_speed_units(self.section.max_speed)
+        if rpm > own_rpm:
+            unit = self.section.unit
+            raise DriveError(
+                f"{self.name} limits its motor to {own_rpm} rpm ({od.MAX_MOTOR_SPEED.place}), max_speed "
+                f"{self.section.max_speed:g} {unit}/s of the rig file is {rpm} rpm",
+                f"write max_speed: {self.scale.to_speed(own_rpm):.4g} or less, or correct the limit in {self.tool}",
+            )
+
     def find_current_limit(self) -> tuple[Entry, float] | None:
         """Return the output current limit, in mA."""
         return od.MAX_CURRENT, 1.0
@@ -214,11 +228,22 @@ class Epos2(Cia402Drive[Epos2Axis]):
         """Return what an error code means; a code that no document lists is called unknown."""
         return describe_emergency(code)
 
-    def current_ma(self) -> float | None:
-        """Return the motor current [mA]."""
-        return float(self.upload(co.CURRENT_ACTUAL))
+    def find_current(self) -> tuple[Entry, float] | None:
+        """Return the averaged motor current, in mA: it has no ripple of the power stage in it."""
+        return od.CURRENT_AVERAGE, 1.0
+
+    def find_following_error(self) -> Entry | None:
+        """Return the following error."""
+        return od.FOLLOWING_ERROR_ACTUAL
+
+    def find_input(self, source: str) -> InputPlace | None:
+        """Return where an input of the drive is read."""
+        if source in ANALOG_INPUTS:
+            return InputPlace(ANALOG_INPUTS[source], volts=_MILLIVOLT)
+        bit = self.section.digital_inputs.get(source)
+        return None if bit is None else InputPlace(od.INPUT_STATE, bit=bit)
 
     def inputs(self) -> dict[str, bool]:
         """Return the digital inputs by function, with the drive's polarity settings applied."""
         word = self.upload(od.INPUT_STATE)
-        return {name: bool(word >> bit & 1) for name, bit in _INPUTS.items()}
+        return {name: bool(word >> bit & 1) for name, bit in self.section.digital_inputs.items()}

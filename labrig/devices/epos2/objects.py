@@ -34,6 +34,7 @@ INPUTS = tuple(
 INPUT_STATE = Entry(0x2071, 1, "digital inputs, state", "H", "ro")
 INPUT_MASK = Entry(0x2071, 2, "digital inputs, mask", "H", default=0xE387)
 INPUT_POLARITY = Entry(0x2071, 3, "digital inputs, polarity", "H")
+ANALOG_INPUTS = tuple(Entry(0x207C, n, f"analog input {n} [mV]", "h", "ro") for n in (1, 2))
 FOLLOWING_ERROR_ACTUAL = Entry(0x20F4, 0, "following error actual", "h", "ro")
 SENSOR_TYPE = Entry(0x2210, 2, "position sensor type", "H", default=1)
 POSITION_OFFSET = Entry(0x2210, 3, "absolute position offset", "H")

@@ -36,6 +36,12 @@ BY_CURRENT = frozenset({-1, -2, -3, -4})
 """Methods that run into a mechanical stop."""
 
 
+_DIGITAL_INPUTS = ("negative-limit", "positive-limit", "home", "position-marker", "drive-enable")
+_GENERAL_INPUTS = {f"general-{letter}": bit for bit, letter in enumerate("HGFEDCBA", start=8)}
+ANALOG_INPUTS = {f"analog-{entry.subindex}": entry for entry in od.ANALOG_INPUTS}
+"""Name of an analog input -> its object."""
+
+
 class Epos2Homing(HomingDescription):
     """Homing of an axis."""
 
@@ -60,6 +66,11 @@ class Epos2Axis(AxisDescription):
         **AxisDescription.where_to_find,
     }
     count_unit = "quadcounts"
+    digital_inputs: ClassVar[Mapping[str, int]] = {
+        **{name: bit for bit, name in enumerate(_DIGITAL_INPUTS)},
+        **_GENERAL_INPUTS,
+    }
+    """Name of a digital input -> its bit in 0x2071:01, which is its number in 0x2070 (maxon's EposCmd: A is 15)."""
 
     driver: Literal["epos2"] = Field("epos2", description="Kind of drive.")
     node_id: NodeId = Field(description="CANopen node id of the drive, as set by its DIP switches.")
@@ -82,6 +93,11 @@ class Epos2Axis(AxisDescription):
     def nodes(self) -> tuple[int, ...]:
         """The node id."""
         return (self.node_id,)
+
+    @property
+    def analog_inputs(self) -> tuple[str, ...]:
+        """Names of the analog inputs of the drive."""
+        return tuple(ANALOG_INPUTS)
 
     def scale_of(self, gear_ratio: float, travel_per_turn: float) -> AxisScale:
         """Return the conversion to quadcounts (quarters of an encoder line) and rpm."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 from labrig.clock import Clock
@@ -10,6 +11,7 @@ from labrig.devices.canopen_objects import Entry
 from labrig.devices.cia402_states import STATUSWORDS, DriveState
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.error_codes import describe_emergency
+from labrig.devices.epos2.settings import ANALOG_INPUTS, Epos2Axis
 from labrig.devices.simulated.bus import InProcessWire
 from labrig.devices.simulated.cia402_node import SimulatedCia402Drive
 from labrig.devices.simulated.dictionary import ObjectTable
@@ -111,6 +113,14 @@ class SimulatedDrive(SimulatedCia402Drive):
         """Return the home offset, which is a distance here, not a position."""
         return self._values(co.HOME_OFFSET)
 
+    def digital_inputs(self) -> Mapping[str, int]:
+        """Return the digital inputs by name -> bit of 0x2071:01."""
+        return Epos2Axis.digital_inputs
+
+    def current_limit_ma(self) -> float:
+        """Return the output current limit [mA]."""
+        return float(self._values(od.MAX_CURRENT))
+
     def home_counter(self) -> int:
         """Return the home position."""
         return self._values(od.HOME_POSITION)
@@ -136,10 +146,18 @@ class SimulatedDrive(SimulatedCia402Drive):
     def live_objects(self) -> dict[Entry, Callable[[], int]]:
         """Return the objects whose value is computed when it is read."""
         return super().live_objects() | {
-            od.FOLLOWING_ERROR_ACTUAL: lambda: max(
-                -32768, min(32767, round(self._shaft.demand - self._shaft.actual))
-            ),
+            od.FOLLOWING_ERROR_ACTUAL: lambda: _clip_to_int16(self.read_lag()),
+            co.CURRENT_ACTUAL: lambda: _clip_to_int16(self.read_current_ma()),
+            od.CURRENT_AVERAGE: lambda: _clip_to_int16(self.read_current_ma()),
+            **{entry: partial(self._read_analog, name) for name, entry in ANALOG_INPUTS.items()},
             od.ENCODER_COUNTER: lambda: round(self._shaft.actual) & 0xFFFFFFFF,
             od.INPUT_STATE: lambda: self._read_inputs() & self._values(od.INPUT_MASK),
             od.VELOCITY_AVERAGE: lambda: round(self.speed_quadcounts_s / self.counts_per_speed_unit()),
         }
+
+    def _read_analog(self, name: str) -> int:
+        return _clip_to_int16(self.read_analog_mv(name))
+
+
+def _clip_to_int16(value: float) -> int:
+    return max(-32768, min(32767, round(value)))

@@ -68,8 +68,7 @@ def open_replayed(
             person=hardware.operator,
             interrupted=hardware.find_signal,
             needle=NeedleState(None, recording.state),
-            # What a bench answered cannot be asked again at other instants.
-            guards=Guards(dead_man=recording.guards > 0, watch=recording.guards > 0 and recording.exact),
+            guards=Guards.recorded(recording.guards, exact=recording.exact),
         )
         rig.connect()
         yield rig, hardware

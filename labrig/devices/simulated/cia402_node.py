@@ -123,6 +123,7 @@ class SimulatedCia402Drive(CanopenNode):
         super().__init__(wire, node_id, clock, table, fixed)
         self.journal = DriveJournal()
         self.forced_inputs = 0
+        self._analog_mv: dict[str, float] = {}
         self.lasting_errors: set[int] = set()
         self._boot_time_s = boot_time_s
         self._ready_s = clock.now_s()
@@ -199,6 +200,14 @@ class SimulatedCia402Drive(CanopenNode):
         """Tell whether power stays on at the end of a quick stop, which transition 16 can then leave."""
         return True
 
+    def digital_inputs(self) -> Mapping[str, int]:
+        """Return the digital inputs by name -> bit of `forced_inputs`."""
+        return {"negative-limit": 0, "positive-limit": 1, "home": 2}
+
+    def current_limit_ma(self) -> float:
+        """Return the output current limit [mA]; none by default."""
+        return math.inf
+
     def is_powered(self) -> bool:
         """Tell whether the power stage is on."""
         return self._state in _POWERED
@@ -246,6 +255,19 @@ class SimulatedCia402Drive(CanopenNode):
     def block(self) -> None:
         """Block the shaft where it stands."""
         self._shaft.jam()
+
+    def uncouple(self) -> None:
+        """Let the motor lose its shaft: it lags, and no current shows why."""
+        self._shaft.uncouple()
+
+    def set_input(self, name: str, value: float) -> None:
+        """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""
+        bit = self.digital_inputs().get(name)
+        if bit is None:
+            self._analog_mv[name] = value
+        else:
+            self.forced_inputs = self.forced_inputs & ~(1 << bit) | bool(value) << bit
+            self.tick()
 
     def shift_counter(self, counts: float) -> None:
         """Let position and demand jump, and the shaft stand: an encoder that counts wrong, or another zero."""
@@ -354,6 +376,22 @@ class SimulatedCia402Drive(CanopenNode):
         if mechanics.home_switch is not None and place >= mechanics.home_switch:
             word |= _HOME_SWITCH
         return word
+
+    def read_analog_mv(self, name: str) -> int:
+        """Return the voltage at an analog input [mV]; 0 where nothing is wired."""
+        wired = self._shaft.mechanics.analog_mv.get(name)
+        forced_mv = self._analog_mv.get(name)
+        return round(forced_mv if forced_mv is not None else 0.0 if wired is None else wired())
+
+    def read_current_ma(self) -> float:
+        """Return the motor current [mA]; 0 without power."""
+        if not self.is_powered():
+            return 0.0
+        return self._shaft.current_ma(self.counts_per_turn(), self.current_limit_ma())
+
+    def read_lag(self) -> int:
+        """Return the following error [counts]."""
+        return round(self._shaft.demand - self._shaft.actual)
 
     def _note(self, kind: str, text: str, t_s: float | None = None) -> None:
         at_s = self._clock.now_s() if t_s is None else t_s

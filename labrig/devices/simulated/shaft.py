@@ -1,8 +1,9 @@
 """The motor shaft of a simulated drive: its profile, its mechanical stops, and its counter."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
+from labrig.devices.simulated.motor import Motor
 from labrig.devices.trapezoid import (
     Limits,
     Profile,
@@ -17,7 +18,7 @@ _HALVINGS = 40
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Stops and switches of the shaft, in counts of the drive; None if absent.
+    """Motor, stops and switches of the shaft, and what is wired to the drive; places in its counts, None if absent.
 
     Parameters
     ----------
@@ -27,6 +28,10 @@ class Mechanics:
         Limit switches: the negative one is active at or below its place, the positive one at or above.
     home_switch : float or None
         Active at or above this.
+    motor : Motor
+        The motor and its load.
+    analog_mv : mapping of str to callable
+        Analog input of the drive, such as analog-1 -> its voltage now [mV].
     """
 
     lower_stop: float | None = None
@@ -34,6 +39,8 @@ class Mechanics:
     negative_switch: float | None = None
     positive_switch: float | None = None
     home_switch: float | None = None
+    motor: Motor = field(default_factory=Motor)
+    analog_mv: Mapping[str, Callable[[], float]] = field(default_factory=dict)
 
 
 class MotorShaft:
@@ -54,6 +61,7 @@ class MotorShaft:
         self.demand = self.actual = self.velocity = 0.0
         self.ticked_s = now_s
         self._jam: float | None = None
+        self._uncoupled = False
 
     @property
     def position(self) -> float:
@@ -69,9 +77,22 @@ class MotorShaft:
         """Block the shaft where it is."""
         self._jam = self.position
 
+    def uncouple(self) -> None:
+        """Let the motor no longer turn the shaft, and feel nothing of it."""
+        self.jam()
+        self._uncoupled = True
+
     def free(self) -> None:
         """Take the blockage away."""
         self._jam = None
+        self._uncoupled = False
+
+    def current_ma(self, counts_per_turn: int, limit_ma: float) -> float:
+        """Return the motor current under an output current limit [mA]."""
+        if self._uncoupled:
+            return 0.0
+        lag_turns = (self.demand - self.actual) / counts_per_turn
+        return self.mechanics.motor.current_ma(0.0 if self.stuck else self.velocity, lag_turns, limit_ma)
 
     def is_at_rest(self, now_s: float) -> bool:
         """Tell whether the profile has ended."""

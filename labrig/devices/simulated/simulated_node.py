@@ -41,6 +41,9 @@ class SimulatedNode(Protocol):
     def block(self) -> None:
         """Block the shaft where it is."""
 
+    def uncouple(self) -> None:
+        """Let the motor lose its shaft: it lags, and no current shows why."""
+
     def mute(self) -> None:
         """Send nothing from now on."""
 
@@ -64,3 +67,6 @@ class SimulatedNode(Protocol):
 
     def press(self, inputs: int) -> None:
         """Hold switches closed: bit 0 the negative limit switch, bit 1 the positive one."""
+
+    def set_input(self, name: str, value: float) -> None:
+        """Put an analog input at a voltage [mV], or switch a digital input on (not 0) or off (0)."""

@@ -317,7 +317,11 @@ def test_an_unreported_reference_ends_with_closing(tmp_path: Path) -> None:
 def test_standard_currents_are_thousandths_of_the_rated_one(tmp_path: Path) -> None:
     """0x6078 and 0x6073 with 0x6075; closing restores the drive's own limit."""
     with drive_on_a_bus(other_make(tmp_path)) as one:
-        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (-1000.0, 10_000)
+        one.get_ready()
+        one.driver.start_move(-2.0, 1.0)
+        one.wait(0.5)
+        assert (one.driver.current_ma(), one.driver.current_limit_ma()) == (-60.0, 10_000)
+        one.wait(3.0)
         one.driver.configure(HEARTBEAT, 1234)
         assert one.driver.current_limit_ma() == 1230
         one.driver.close()

@@ -15,7 +15,7 @@ from labrig.cli.signals import Interruption
 from labrig.cli.sources import Sources
 from labrig.clock import Clock
 from labrig.devices.clocks import SystemClock
-from labrig.devices.rig import Rig
+from labrig.devices.rig import Opening, Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.durable import require_free_bytes
 from labrig.errors import (
@@ -144,10 +144,14 @@ def record_on_rig(
 ) -> FinishedRun:
     """Open a rig, let `act` record a run on it, and close it; signals stop the axes first."""
     doing = " ".join(("labrig", *command_line[1:]))
+    opening = Opening(max_current_ma=protocol.current_limits_ma)
     ended: FinishedRun | None = None
     try:
         with (
-            open_rig_for_person(description, doing, seed=protocol.seed) as (rig, interrupted),
+            open_rig_for_person(description, doing, seed=protocol.seed, opening=opening) as (
+                rig,
+                interrupted,
+            ),
             progress(protocol.experiment, work) as reporter,
         ):
             path, outcome = act(rig, reporter)

@@ -10,7 +10,7 @@ from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.input_channel import ChannelName, InputChannel
 from labrig.devices.units import TURN_RAD, AxisScale
 from labrig.errors import InputError, LimitError
-from labrig.protocol.model import Conflict, Model
+from labrig.protocol.model import Conflict, LimitMa, Model
 
 AXES = ("insertion", "rotation", "linear")
 """Every axis of the instrument."""
@@ -98,7 +98,7 @@ class AxisDescription(Model):
     max_following_error: Positive = Field(
         description="The drive goes to fault when the axis lags further behind its profile [mm or rad]."
     )
-    max_current_ma: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
+    max_current_ma: LimitMa | None = Field(
         None,
         description="Limit of the drive's output current while labrig has the rig open; not above the drive's own, "
         "which is restored afterwards. null: the drive's own [mA].",

@@ -1,13 +1,14 @@
-"""The checks of any CiA 402 drive in `labrig devices check`: its reference and its limits."""
+"""The checks of any CiA 402 drive in `labrig devices check`: its reference, its limits, its current and inputs."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from labrig.devices import canopen_objects as co
 from labrig.devices.axis_description import AxisDescription
-from labrig.devices.check_result import CheckResult, CheckStatus
+from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.cia402_drive import Cia402Drive
 from labrig.devices.sdo_client import NO_OBJECT
-from labrig.errors import DriveRefusedError
+from labrig.errors import DriveError, DriveRefusedError
 
 
 def check_limits(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> CheckResult:
@@ -67,3 +68,40 @@ def check_reference(name: str, drive: Cia402Drive[Any]) -> CheckResult:
         f"not referenced, {state}",
         f"a run asks for zero before it moves; or: labrig devices home --axis {name} --rig FILE",
     )
+
+
+def check_current(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> CheckResult:
+    """Compare the current limit of the rig file with that of the drive; a run writes the lower one."""
+    check, own_ma, now_ma = f"current {name}", drive.current_limit_ma(), drive.current_ma()
+    now = "not reported" if now_ma is None else f"{now_ma:.0f} mA"
+    try:
+        drive.require_limits()
+    except DriveError as error:
+        return failed(check, error)
+    if own_ma is None:
+        return CheckResult(
+            check,
+            CheckStatus.WARN,
+            f"{now}; neither limited nor guarded against a stall: labrig knows no current limit of this drive",
+            f"name its object in the rig file, or set the limit in {drive.tool}",
+        )
+    if axis.max_current_ma is None:
+        return CheckResult(check, CheckStatus.PASS, f"{now}; limit {own_ma} mA, the drive's own")
+    return CheckResult(
+        check, CheckStatus.PASS, f"{now}; limit {axis.max_current_ma} mA, the drive's own {own_ma} mA"
+    )
+
+
+def check_inputs(name: str, axis: AxisDescription, drive: Cia402Drive[Any]) -> Iterator[CheckResult]:
+    """Read each input that the rig file names, and compare it with its limits."""
+    for channel_name, value in drive.read_inputs().items():
+        channel = axis.inputs[channel_name]
+        what = f"{channel.format_value(value)} at {channel.source} of the drive of axis {name}"
+        limits = channel.format_limits() or "only recorded"
+        excess = channel.find_excess(channel_name, name, value)
+        if excess is None:
+            yield CheckResult(f"input {channel_name}", CheckStatus.PASS, f"{what}, {limits}")
+        else:
+            yield CheckResult(
+                f"input {channel_name}", CheckStatus.WARN, f"{what}, {limits}: no run begins", excess.hint
+            )

@@ -346,6 +346,12 @@ class Cia402Drive(Generic[Section]):
         self._own_limits = {entry: own}
         return {entry: min(math.floor(max_current_ma / milliamperes), own)}
 
+    def set_current_limit(self, limit_ma: int) -> None:
+        """Set the limit of the output current, where the drive has one [mA]."""
+        found = self.find_current_limit()
+        if found is not None:
+            self.adjust({found[0]: round(limit_ma / found[1])})
+
     def find_current_limit(self) -> tuple[Entry, float] | None:
         """Return the object that limits the current, and its unit [mA]; None without such an object."""
         return None
@@ -562,9 +568,17 @@ class Cia402Drive(Generic[Section]):
 
     @cached_property
     def _input_places(self) -> dict[str, InputPlace]:
-        """Where the inputs are read that its section names."""
-        found = {name: self.find_input(channel.source) for name, channel in self.section.inputs.items()}
-        return {name: place for name, place in found.items() if place is not None}
+        """Where the inputs are read that its section names. Raises `DriveError` if the drive lacks one."""
+        places = {}
+        for name, channel in self.section.inputs.items():
+            place = self.find_input(channel.source)
+            if place is None:
+                raise DriveError(
+                    f"{self.name} has no input {channel.source}, which the rig file names {name}",
+                    "wire it to an input that the drive has, and name that one",
+                )
+            places[name] = place
+        return places
 
     def _map(self, pdo: int, layout: tuple[Entry, ...]) -> bool:
         """Tell whether a PDO carries these objects; map them if it does not, and the first ones are there already."""

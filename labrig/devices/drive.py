@@ -305,6 +305,9 @@ class Drive(Protocol):
     def current_limit_ma(self) -> int | None:
         """Return the limit of the output current [mA]; None if the drive has none."""
 
+    def set_current_limit(self, limit_ma: int) -> None:
+        """Set the drive's own limit of the output current [mA]: a labrig that was killed has left another one."""
+
     def read_inputs(self) -> Mapping[str, InputValue]:
         """Return what the inputs read that the rig file names, by its names for them."""
 

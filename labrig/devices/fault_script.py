@@ -17,6 +17,8 @@ FaultName = Literal[
     "sdo-abort",
     "sdo-timeout",
     "following-error",
+    "blocked",
+    "input",
     "bus-off",
     "bus-passive",
     "lost-frames",
@@ -58,15 +60,24 @@ class FaultDescription(Model):
     encoder_pulses_per_turn: Annotated[int, Field(ge=16, le=2_500_000)] = Field(
         1000, description="What encoder-resolution sets the drive to [-]."
     )
+    source: Annotated[str, Field(min_length=1, max_length=40)] | None = Field(
+        None, description="Input of the drive that the fault input sets: analog-1, general-A."
+    )
+    value: float = Field(
+        0.0, description="What it is set to: the voltage of an analog input [mV], 1 or 0 of a digital one."
+    )
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield a fault of a drive without an axis, one of the bus with one, and a missing code."""
+        """Yield a fault of a drive without an axis, one of the bus with one, and a missing code or source."""
         if (self.axis is None) != (self.fault in _OF_THE_BUS):
             whose = "one of the bus, it has no axis" if self.axis else "one of a drive, it needs an axis"
             yield Conflict("axis", f"the fault {self.fault} is {whose}")
         if (self.code is None) == (self.fault in _NEEDS_CODE):
             message = "needs a code" if self.code is None else "has no code"
             yield Conflict("code", f"the fault {self.fault} {message}")
+        if (self.source is None) == (self.fault == "input"):
+            message = "needs the source that it sets" if self.source is None else "has no source"
+            yield Conflict("source", f"the fault {self.fault} {message}")
         if self.axis is None and self.once != "any":
             yield Conflict("once", "a fault of the bus waits for no axis")
 

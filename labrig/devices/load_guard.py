@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 
 from labrig.clock import Clock
 from labrig.devices.axis import Axis
@@ -9,6 +10,7 @@ from labrig.devices.drive import raise_together
 from labrig.devices.input_channel import InputValue
 from labrig.devices.position_supervision import InMotion
 from labrig.devices.stall import LoadReading, StallBounds, supervise_stall
+from labrig.errors import MachineError
 
 _EARLY_S = 1e-6
 
@@ -78,7 +80,7 @@ class LoadGuard:
         return bounds.period_s(expected.speed)
 
     def require_moving(self, axes: Iterable[Axis], clock: Clock) -> None:
-        """Look at each axis in motion that is due, and require that it is not stalled.
+        """Look at each axis in motion that is due, and require that it is not stalled; one that is is stopped quickly.
 
         The following error is asked for first, and the current only of an axis that lags.
 
@@ -102,4 +104,7 @@ class LoadGuard:
         reading = LoadReading(now_s, lag, axis.drive.current_ma() or 0.0)
         self._since_s[axis.name], error = supervise_stall(bounds, self._since_s.get(axis.name), reading)
         if error is not None:
+            # A halt brakes as slowly as a move does: it would push on, and let the drive fail by its following error.
+            with suppress(MachineError):
+                axis.drive.quick_stop()
             raise error

@@ -6,8 +6,8 @@ something else is never replaced.
 
 import json
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,9 @@ class RigState:
         Why something is unknown.
     roll_zero : RollZero or None
         None if none is certified. It is lost with the reference of the rotation axis.
+    current_limits : mapping of str to pair of int
+        Axis -> its drive's own current limit and the one that labrig has set while it has the rig open [mA]; a labrig
+        that was killed has left the second one there.
     """
 
     needle_in_tissue: bool | None
@@ -64,6 +67,7 @@ class RigState:
     referenced: tuple[str, ...] = ()
     note: str = ""
     roll_zero: RollZero | None = None
+    current_limits: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def doubt(self) -> str:
@@ -140,6 +144,15 @@ class NeedleState:
         if referenced != self.state.referenced:
             self.update(referenced=referenced)
 
+    def note_current_limit(self, axis: str, own_ma: int, set_ma: int) -> None:
+        """Remember the current limit that a drive has of its own before another one is set [mA]."""
+        self.update(current_limits={**self.state.current_limits, axis: (own_ma, set_ma)})
+
+    def forget_current_limits(self) -> None:
+        """Remember that every drive has its own current limit again; write only a change."""
+        if self.state.current_limits:
+            self.update(current_limits={})
+
     def recall_roll_zero(self, needle_id: str) -> RollZero | None:
         """Return the certified roll zero of this needle as it is clamped, or None."""
         known = self.state.roll_zero
@@ -207,7 +220,23 @@ def _parse(document: Any) -> RigState:
     if not isinstance(referenced, list):
         raise TypeError("referenced is no list")
     roll_zero = _parse_roll_zero(document.get("roll_zero"))
-    return RigState(needle, since, tuple(map(str, referenced)), str(document["note"]), roll_zero)
+    return RigState(
+        needle,
+        since,
+        tuple(map(str, referenced)),
+        str(document["note"]),
+        roll_zero,
+        parse_current_limits(document.get("current_limits")),
+    )
+
+
+def parse_current_limits(document: object) -> dict[str, tuple[int, int]]:
+    """Return the current limits of a state file or record; those of earlier versions have none."""
+    if document is None:
+        return {}
+    if not isinstance(document, dict):
+        raise TypeError("current_limits is no mapping")
+    return {str(axis): (int(own_ma), int(set_ma)) for axis, (own_ma, set_ma) in document.items()}
 
 
 def _parse_roll_zero(document: object) -> RollZero | None:

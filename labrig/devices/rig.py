@@ -211,6 +211,7 @@ class Rig:
         self._bounds = {axis.name: AxisBounds.of(axis.name, axis.description) for axis in self.axes}
         self._supervised = dict.fromkeys(self._axes, SupervisionState())
         self._targets_due = list(self._axes)
+        self._limits_found = self.needle.state.current_limits
         self._load = LoadGuard(holds_inputs=opening.hold_inputs and guards.force and guards.watch)
         if guards.force:
             for axis in self.axes:
@@ -287,7 +288,7 @@ class Rig:
             },
             "camera": None if self._camera is None else self._describe_camera(self._camera),
             "snapshot": self.snapshot(),
-            "state": asdict(self.state),
+            "state": {**asdict(self.state), "current_limits": self._limits_found},
         }
 
     def snapshot(self) -> dict[str, object]:
@@ -702,9 +703,22 @@ class Rig:
         self._identities[axis.name] = axis.drive.identify()
 
     def _configure(self, axis: Axis) -> None:
+        limit_ma = self._max_current_ma(axis)
         if self._guards.force:
+            own_ma = self._restore_current_limit(axis)
             axis.drive.require_limits()
-        axis.drive.configure(self.description.can.heartbeat, self._max_current_ma(axis))
+            if limit_ma is not None and own_ma is not None and limit_ma < own_ma:
+                self.needle.note_current_limit(axis.name, own_ma, limit_ma)
+        axis.drive.configure(self.description.can.heartbeat, limit_ma)
+
+    def _restore_current_limit(self, axis: Axis) -> int | None:
+        """Return a drive's own current limit [mA]; write it again if a labrig that was killed has left another one."""
+        found_ma = axis.drive.current_limit_ma()
+        own_ma, left_ma = self._limits_found.get(axis.name, (None, None))
+        if own_ma is None or found_ma != left_ma:
+            return found_ma
+        axis.drive.set_current_limit(own_ma)
+        return own_ma
 
     def _max_current_ma(self, axis: Axis) -> int | None:
         """Return the limit of the output current of an axis while the rig is open; None keeps the drive's own."""
@@ -764,6 +778,8 @@ class Rig:
             self.stop()
         finally:
             failures = _try_each(self.axes, lambda axis: axis.drive.close())
+            if not failures:
+                self.needle.forget_current_limits()
             self._forget_lost_zeros()
         if failures:
             raise SafetyStopError(

@@ -40,9 +40,18 @@ class AxesDescription(Model):
         return (("insertion", self.insertion), ("rotation", self.rotation), ("linear", self.linear))
 
     def conflicts(self) -> Iterable[Conflict]:
-        """Yield node ids that two axes share, and units that do not fit the axis."""
+        """Yield node ids and names of inputs that two axes share, and units that do not fit the axis."""
         owners: dict[int, str] = {}
+        wired: dict[str, str] = {}
         for name, axis in self.items():
+            for channel in axis.inputs:
+                other = wired.setdefault(channel, name)
+                if other != name:
+                    yield Conflict(
+                        f"{name}.inputs.{channel}",
+                        f"input {channel} is also one of axis {other}",
+                        "give every input a name of its own",
+                    )
             for node_id in axis.nodes:
                 other = owners.setdefault(node_id, name)
                 if other != name:

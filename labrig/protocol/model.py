@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 PositiveMm: TypeAlias = Annotated[float, Field(gt=0, le=1000)]
 NonNegativeMm: TypeAlias = Annotated[float, Field(ge=0, le=1000)]
 SpeedMmS: TypeAlias = Annotated[float, Field(gt=0, le=100)]
+LimitMa: TypeAlias = Annotated[int, Field(ge=1, le=100_000)]
 Seed: TypeAlias = Annotated[int, Field(ge=0, le=2**32 - 1)]
 PixelUv: TypeAlias = tuple[float, float]
 Coordinate: TypeAlias = Annotated[float, Field(ge=-10_000, le=10_000)]

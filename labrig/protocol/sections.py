@@ -1,6 +1,6 @@
 """The keys of every protocol, and the sections that several experiments share."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -10,6 +10,7 @@ from labrig.protocol.design_file import Basis
 from labrig.protocol.model import (
     Conflict,
     Direction,
+    LimitMa,
     Line,
     Model,
     Name,
@@ -49,6 +50,33 @@ class ExperimentProtocol(Model):
     def pictured_needle(self) -> NeedleInPicture | None:
         """The needle in the pictures; None for an experiment without pictures of a needle."""
         return None
+
+    @property
+    def current_limits_ma(self) -> Mapping[str, int]:
+        """Axis -> limit of its output current during the run [mA]; empty for an experiment that sets none."""
+        return {}
+
+
+class CurrentLimits(Model):
+    """Limits of the drives' output currents during a run, which bound the force of each axis; null: the rig file's."""
+
+    insertion: LimitMa | None = Field(None, description="Limit of the insertion axis [mA].")
+    rotation: LimitMa | None = Field(None, description="Limit of the rotation axis [mA].")
+    linear: LimitMa | None = Field(None, description="Limit of the linear axis [mA].")
+
+
+class MovingProtocol(ExperimentProtocol):
+    """The keys of every protocol that moves a needle."""
+
+    max_current_ma: CurrentLimits = Field(
+        default_factory=CurrentLimits,
+        description="Limits of the drives' output currents during this run, none above that of the rig file.",
+    )
+
+    @property
+    def current_limits_ma(self) -> Mapping[str, int]:
+        """Axis -> limit of its output current [mA]."""
+        return self.max_current_ma.model_dump(exclude_none=True)
 
 
 class NeedleDesignSection(Model):

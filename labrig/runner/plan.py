@@ -86,6 +86,19 @@ def _find_picture_problems(protocol: ExperimentProtocol, rig: RigDescription) ->
         )
 
 
+def _find_current_problems(protocol: ExperimentProtocol, rig: RigDescription) -> Iterator[Problem]:
+    """Yield a current limit of the protocol above that of the rig file."""
+    axes = dict(rig.axes.items())
+    for name, asked_ma in protocol.current_limits_ma.items():
+        limit_ma = axes[name].max_current_ma
+        if limit_ma is not None and asked_ma > limit_ma:
+            yield Problem(
+                f"max_current_ma.{name}",
+                f"{asked_ma} mA is above the limit of the rig file, {limit_ma} mA",
+                f"ask for {limit_ma} mA or less, or raise axes.{name}.max_current_ma where the instrument bears it",
+            )
+
+
 def find_rig_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
@@ -102,7 +115,11 @@ def find_move_problems(
     protocol: ExperimentProtocol, rig: RigDescription, moves: Iterable[PlannedMove]
 ) -> tuple[Problem, ...]:
     """Return the problems of an experiment that moves; it may measure in pixels, without a calibration."""
-    problems = [*find_rig_file_problems(rig), *_find_picture_problems(protocol, rig)]
+    problems = [
+        *find_rig_file_problems(rig),
+        *_find_picture_problems(protocol, rig),
+        *_find_current_problems(protocol, rig),
+    ]
     for move in moves:
         try:
             check_axis_move(rig, move.axis, move.position, move.speed)

@@ -14,6 +14,7 @@ from labrig.devices.replayed.comparison import Comparison, ReplayDifference
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.opening import load_recorded_rig, open_replayed
 from labrig.devices.replayed.recording import Recording, make_recording_without_rig, read_recordings
+from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import InputError, RecordEndsError, ReplayDiffersError
 from labrig.protocol.sections import ExperimentProtocol
@@ -120,7 +121,8 @@ def _replay_session(replayed: _Replayed, recording: Recording, progress: Progres
     """Replay one session and add its result."""
     comparison, journal = Comparison(recording), None
     try:
-        with open_replayed(replayed.rig, recording, comparison) as (rig, hardware):
+        opening = Opening(max_current_ma=replayed.protocol.current_limits_ma)
+        with open_replayed(replayed.rig, recording, comparison, opening) as (rig, hardware):
             rig.describe()  # reads the state of the devices, as when the record was begun
             journal = ReplayedJournal(replayed.run, recording, comparison)
             _conduct(replayed, recording, Session(rig, journal, progress))

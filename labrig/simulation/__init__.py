@@ -17,5 +17,6 @@ What is decided here
   along the plane's normal: a millimetre out of the plane would appear half a percent smaller.
 - The tip is the end of the centre line, level with the foremost point of the bevel.
 - Not simulated: refraction (graph paper and needle lie in the same plane under the same gel, so a plane map
-  made from the paper holds for the needle), depth of field, motion blur, friction and wind-up of the needle.
+  made from the paper holds for the needle), depth of field, motion blur, wind-up of the needle. Forces of the gel
+  resist the axes, and change no path: one at the cutting tip, and friction for each millimetre of needle and sheath.
 """

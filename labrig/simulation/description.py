@@ -89,6 +89,20 @@ class SheathDescription(Model):
     )
 
 
+class ResistanceDescription(Model):
+    """Forces of the gel on needle and sheath, along the insertion: a simple model, of the size of measured ones."""
+
+    cutting_n: Annotated[float, Field(ge=0, le=100)] = Field(
+        0.5, description="Force at the tip of a needle that cuts on [N]."
+    )
+    needle_n_per_mm: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.02, description="Friction of the needle for each millimetre in the gel [N/mm]."
+    )
+    sheath_n_per_mm: Annotated[float, Field(ge=0, le=10)] = Field(
+        0.05, description="Friction of the sheath for each millimetre in the gel [N/mm]."
+    )
+
+
 class LensDescription(Model):
     """The camera: pinhole, Brown-Conrady distortion, and how it stands over the steering plane."""
 
@@ -185,6 +199,14 @@ class WorldDescription(Model):
         default_factory=DisturbancesDescription, description="What keeps the needle from its arcs."
     )
     sheath: SheathDescription = Field(default_factory=SheathDescription, description="The sheath.")
+    resistance: ResistanceDescription = Field(
+        default_factory=ResistanceDescription, description="Forces of the gel on needle and sheath."
+    )
+    force_sensor_mv_per_n: Annotated[float, Field(gt=0, le=1e5)] = Field(
+        100.0,
+        description="Scale of the simulated load cell at the needle, which is wired to analog-1 of the drive of the "
+        "insertion axis; it reads positive while the needle is pushed [mV/N].",
+    )
     lens: LensDescription = Field(default_factory=LensDescription, description="The camera's lens and stand.")
     light: LightDescription = Field(default_factory=LightDescription, description="The light.")
     sheath_tip_at_origin_linear_mm: float = Field(

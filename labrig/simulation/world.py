@@ -69,6 +69,7 @@ class World:
         self.description = description
         self._seed = seed
         self._axes = _Axes()
+        self._pushes = True
         self._needle_id: str | None = None
         self._target_mm: tuple[float, float, float] | None = None
         self._specimens: dict[tuple[str, float], GelBlock] = {}
@@ -185,6 +186,8 @@ class World:
         Between two calls the bevel has the later call's `rotation_rad`.
         """
         clamped_rad = math.radians(self.description.needle.clamp_roll_deg)
+        if insertion_mm != self._axes.insertion_mm:
+            self._pushes = insertion_mm > self._axes.insertion_mm
         self._axes = _Axes(insertion_mm, rotation_rad + clamped_rad, linear_mm)
         hole = self._hole
         if self._specimen is None:
@@ -201,6 +204,29 @@ class World:
             hole.track = Track(self._sheath_tip_mm(), hole.heading_rad, bending, hole.unevenness)
             hole.track_linear_mm = self._axes.linear_mm
         hole.track.extend(self._needle_span().to_mm, self._axes.rotation_rad)
+
+    def insertion_force_n(self) -> float:
+        """Return the force that resists the insertion axis [N]: at the needle's tip as it cuts on, and along it."""
+        needle_mm, resistance = self._needle_in_gel_mm(), self.description.resistance
+        cutting_n = resistance.cutting_n if needle_mm and self._pushes else 0.0
+        return cutting_n + resistance.needle_n_per_mm * needle_mm
+
+    def linear_force_n(self) -> float:
+        """Return the force that resists the linear axis [N]: along the sheath, and on the needle that it carries."""
+        if self._specimen is None:
+            return 0.0
+        sheath_mm = max(0.0, self._axes.linear_mm)
+        return self.description.resistance.sheath_n_per_mm * sheath_mm + self.insertion_force_n()
+
+    def force_sensor_mv(self) -> float:
+        """Return the voltage of the load cell at the needle [mV]: positive while it is pushed, negative in tension."""
+        sign = 1.0 if self._pushes else -1.0
+        return sign * self.description.force_sensor_mv_per_n * self.insertion_force_n()
+
+    def _needle_in_gel_mm(self) -> float:
+        if self._specimen is None or self._needle_id is None:
+            return 0.0
+        return max(0.0, self._axes.insertion_mm)
 
     def picture(self, exposure: float = 1.0) -> npt.NDArray[np.uint8]:
         """Return the camera's picture, (H, W) uint8; each call is another exposure with noise of its own.

@@ -19,6 +19,7 @@ from labrig.errors import (
     DriveRestartedError,
     DriveSilentError,
     DriveStrayedError,
+    ForceGuardError,
     InterruptedRunError,
     LabrigError,
     SafetyStopError,
@@ -240,6 +241,14 @@ def _strayed(words: str, fault: str, lost: Lost = Lost.NONE) -> FaultOutcome:
     return _fails(DriveStrayedError, words, lost=lost, fault=(fault, 0))
 
 
+def _input_beyond(words: str) -> FaultOutcome:
+    return _fails(ForceGuardError, words, lost=Lost.NONE, fault=("input-limit", 0))
+
+
+_STALLED = _fails(
+    ForceGuardError, "the insertion axis is stalled: 1500 mA for", lost=Lost.NONE, fault=("stalled", 0)
+)
+
 SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     # Another program commands the drives
     "second master retargets": _second_master("target position (0x607A:00) = 240000 quadcounts, 60.0000 mm"),
@@ -276,6 +285,15 @@ SCENARIOS: dict[str, FaultOutcome | dict[Phase, FaultOutcome]] = {
     ),
     "idle axis moved": _strayed("axis linear should stand at", "strayed"),
     "encoder jumps": _strayed("jumped from", "position-jump", Lost.STRUCK),
+    # Something holds the needle, or an input of a drive says that nothing may move
+    "stall in gel": {
+        # It is found out once the axis is to move.
+        Phase.IDLE: replace(_STALLED, stop=Stop.NO_DEADLINE, found_in_tissue=True),
+        Phase.MOVING: _STALLED,
+        Phase.ASKING: replace(_STALLED, stop=Stop.NO_DEADLINE, found_in_tissue=True),
+    },
+    "force limit exceeded": _input_beyond("input needle_force is 25 N, limits [-20, 20] N"),
+    "door opened": _input_beyond("input door is off, expected on"),
     "node becomes pre-operational": _strayed("is in NMT state pre-operational", "not-operational"),
 }
 """What somebody else does -> what must come of it, in every phase or by phase."""
@@ -289,8 +307,13 @@ REFUSED_AT_CONNECT = {
     "wrong vendor": "is not an EPOS2 that labrig knows: vendor 0x",
     "unknown hardware": "is not an EPOS2 that labrig knows: hardware version 0x6552",
     "fingerprint mismatch": "configuration fingerprint",
+    "force limit exceeded": "input needle_force is 25 N",
+    "door opened": "input door is off",
 }
 """Fault -> what the next run says when it finds it there; these are not mended by switching off and on."""
+
+WITHDRAWN_NEVERTHELESS = {"force limit exceeded", "door opened"}
+"""Faults at which no run begins, and which must not keep a needle in tissue."""
 
 
 def outcome_of(fault: str, phase: Phase) -> FaultOutcome:

@@ -362,3 +362,22 @@ def test_the_age_of_a_calibration_is_reported(tmp_path: Path) -> None:
     save_intrinsics(tmp_path / "bench-intrinsics.json", _lens(1280), {})
     unknown = _by_name(list(check_calibration(rig, now)))["calibration intrinsics age"]
     assert (unknown.status, unknown.value) == (CheckStatus.WARN, "when it was made is not known")
+
+
+def test_currents_and_inputs_are_checked() -> None:
+    """Limits of rig file and drive are named; an open door is a warning, because no run begins."""
+    channels = (
+        "axes.insertion.inputs={force: {source: analog-1, unit: N, units_per_volt: 10, limits: [-5, 5]}}",
+        "axes.linear.inputs={door: {source: general-A, expected: true}}",
+    )
+    limits = ("axes.rotation.max_current_ma=800", "axes.linear.max_current_ma=12000")
+    open_door = "faults=[{fault: input, axis: linear, source: general-A}]"
+    results = _by_name(check_rig(simulated_rig(*channels, *limits, open_door)))
+    assert results["current insertion"].value == "0 mA; limit 10000 mA, the drive's own"
+    assert results["current rotation"].value == "0 mA; limit 800 mA, the drive's own 10000 mA"
+    assert results["current linear"].status is CheckStatus.FAIL
+    assert "10000 mA, the rig file says max_current_ma 12000" in results["current linear"].value
+    assert results["input force"].status is CheckStatus.PASS
+    assert results["input force"].value == "0 N at analog-1 of the drive of axis insertion, limits [-5, 5] N"
+    assert results["input door"].status is CheckStatus.WARN
+    assert results["input door"].solution

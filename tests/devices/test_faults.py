@@ -44,6 +44,8 @@ def test_a_rig_file_scripts_faults(tmp_path: Path) -> None:
         ("{fault: emergency, axis: linear}", "needs a code"),
         ("{fault: boot-up, axis: linear, code: 1}", "has no code"),
         ("{fault: unplugged, once: moving}", "waits for no axis"),
+        ("{fault: input, axis: linear}", "needs the source"),
+        ("{fault: blocked, axis: linear, source: analog-1}", "has no source"),
         ("{fault: gremlins}", "faults"),
     ],
 )

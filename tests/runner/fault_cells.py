@@ -24,7 +24,7 @@ from labrig.devices.epos2.simulated_drive import SimulatedDrive
 from labrig.devices.fault_script import FaultDescription
 from labrig.devices.needle_location import NeedleLocation
 from labrig.devices.operator import Answer, Operator, OperatorRequest, PlaceSpecimen, ShiftToHole
-from labrig.devices.rig import Rig
+from labrig.devices.rig import WHOLE, Opening, Rig
 from labrig.devices.rig_file import RigDescription
 from labrig.devices.simulated.bus import InProcessBus
 from labrig.devices.simulated.canopen_node import NmtState
@@ -50,6 +50,7 @@ from tests.devices.fault_table import (
     REFUSED_AT_CONNECT,
     SCENARIOS,
     TOLD_WITHIN_S,
+    WITHDRAWN_NEVERTHELESS,
     Lost,
     Phase,
     Stop,
@@ -79,6 +80,9 @@ _RIG = (
     "state_file=state.json",
     *(f"axes.{name}.configuration_fingerprint={list(_FINGERPRINT)}" for name in AXES),
     *(f"axes.{name}.limit_switches=[positive]" for name in AXES),
+    *(f"axes.{name}.max_current_ma=1500" for name in AXES),
+    "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10, limits: [-20, 20]}}",
+    "axes.linear.inputs={door: {source: general-A, expected: true}}",
 )
 _TO_THE_LOWER_STOP = Homing(-4, offset=7.0, speed=5.0, timeout_s=30.0)
 _WAY_MM, _QUADCOUNTS_PER_MM = 2.0, {"insertion": 4000, "linear": 1600}
@@ -341,6 +345,11 @@ STRIKES: dict[str, Callable[[Cell], None]] = {
     "target changed in the drive": _change_target,
     "idle axis moved": _creep,
     "encoder jumps": lambda cell: cell.drive.shift_counter(24_000),
+    "stall in gel": _script_fault(fault="blocked", axis="insertion"),
+    "force limit exceeded": lambda cell: epos2_drives(cell.hardware)["insertion"].set_input(
+        "analog-1", 2500.0
+    ),
+    "door opened": lambda cell: epos2_drives(cell.hardware)["linear"].set_input("general-A", 0.0),
     "node becomes pre-operational": lambda cell: cell.drive.enter(NmtState.PRE_OPERATIONAL),
 }
 """How each fault of the table is made to happen."""
@@ -358,10 +367,18 @@ class CellResult:
 
 @contextmanager
 def _rig(
-    description: RigDescription, hardware: SimulatedHardware
+    description: RigDescription, hardware: SimulatedHardware, opening: Opening = WHOLE
 ) -> Iterator[tuple[Rig, FaultyCamera, Hanging]]:
     link, camera, signal = hardware.open_link(), FaultyCamera(hardware.open_source()), Hanging(hardware)
-    rig = Rig(description, hardware=hardware, link=link, source=camera, person=Person(), interrupted=signal)
+    rig = Rig(
+        description,
+        hardware=hardware,
+        link=link,
+        source=camera,
+        person=Person(),
+        interrupted=signal,
+        opening=opening,
+    )
     yield rig, camera, signal
     with suppress(SafetyStopError):
         rig.close()
@@ -556,7 +573,7 @@ def _mend(cell: Cell) -> set[str]:
         drive.recover()
         drive.restore_power_stage()
         drive.unblock()
-        drive.forced_inputs = 0
+        drive.forced_inputs &= 1 << drive.digital_inputs()["general-A"]
         drive.error_control.mute = False
         if drive._state in {DriveState.FAULT, DriveState.FAULT_REACTION}:
             off_and_on.add(name)
@@ -575,9 +592,14 @@ def _next_run_differences(cell: Cell, description: RigDescription, run_name: str
         except MachineError as error:
             if refused is None or refused not in error.message:
                 yield f"next run: {error.message}"
-            return
-        if refused is not None:
-            yield f"next run was not refused for {refused}"
+            if cell.fault not in WITHDRAWN_NEVERTHELESS:
+                return
+        else:
+            if refused is not None:
+                yield f"next run was not refused for {refused}"
+    opening = Opening(hold_inputs=cell.fault not in WITHDRAWN_NEVERTHELESS)
+    with _rig(description, cell.hardware, opening) as (rig, _, _):
+        rig.connect()
         lost = {Lost.NONE: set(), Lost.STRUCK: {STRUCK[cell.phase]}, Lost.ALL: set(AXES)}[expected.lost]
         known = (set(AXES) if expected.stop is Stop.NO_DEADLINE else REFERENCED[cell.phase]) - lost
         if set(rig.state.referenced) != known:

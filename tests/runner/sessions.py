@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from labrig.devices.operator import Answer, Operator, OperatorRequest
+from labrig.devices.rig import Opening
 from labrig.devices.rig_file import RigDescription
 from labrig.errors import Problem
 from labrig.experiments.declared import PROTOCOL_MODELS
@@ -85,6 +86,7 @@ def bench(tmp_path: Path, protocol: ExperimentProtocol, overrides: Sequence[str]
     """Open a simulated rig and a record."""
     description = simulated_rig(*overrides)
     with opened_rig(description) as opened:
+        opened.rig._opening = Opening(max_current_ma=protocol.current_limits_ma)
         opened.rig.connect()
         recorder = Recorder.create(
             tmp_path,

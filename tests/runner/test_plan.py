@@ -66,3 +66,13 @@ def test_the_estimate_is_near_what_the_run_takes(tmp_path: Path) -> None:
         "insertion",
         "linear",
     ]
+
+
+def test_a_current_above_that_of_the_rig_file_is_named_with_both() -> None:
+    """A protocol can only ask for less; a rig file without a limit takes any."""
+    protocol = sweep("max_current_ma={insertion: 900, linear: 300}")
+    rig = simulated_rig("axes.insertion.max_current_ma=800", "axes.linear.max_current_ma=800")
+    problems = find_problems(protocol, rig)
+    assert [problem.where for problem in problems] == ["max_current_ma.insertion"]
+    assert problems[0].message == "900 mA is above the limit of the rig file, 800 mA"
+    assert find_problems(protocol, simulated_rig()) == ()

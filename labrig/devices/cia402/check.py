@@ -9,7 +9,7 @@ from labrig.devices.check_result import CheckResult, CheckStatus, failed
 from labrig.devices.cia402 import objects as od
 from labrig.devices.cia402.driver import ProfileDrive
 from labrig.devices.cia402.settings import Cia402Axis
-from labrig.devices.cia402_check import check_limits, check_reference
+from labrig.devices.cia402_check import check_current, check_inputs, check_limits, check_reference
 from labrig.devices.drive import Identity
 from labrig.errors import DriveError, LabrigError
 
@@ -33,6 +33,8 @@ def check_axis(
             yield _configuration_result(name, drive, heartbeat)
         yield check_reference(name, drive)
         yield check_limits(name, axis, drive)
+        yield check_current(name, axis, drive)
+        yield from check_inputs(name, axis, drive)
         yield _guards_result(name, axis, drive)
     except LabrigError as error:
         yield failed(f"drive {name}", error)
@@ -77,6 +79,7 @@ def _guards_result(name: str, axis: Cia402Axis, drive: ProfileDrive) -> CheckRes
     optional = {
         "the motor current (objects.current_ma)": drive.current_ma() is None,
         "a limit of the current (objects.current_limit_ma)": drive.find_current_limit() is None,
+        "a stall (0x60F4)": not drive.has(od.FOLLOWING_ERROR),
         "limit switches (0x60FD)": not drive.inputs(),
         "counts a turn (objects.counts_per_turn)": axis.objects.counts_per_turn is None,
         "the unit of velocities (0x60A9)": not drive.has(od.VELOCITY_UNIT),

@@ -6,7 +6,13 @@ from labrig.clock import Clock
 from labrig.devices.bus import CanLink
 from labrig.devices.can_description import HeartbeatDescription
 from labrig.devices.check_result import CheckResult, CheckStatus, failed
-from labrig.devices.cia402_check import check_dead_man, check_limits, check_reference
+from labrig.devices.cia402_check import (
+    check_current,
+    check_dead_man,
+    check_inputs,
+    check_limits,
+    check_reference,
+)
 from labrig.devices.drive import Identity
 from labrig.devices.epos2 import objects as od
 from labrig.devices.epos2.driver import Epos2
@@ -29,6 +35,9 @@ def check_axis(
         yield check_dead_man(name, drive)
         yield check_reference(name, drive)
         yield check_limits(name, axis, drive)
+        if not axis.unknown:
+            yield check_current(name, axis, drive)
+        yield from check_inputs(name, axis, drive)
     except LabrigError as error:
         yield failed(f"drive {name}", error)
 

@@ -8,7 +8,7 @@ from labrig.devices.needle_state import NeedleState
 from labrig.devices.replayed.comparison import Comparison
 from labrig.devices.replayed.hardware import ReplayedHardware
 from labrig.devices.replayed.recording import Recording
-from labrig.devices.rig import Guards, Rig
+from labrig.devices.rig import WHOLE, Guards, Opening, Rig
 from labrig.devices.rig_file import RigDescription, kept_name, load_rig
 from labrig.errors import InputError
 from labrig.plugins import require_devices_installed
@@ -47,7 +47,10 @@ def load_recorded_rig(run: Run) -> RigDescription:
 
 @contextmanager
 def open_replayed(
-    description: RigDescription, recording: Recording, comparison: Comparison
+    description: RigDescription,
+    recording: Recording,
+    comparison: Comparison,
+    opening: Opening = WHOLE,
 ) -> Iterator[tuple[Rig, ReplayedHardware]]:
     """Open the rig of a recorded session; nothing outside the process is touched, not even a state file.
 
@@ -67,6 +70,7 @@ def open_replayed(
             source=hardware.open_source(),
             person=hardware.operator,
             interrupted=hardware.find_signal,
+            opening=opening,
             needle=NeedleState(None, recording.state),
             guards=Guards.recorded(recording.guards, exact=recording.exact),
         )

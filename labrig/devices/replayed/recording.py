@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labrig.devices.camera import Exposure
-from labrig.devices.needle_state import NEW, RigState, RollZero
+from labrig.devices.needle_state import NEW, RigState, RollZero, parse_current_limits
 from labrig.devices.operator import Answer
 from labrig.errors import RecordError
 from labrig.record.can_log import CanFrame
@@ -218,6 +218,7 @@ def _read_state(recorded: object) -> RigState:
         referenced=tuple(recorded.get("referenced", ())),
         note=str(recorded.get("note", "")),
         roll_zero=None if roll_zero is None else RollZero(**roll_zero),
+        current_limits=parse_current_limits(recorded.get("current_limits")),
     )
 
 

@@ -39,9 +39,9 @@ class SimulatedHardware:
         self._rig = rig
         self._answer_timeout_s = rig.can.answer_timeout_ms / 1000
         self.wire = InProcessWire()
-        self._plant = SimulatedPlant(rig, self.wire, self.clock)
-        self.drives = self._plant.drives
         self.world = World(world, seed)
+        self._plant = SimulatedPlant(rig, self.wire, self.clock, forces=self.world)
+        self.drives = self._plant.drives
         self.operator = SimulatedOperator(self.world, self._plant.true_positions)
         self._positions = dict.fromkeys(self.drives, 0.0)
         for drive in self.drives.values():

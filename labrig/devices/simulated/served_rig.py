@@ -188,12 +188,14 @@ class ServedRig:
         self._bus = bus
         self._gateway = Gateway(bus)
         wire, rig = self._gateway.wire, rehearsal.rig
-        self._plant = SimulatedPlant(rig, wire, self._clock, boot_time_s=BOOT_TIME_S)
+        world = World(rehearsal.world, rehearsal.seed)
+        # This thread reads forces of the world, and changes nothing there.
+        self._plant = SimulatedPlant(rig, wire, self._clock, boot_time_s=BOOT_TIME_S, forces=world)
         self.drives = self._plant.drives.values()
         self._faults = FaultScript(wire, self._plant.drives, self._clock, rehearsal.faults)
         self._sampled_s = 0.0
         self._world = SeenWorld(
-            World(rehearsal.world, rehearsal.seed),
+            world,
             stream,
             self._clock,
             rate_hz=rig.camera.rate_hz,

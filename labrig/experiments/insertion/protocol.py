@@ -9,8 +9,8 @@ from labrig.experiments.insertion.weights import PlannerWeights
 from labrig.protocol.model import Conflict, Line, Model, NonNegativeMm, PixelUv, PointMm, PositiveMm
 from labrig.protocol.sections import (
     Advance,
-    ExperimentProtocol,
     GridSentinel,
+    MovingProtocol,
     Needle,
     NeedleInPicture,
     RollZeroSteps,
@@ -174,7 +174,7 @@ class Policy(Model):
     )
 
 
-class InsertionProtocol(ExperimentProtocol):
+class InsertionProtocol(MovingProtocol):
     """Section V-C of the paper: steer to a target between obstacles, with feedback from the camera."""
 
     pictures_decide_motion: ClassVar[bool] = True

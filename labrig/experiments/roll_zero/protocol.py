@@ -8,8 +8,8 @@ from pydantic import Field
 from labrig.protocol.model import Conflict, Line
 from labrig.protocol.sections import (
     Advance,
-    ExperimentProtocol,
     GridSentinel,
+    MovingProtocol,
     Needle,
     NeedleInPicture,
     RollZeroSteps,
@@ -18,7 +18,7 @@ from labrig.protocol.sections import (
 )
 
 
-class RollZeroProtocol(ExperimentProtocol):
+class RollZeroProtocol(MovingProtocol):
     """Find the roll of the rotation axis that bends the needle towards -y, and certify it for the needle as clamped."""
 
     pictures_decide_motion: ClassVar[bool] = True

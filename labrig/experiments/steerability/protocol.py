@@ -9,8 +9,8 @@ from pydantic import Field
 from labrig.protocol.model import Conflict, Line, Model, PositiveMm, SpeedMmS
 from labrig.protocol.sections import (
     AnalysisWindow,
-    ExperimentProtocol,
     GridSentinel,
+    MovingProtocol,
     Needle,
     NeedleInPicture,
     Sheath,
@@ -43,7 +43,7 @@ class Insertion(Model):
             yield Conflict("frame_every_mm", message, "the final shape is pictured in any case")
 
 
-class SteerabilityProtocol(ExperimentProtocol):
+class SteerabilityProtocol(MovingProtocol):
     """Section V-B of the paper: insertions without turning the bevel, in gels of different stiffness."""
 
     experiment: Literal["steerability"] = Field(description="Which experiment this file describes.")

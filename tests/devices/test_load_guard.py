@@ -1,0 +1,184 @@
+"""Current limits, stalls and inputs on an opened rig."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from labrig.devices.epos2 import objects as od
+from labrig.devices.fault_script import FaultDescription
+from labrig.devices.needle_state import NeedleState
+from labrig.devices.rig import Opening, Rig
+from labrig.errors import DriveError, ForceGuardError
+from tests.devices.rigs import OpenedRig, Person, opened_rig, simulated_rig
+
+LIMIT = "axes.linear.max_current_ma=800"
+DOOR = "axes.linear.inputs={door: {source: general-A, expected: true}}"
+
+
+def limit_of(opened: OpenedRig, axis: str = "linear") -> int:
+    """Return the current limit in a drive [mA]."""
+    return opened.drives[axis].objects.value(od.MAX_CURRENT)
+
+
+def open_again(opened: OpenedRig, opening: Opening | None = None, needle: NeedleState | None = None) -> Rig:
+    """Return another rig over the same hardware, not yet connected."""
+    return Rig(
+        opened.rig.description,
+        hardware=opened.hardware,
+        link=opened.hardware.open_link(),
+        source=None,
+        person=Person(),
+        interrupted=lambda: None,
+        opening=opening or Opening(camera=False),
+        needle=needle,
+    )
+
+
+def go_on(rig: Rig) -> None:
+    """Wait and read states as a run does, for 2 s."""
+    for _ in range(20):
+        rig.wait(0.1)
+        rig.read_states()
+
+
+def test_the_limit_of_the_rig_file_holds_until_the_rig_is_closed() -> None:
+    """It is in the record, and the drive has its own again afterwards."""
+    with opened_rig(simulated_rig(LIMIT)) as opened:
+        opened.rig.connect()
+        assert limit_of(opened) == 800
+        assert limit_of(opened, "insertion") == 10_000
+        settings = opened.rig.linear.describe()["drive_settings"]
+        assert isinstance(settings, dict)
+        assert settings[od.MAX_CURRENT.place] == 800
+        opened.rig.close()
+        assert limit_of(opened) == 10_000
+
+
+@pytest.mark.parametrize(("given_ma", "in_force_ma"), [(500, 500), (2000, 800)])
+def test_the_lower_limit_of_rig_file_and_opening_holds(given_ma: int, in_force_ma: int) -> None:
+    """A protocol or a jog can only ask for less."""
+    with opened_rig(simulated_rig(LIMIT)) as opened:
+        open_again(opened, Opening(camera=False, max_current_ma={"linear": given_ma})).connect()
+        assert limit_of(opened) == in_force_ma
+
+
+def test_a_limit_above_that_of_the_drive_is_refused_with_both() -> None:
+    """Nothing has been switched on."""
+    with (
+        opened_rig(simulated_rig("axes.linear.max_current_ma=12000")) as opened,
+        pytest.raises(
+            DriveError, match="limits its current to 10000 mA, the rig file says max_current_ma 12000"
+        ),
+    ):
+        opened.rig.connect()
+    assert not any(drive.is_powered() for drive in opened.drives.values())
+
+
+def test_a_speed_above_that_of_the_motor_is_refused_with_both() -> None:
+    """20 mm/s of the linear axis are 960 rpm."""
+    with opened_rig() as opened:
+        opened.drives["linear"].objects.put(od.MAX_MOTOR_SPEED, 500)
+        with pytest.raises(
+            DriveError, match=r"to 500 rpm \(0x6410:04\), max_speed 20 mm/s of the rig file is 960 rpm"
+        ):
+            opened.rig.connect()
+
+
+def test_the_limit_that_a_killed_labrig_left_is_no_limit_of_the_drive(tmp_path: Path) -> None:
+    """The next opening gives the drive its own limit again, so that neither refusal nor closing takes it for that."""
+    state = NeedleState(tmp_path / "state.json")
+    with opened_rig(simulated_rig(LIMIT)) as opened:
+        open_again(opened, Opening(camera=False, max_current_ma={"linear": 300}), state).connect()
+        assert limit_of(opened) == 300  # and nobody closes that rig
+        rig = open_again(opened, needle=NeedleState(tmp_path / "state.json"))
+        rig.connect()
+        assert limit_of(opened) == 800
+        rig.close()
+        assert limit_of(opened) == 10_000
+        assert not rig.state.current_limits
+
+
+@pytest.mark.parametrize(("speed", "told_within_s"), [(1.0, 0.5), (5.0, 0.1), (20.0, 0.025)])
+def test_a_blocked_axis_is_stopped_before_its_drive_fails(speed: float, told_within_s: float) -> None:
+    """The drive itself would fail 0.5 mm behind: after 0.5, 0.1 and 0.025 s."""
+    with opened_rig(simulated_rig(LIMIT)) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        opened.rig.linear.start_move(90.0, speed)
+        opened.rig.wait(1.0)
+        opened.drives["linear"].block()
+        blocked_s = opened.hardware.clock.now_s()
+        with pytest.raises(ForceGuardError, match="the linear axis is stalled: 800 mA for"):
+            go_on(opened.rig)
+        events = opened.drives["linear"].journal.since(blocked_s)
+        stopped_s = next(event.t_s for event in events if event.kind == "brake")
+        assert stopped_s - blocked_s < told_within_s
+        # From 20 mm/s it brakes over a whole millimetre, and its drive fails on the way.
+        assert bool(opened.rig.linear.drive.faults()) is (speed > 5)
+
+
+def test_an_open_door_keeps_a_rig_from_opening() -> None:
+    """No power is switched on; a withdrawal opens it nevertheless."""
+    with opened_rig(simulated_rig(DOOR)) as opened:
+        opened.drives["linear"].set_input("general-A", 0.0)
+        with pytest.raises(ForceGuardError, match="input door is off, expected on"):
+            opened.rig.connect()
+        assert not opened.drives["linear"].is_powered()
+        rig = open_again(opened, Opening(camera=False, hold_inputs=False))
+        rig.connect()
+        assert rig.read_states()["linear"].inputs == {"door": False}
+
+
+def test_a_door_that_opens_while_the_rig_waits_is_noticed() -> None:
+    """Within 0.2 s, and nothing moves afterwards."""
+    with opened_rig(simulated_rig(DOOR)) as opened:
+        opened.rig.connect()
+        opened.rig.wait(1.0)
+        opened.drives["linear"].set_input("general-A", 0.0)
+        opened_s = opened.hardware.clock.now_s()
+        with pytest.raises(ForceGuardError):
+            opened.rig.wait(0.2)
+        # Standing still takes four readings of each axis.
+        assert opened.hardware.clock.now_s() - opened_s < 0.4
+
+
+def test_a_drive_without_the_input_is_refused() -> None:
+    """A channel that nobody reads guards nothing."""
+    with opened_rig(simulated_rig(DOOR)) as opened:
+        opened.drives["linear"].abort_next(0x06020000, od.INPUT_STATE.index)
+        with pytest.raises(DriveError):
+            opened.rig.connect()
+
+
+def test_a_scripted_block_and_a_scripted_input_reach_the_drive() -> None:
+    """A rig file can rehearse a stall and an open door."""
+    with opened_rig(simulated_rig(LIMIT, DOOR)) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        opened.rig.linear.start_move(20.0, 5.0)
+        opened.rig.wait(1.0)
+        opened.hardware.faults.inject(FaultDescription(fault="input", axis="linear", source="general-A"))
+        with pytest.raises(ForceGuardError, match="input door is off"):
+            opened.rig.read_states()
+        opened.hardware.faults.inject(FaultDescription(fault="blocked", axis="linear"))
+        assert opened.drives["linear"].forced_inputs == 0
+
+
+def test_a_gel_that_resists_shows_in_current_and_force() -> None:
+    """60 mm of needle in gel: 0.5 N at the tip and 0.02 N/mm along it, on a lead of 2 mm behind a gear of 4."""
+    force = "axes.insertion.inputs={needle_force: {source: analog-1, unit: N, units_per_volt: 10}}"
+    with opened_rig(simulated_rig(force)) as opened:
+        opened.rig.connect()
+        opened.rig.reference_axes()
+        world = opened.hardware.world
+        world.place_specimen("gel-10", 10.0)
+        world.mount_needle("N1")
+        opened.rig.insertion.start_move(100.0, 20.0)
+        opened.rig.wait(3.3)
+        state = opened.rig.read_states()["insertion"]
+        force_n = 0.5 + 0.02 * state.position
+        torque_mnm = 1.5 + force_n * 2.0 / (2 * math.pi * 4)
+        assert state.position == pytest.approx(62.0, abs=3.0)
+        assert state.current_ma == pytest.approx(1000 * torque_mnm / 25, abs=1.0)
+        assert state.inputs["needle_force"] == pytest.approx(force_n, abs=0.01)

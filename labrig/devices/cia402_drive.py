@@ -373,8 +373,12 @@ class Cia402Drive(Generic[Section]):
         """Switch power off, restore the current limit, and end both heartbeats without a fault."""
         self.disable()
         if self._own_limits:
-            self.adjust(self._own_limits)
+            self.restore_limits(self._own_limits)
         self.unwatch()
+
+    def restore_limits(self, own: Mapping[Entry, int]) -> None:
+        """Write the drive's own limits again."""
+        self.adjust(own)
 
     def hold_off(self) -> None:
         """Start the node, stop the axis, and switch the power stage off.

@@ -15,6 +15,7 @@ from labrig.durable import write_atomically
 from labrig.record.reader import Run
 from labrig.report.formatting import Rows, interval, mark_breaks, number, signed
 from labrig.report.heading import make_heading
+from labrig.report.load_figure import draw_load_figure
 from labrig.report.provenance import make_provenance
 from labrig.text import format_count
 
@@ -85,7 +86,9 @@ def write_report(
     verdict = page.verdict if result is not None else [_state_no_result(run)]
     heading = make_heading(run, verdict, created, result, kind=kind, facts=page.facts, can_resume=can_resume)
     provenance = make_provenance(run, result, page.calibration)
-    content = _render(page.template, {"heading": heading, "provenance": provenance, **page.shown})
+    load = draw_load_figure(run.states, "load")
+    shown = {"heading": heading, "load": load, "provenance": provenance, **page.shown}
+    content = _render(page.template, shown)
     write_atomically(path, content.encode("utf-8"))
     run.seal_page(path, created)
     return path

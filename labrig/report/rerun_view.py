@@ -8,7 +8,7 @@ target, plan and path, with the curves of the estimate beside them.
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ _FRAME = "frame"
 _PICTURE = JpegSize(1920, 80)
 _SHAFT_COLOUR = (86, 180, 233)
 _AXES = ("insertion_mm", "rotation_rad", "linear_mm")
+_CURRENTS = ("insertion_current_ma", "rotation_current_ma", "linear_current_ma")
 
 
 def write_view(run: Run, lines: CentreLines, view: View) -> Path:
@@ -70,7 +71,8 @@ def _fill(file: Path, run: Run, lines: CentreLines, view: View) -> None:
     stream = rr.RecordingStream("labrig", recording_id=run.path.name)
     stream.save(file, default_blueprint=_make_blueprint(view))
     try:
-        _send_axes(stream, run.states)
+        _send_columns(stream, run.states, "/axes", _AXES)
+        _send_columns(stream, run.states, "/currents", _CURRENTS)
         _send_events(stream, run)
         _send_pictures(stream, run, lines)
         view.send(stream, _TIME)
@@ -109,9 +111,10 @@ def _make_blueprint(view: View) -> rrb.Blueprint:
             rrb.Spatial2DView(origin="/camera", name="Camera"),
             rrb.Vertical(
                 rrb.TimeSeriesView(origin="/axes", name="Axes (mm, rad)"),
+                rrb.TimeSeriesView(origin="/currents", name="Motor currents (mA)"),
                 *curves,
                 rrb.TextLogView(origin="/events", name="Events"),
-                row_shares=[3, *(3 for _ in curves), 2],
+                row_shares=[3, 2, *(3 for _ in curves), 2],
             ),
             column_shares=[3, 2],
         ),
@@ -119,14 +122,14 @@ def _make_blueprint(view: View) -> rrb.Blueprint:
     )
 
 
-def _send_axes(stream: rr.RecordingStream, states: pd.DataFrame) -> None:
-    """Send the readings of the axes, a column for each."""
-    for name in _AXES:
-        if name not in states or states.empty:
+def _send_columns(stream: rr.RecordingStream, states: pd.DataFrame, place: str, names: Sequence[str]) -> None:
+    """Send readings of the axes, a column for each; records of before have no currents."""
+    for name in names:
+        if name not in states or states[name].isna().all():
             continue
         times = rr.TimeColumn(_TIME, duration=states["t_s"].to_numpy(dtype=np.float64))
         values = rr.Scalars.columns(scalars=states[name].to_numpy(dtype=np.float64))
-        stream.send_columns(f"/axes/{name}", [times], values)
+        stream.send_columns(f"{place}/{name}", [times], values)
 
 
 def _send_events(stream: rr.RecordingStream, run: Run) -> None:

@@ -16,7 +16,7 @@ PICTURES_A_TRIAL_BESIDE_ADVANCE = 3
 _GRID_PICTURES = 2
 """Before the run and after it; for each the paper is laid, and taken away again."""
 
-_BYTES_A_STATE = 270
+_BYTES_A_STATE = 350
 _PNG_SHARE = 0.7
 """Of its raw bytes a PNG of a noisy camera takes about so much."""
 

@@ -2,6 +2,7 @@
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 
 from labrig.report.figures import (
     Design,
@@ -10,6 +11,7 @@ from labrig.report.figures import (
     draw_residual_figure,
     draw_steerability_figure,
 )
+from labrig.report.load_figure import draw_load_figure
 from labrig.report.palette import mark
 
 DESIGN = Design(30.0, 40.0, -1)
@@ -50,3 +52,21 @@ def test_gels_differ_in_colour_and_in_marker() -> None:
     """Seven gels have seven colours, and no two of thirty groups look the same."""
     assert len({mark(index).colour for index in range(7)}) == 7
     assert len({(mark(index).colour, mark(index).marker) for index in range(30)}) == 30
+
+
+def test_the_currents_of_a_run_are_drawn_where_it_has_some() -> None:
+    """A record of before has no such columns, and a drive without a measurement has none in its column."""
+    states = pd.DataFrame(
+        {
+            "insertion_mm": [0.0, 0.4, 1.6, 0.8],
+            "linear_mm": [0.0] * 4,
+            "insertion_current_ma": [0.0, 60.0, 61.0, -60.0],
+            "linear_current_ma": [None] * 4,
+        }
+    )
+    drawn = draw_load_figure(states, "load")
+    assert drawn is not None
+    assert all(word in drawn for word in ("Insertion axis", "forwards", "backwards"))
+    assert "Linear axis" not in drawn
+    assert draw_load_figure(states[["insertion_mm", "linear_mm"]], "load") is None
+    assert draw_load_figure(states.iloc[:0], "load") is None

@@ -159,6 +159,13 @@ class Epos2(Cia402Drive[Epos2Axis]):
             self._renew_fingerprint()
         return bool(written)
 
+    def restore_limits(self, own: Mapping[Entry, int]) -> None:
+        """Write the drive's own limits again, and leave its fingerprint as it is, also after a reset of its node."""
+        found = self.fingerprint()
+        super().restore_limits(own)
+        self.ensure(od.CONFIGURATION_DATE, found[0])
+        self.ensure(od.CONFIGURATION_TIME, found[1])
+
     def fingerprint(self) -> tuple[int, int]:
         """Return the date and time in 0x1020, which the drive clears when a setting is changed."""
         return self.upload(od.CONFIGURATION_DATE), self.upload(od.CONFIGURATION_TIME)

@@ -7,8 +7,8 @@ What is decided here
   third-party CANopen clients can drive it too (`serving`).
 - Inside a process frames are delivered synchronously: when `send` returns, every node has received the frame and
   answered it, unless a fault is scripted. No thread and no real-time timeout decides anything.
-- Motion is a closed form of simulated time. Drives follow their profile exactly; there is no load, but stops
-  and blockages hold a shaft. The journal of a drive has each event with its exact instant.
+- Motion is a closed form of simulated time. Drives follow their profile exactly; stops and blockages hold a shaft, and
+  a load shows in the motor current alone (`motor`). The journal of a drive has each event with its exact instant.
 - `served_rig` serves a whole rig to another labrig, which takes it for a bench: drives with the mechanics of their axes
   on a bus over TCP, a camera as a stream of pictures, both of one world and one clock, on this computer alone. Nobody
   tells that world what labrig asks its operator; a person types what they do by hand.

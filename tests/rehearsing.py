@@ -7,21 +7,33 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 120.0
-_PATIENT = "  answer_timeout_ms: 5000\n  heartbeat: {timeout_ms: 10000}\n"
-"""The drives wait longer than by default for a labrig on a machine that is busy with something else."""
-
-_TRAVEL = "limits: [-1, 50]"
-"""Of the linear module; a shorter one takes less time from limit to limit."""
+PATIENT = {
+    "  bitrate: 1000000\n": "  bitrate: 1000000\n  answer_timeout_ms: 5000\n  heartbeat: {timeout_ms: 10000}\n",
+    "limits: [-1, 50]": "limits: [-1, 18]",
+}
+"""The drives wait longer than by default for a labrig on a machine that is busy with something else, and the linear
+module is shorter, so that it takes less time from limit to limit."""
 
 _QUESTION = re.compile(r">> (.*?)\n +[^\n]*or no to stop:", re.DOTALL)
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
+
+
+_BY_HAND = {
+    r"Mount needle (\S+) in": r"needle \1",
+    r"Place specimen (.+) \(([\d.]+) % gelatin\)": r"specimen '\1' \2",
+    r"Shift specimen .+ to hole (\d+), ([\d.]+) mm": r"hole \1 \2",
+    r"Hold the chessboard \((\d+) x (\d+) corners, ([\d.]+) mm .+ view (\d+) of": r"board \4 \1 \2 \3",
+    r"Lay the graph paper \(([\d.]+) mm": r"paper \1",
+    r"Take away": "clear",
+}
+"""What labrig asks for, and the line that does it."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +59,16 @@ class ServingRig:
         self.process.stdin.flush()
         return self.process.stderr.readline().strip()
 
-    def run(self, *arguments: object, answer: Callable[[str], str]) -> Ended:
+    def obeys(self, question: str) -> str:
+        """Do by hand what a question asks for, and return what is typed then."""
+        if found := re.search(r"Type the reading of the axis (\w+) in", question):
+            return self.does(f"scale {found[1]}").rpartition(": ")[2]
+        for pattern, line in _BY_HAND.items():
+            if found := re.match(pattern, question):
+                assert self.does(found.expand(line)) == f"done: {found.expand(line)}"
+        return "yes"
+
+    def run(self, *arguments: object, answer: Callable[[str], str], patience_s: float = PATIENCE_S) -> Ended:
         """Run a labrig in a terminal of its own; `answer` returns what is typed at each question."""
         keyboard, screen = os.openpty()
         command = [sys.executable, "-m", "labrig", *map(str, arguments)]
@@ -60,7 +81,7 @@ class ServingRig:
             env={**os.environ, "COLUMNS": "300"},
         ) as running:
             os.close(screen)
-            watchdog = threading.Timer(PATIENCE_S, running.kill)
+            watchdog = threading.Timer(patience_s, running.kill)
             watchdog.start()
             try:
                 shown = _converse(keyboard, answer)
@@ -91,25 +112,27 @@ def free_port() -> int:
         return int(server.getsockname()[1])
 
 
-def copy_rig(folder: Path) -> Path:
-    """Return a rehearsal's rig file in a copy of the calibration folder, with ports of its own and a short travel."""
+def copy_rig(folder: Path, replacements: Mapping[str, str] = PATIENT) -> Path:
+    """Return a rehearsal's rig file in a copy of the calibration folder, with ports of its own."""
     shutil.copytree(ROOT / "calibration", folder, dirs_exist_ok=True)
     rig = folder / "rig-rehearsal.yaml"
     text = rig.read_text(encoding="utf-8")
     for port in ("29536", "29537"):
         assert port in text
         text = text.replace(port, str(free_port()))
-    assert _TRAVEL in text
-    text = text.replace(_TRAVEL, "limits: [-1, 18]")
-    text = text.replace("  bitrate: 1000000\n", f"  bitrate: 1000000\n{_PATIENT}", 1)
+    for old, new in replacements.items():
+        assert old in text
+        text = text.replace(old, new, 1)
     rig.write_text(text, encoding="utf-8")
     return rig
 
 
 @contextmanager
-def serve_rehearsal(folder: Path, *options: str) -> Iterator[ServingRig]:
+def serve_rehearsal(
+    folder: Path, *options: str, replacements: Mapping[str, str] = PATIENT
+) -> Iterator[ServingRig]:
     """Serve a rig until the block is left."""
-    rig = copy_rig(folder)
+    rig = copy_rig(folder, replacements)
     command = [sys.executable, "-m", "labrig", "devices", "simulate", "--rig", str(rig), *options]
     with subprocess.Popen(
         command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

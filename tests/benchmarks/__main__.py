@@ -26,6 +26,7 @@ from tests.benchmarks import (
     real_insertions,
     reanalyze,
     recording,
+    rehearsal,
     rot,
     ruled_paper,
     silent_bus,
@@ -59,6 +60,7 @@ TABLES = {
     "crash": crash.print_table,
     "rot": rot.print_table,
     "sweep": sweep.print_table,
+    "rehearsal": rehearsal.print_table,
 }
 
 

@@ -33,26 +33,12 @@ def _read_commands(section: str) -> list[list[str]]:
     return [shlex.split(line.removeprefix("labrig ")) for line in lines]
 
 
-def _obey(bench: ServingRig, question: str) -> str:
-    """Do by hand what a question asks for, and return what is typed then."""
-    if found := re.search(r"Type the reading of the axis (\w+) in", question):
-        return bench.does(f"scale {found[1]}").rpartition(": ")[2]
-    for pattern, line in (
-        (r"Mount needle (\S+) in", r"needle \1"),
-        (r"Place specimen (.+) \(([\d.]+) % gelatin\)", r"specimen '\1' \2"),
-        (r"Shift specimen .+ to hole (\d+), ([\d.]+) mm", r"hole \1 \2"),
-    ):
-        if found := re.match(pattern, question):
-            assert bench.does(found.expand(line)) == f"done: {found.expand(line)}"
-    return "yes"
-
-
 def _run(bench: ServingRig, runs: Path, command: list[str], asked: list[str]) -> Ended:
     """Run a command of the chapter on the rig that is served."""
 
     def answer(question: str) -> str:
         asked.append(question)
-        return _obey(bench, question)
+        return bench.obeys(question)
 
     at_rig = [str(bench.rig) if argument == RIG else argument for argument in command]
     if {"run", "withdraw"} & set(command):

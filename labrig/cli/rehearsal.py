@@ -14,6 +14,8 @@ from labrig.devices.simulated.typed_requests import HELP
 from labrig.errors import InputError
 from labrig.simulation.description import WorldDescription
 
+_NAME_WORLD = "name a rig file of kind simulated with --world FILE"
+
 
 def serve_rehearsal(
     file: Path,
@@ -51,7 +53,7 @@ def serve_rehearsal(
     rig = load_rig(file)
     rehearsal = Rehearsal(
         rig,
-        _load_world(world or file.parent / SIMULATED_RIG.name),
+        _load_world(world or _find_world_file(file)),
         seed,
         load_faults(faults) if faults else (),
     )
@@ -76,11 +78,17 @@ def _say_ready(rig: RigDescription, *, as_json: bool) -> None:
     say_wrapped(f"Type here what your hands do at the bench: {HELP}")
 
 
+def _find_world_file(rig: Path) -> Path:
+    """Return the simulated rig beside a rig file. Raises `InputError` if there is none."""
+    beside = rig.parent / SIMULATED_RIG.name
+    if not beside.is_file():
+        raise InputError(f"no world: there is no {beside}", _NAME_WORLD)
+    return beside
+
+
 def _load_world(file: Path) -> WorldDescription:
     """Return the world of a simulated rig. Raises `InputError` if the file has none."""
     world = load_rig(file).world
     if world is None:
-        raise InputError(
-            f"{file} has no section world", "name a rig file of kind simulated with --world FILE"
-        )
+        raise InputError(f"{file} has no section world", _NAME_WORLD)
     return world

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -136,6 +137,7 @@ def test_a_second_simulation_on_the_same_ports_is_told(tmp_path: Path) -> None:
         (("--rig", "RIG", "--nodes", "1"), "--nodes belongs to --interface"),
         (("--interface", "slcan", "--seed", "1"), "--seed belongs to --rig"),
         (("--rig", "RIG", "--world", "RIG"), "has no section world"),
+        (("--rig", "ALONE"), "no world: there is no "),
         (("--rig", "RIG", "--world", "none.yaml"), "none.yaml"),
         (("--rig", "RIG", "--faults", "FAULTS"), "faults.0.fault"),
         (
@@ -150,7 +152,8 @@ def test_what_cannot_be_served_is_refused(
     """Wrong input exits with 2 before anything is served."""
     rig, faults = copy_rig(tmp_path), tmp_path / "faults.yaml"
     faults.write_text("faults:\n  - {fault: gremlin}\n", encoding="utf-8")
-    files = {"RIG": rig, "FAULTS": faults}
+    (tmp_path / "alone").mkdir()
+    files = {"RIG": rig, "FAULTS": faults, "ALONE": shutil.copy(rig, tmp_path / "alone")}
     done = labrig("devices", "simulate", *(files.get(argument, argument) for argument in arguments))
     assert done.exit_code == 2
     assert words in done.err

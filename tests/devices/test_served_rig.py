@@ -1,15 +1,19 @@
 """A rig served for a rehearsal: which rig files can be, and the world that its camera sees."""
 
+import socket
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Event
 
 import numpy as np
 import pytest
 
 from labrig.devices.camera import Picture
+from labrig.devices.fault_script import FaultDescription
 from labrig.devices.rig_file import load_rig
 from labrig.devices.simulated.local_ports import LocalPorts, find_local_ports
 from labrig.devices.simulated.picture_stream import PictureStream
@@ -17,6 +21,7 @@ from labrig.devices.simulated.served_rig import Rehearsal, SeenWorld, serve_rig
 from labrig.errors import InputError
 from labrig.simulation.world import World
 from tests.devices.rigs import BENCH, SIMULATED
+from tests.rehearsing import copy_rig
 
 REHEARSAL = BENCH.parent / "rig-rehearsal.yaml"
 _LONG_S = 60.0
@@ -43,6 +48,7 @@ def test_the_example_has_the_drives_and_the_calibration_of_the_simulated_rig() -
         (("can.channel='socket://10.0.0.5:29536'",), "can is slcan socket://10.0.0.5:29536"),
         (("can.channel='socket://127.0.0.1:port'",), "can is slcan socket://127.0.0.1:port"),
         (("can.channel='socket://127.0.0.1'",), "can is slcan socket://127.0.0.1"),
+        (("can.channel='socket://127.0.0.1:0'",), "can is slcan socket://127.0.0.1:0"),
         (("camera.source='http://10.0.0.7/live'",), "camera is files http://10.0.0.7/live"),
         (("camera.source='rtsp://127.0.0.1:8554/live'",), "camera is files rtsp://"),
         (("camera.source=film.avi",), "camera is files film.avi"),
@@ -85,6 +91,29 @@ def test_a_camera_of_another_size_than_the_worlds_is_refused() -> None:
             typed=list,
             report=lambda _line: None,
         )
+
+
+def test_an_unplugged_adapter_ends_its_connections(tmp_path: Path) -> None:
+    """The fault of the script does what pulling the plug of a serial adapter does: a program reads the end."""
+    rig, ends = load_rig(copy_rig(tmp_path)), Event()
+    faults = (FaultDescription(fault="unplugged"),)
+    with ThreadPoolExecutor(1) as server:
+        ready = Event()
+        serving = server.submit(
+            serve_rig,
+            Rehearsal(rig, load_rig(SIMULATED).world, faults=faults),
+            until=ends.is_set,
+            ready=ready.set,
+            typed=list,
+            report=lambda _line: None,
+        )
+        try:
+            assert ready.wait(_LONG_S)
+            with socket.create_connection(("127.0.0.1", find_local_ports(rig).can), _LONG_S) as program:
+                assert program.recv(1) == b""
+        finally:
+            ends.set()
+            serving.result(_LONG_S)
 
 
 class _Screen(PictureStream):

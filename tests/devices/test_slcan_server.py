@@ -8,6 +8,7 @@ from contextlib import suppress
 import can
 import pytest
 
+from labrig.devices.simulated.serving import Gateway
 from labrig.devices.simulated.slcan_server import SlcanServer
 from labrig.errors import BusError
 from tests.rehearsing import free_port
@@ -70,6 +71,24 @@ def test_a_program_that_never_reads_loses_frames_and_delays_nobody(server: Slcan
                 lines += deaf.recv(65536)
         assert 0 < lines.count(b"\r") < sent
         assert set(lines.split(b"\r")[:-1]) == {LINE[:-1]}
+
+
+def test_a_program_that_sends_without_a_pause_does_not_stop_the_drives(server: SlcanServer) -> None:
+    """A round of the gateway ends although more frames wait, and the drives do what is due."""
+    rounds = iter(range(3))
+    gateway = Gateway(server)
+    with _connect(server) as flood:
+        flood.setblocking(False)
+        frame = b"t77F105\r"
+
+        def flood_again() -> None:
+            with suppress(BlockingIOError):
+                while True:
+                    flood.send(frame * 1000)
+
+        flood_again()
+        gateway.serve((), lambda: next(rounds, None) is None, flood_again)
+        assert server.recv(timeout=0) is not None
 
 
 def test_a_program_that_goes_leaves_the_bus_to_the_others(server: SlcanServer) -> None:

@@ -50,7 +50,7 @@ def _find_port(url: str, scheme: str) -> int | None:
     try:
         parts = urlsplit(url)
         is_local = (parts.scheme, parts.hostname) == (scheme, LOCAL_HOST)
-        return parts.port if is_local else None
+        return (parts.port or None) if is_local else None
     except ValueError:  # a port that is not a number
         return None
 

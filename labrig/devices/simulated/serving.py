@@ -19,6 +19,9 @@ from labrig.durable import write_atomically
 from labrig.errors import BusError, InputError
 
 _TICK_S = 0.002
+_MOST_FRAMES = 200
+"""Frames in a round, ten times as many as a bus of 1 Mbit/s carries in a tick: a flood does not stop the drives."""
+
 BOOT_TIME_S = 0.26
 """Measured on a real drive, from NMT reset to boot-up frame."""
 
@@ -116,10 +119,7 @@ class Gateway:
         """
         try:
             while not until():
-                message = self._bus.recv(timeout=_TICK_S)
-                while message is not None:
-                    self._end.send(message)
-                    message = self._bus.recv(timeout=0)
+                self._pass_frames()
                 for drive in drives:
                     drive.tick()
                 tick()
@@ -129,6 +129,14 @@ class Gateway:
             for drive in drives:
                 drive.unplug()
             self._end.shutdown()
+
+    def _pass_frames(self) -> None:
+        """Wait for a frame for a tick, and pass on what has arrived, but no more than a bus could carry."""
+        message, passed = self._bus.recv(timeout=_TICK_S), 0
+        while message is not None:
+            self._end.send(message)
+            passed += 1
+            message = self._bus.recv(timeout=0) if passed < _MOST_FRAMES else None
 
 
 class ServedDrives:

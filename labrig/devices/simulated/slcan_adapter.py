@@ -88,6 +88,13 @@ class SlcanAdapter(can.BusABC):
             return
         self._serial.write(format_frame(msg))
 
+    def take_frames(self) -> list[can.Message]:
+        """Return the frames of one reading of the line, without waiting."""
+        self._read_line(0.0)
+        taken = list(self._received)
+        self._received.clear()
+        return taken
+
     def unplug(self) -> None:
         """Unplug the adapter: the serial port disappears."""
         if self._serial is not None:
@@ -104,10 +111,14 @@ class SlcanAdapter(can.BusABC):
         return self._is_open and self._bitrate in {None, self._bus_bitrate}
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._received and self._serial is not None:
-            for byte in self._serial.read(1.0 if timeout is None else timeout):
-                self._take_byte(byte)
+        if not self._received:
+            self._read_line(1.0 if timeout is None else timeout)
         return (self._received.popleft() if self._received else None), False
+
+    def _read_line(self, timeout_s: float) -> None:
+        if self._serial is not None:
+            for byte in self._serial.read(timeout_s):
+                self._take_byte(byte)
 
     def _take_byte(self, byte: int) -> None:
         if byte != ord("\r"):

@@ -16,7 +16,9 @@ from labrig.devices.simulated.local_ports import LOCAL_HOST
 from labrig.devices.simulated.slcan_adapter import SlcanAdapter
 from labrig.errors import BusError
 
-_CHUNK_BYTES = 65536
+_CHUNK_BYTES = 4096
+"""Read from a connection at a time: one that sends without a pause leaves time for the others."""
+
 _UNSENT_BYTES = 16384
 """Buffer of a connection, as small as an adapter's: a slow program does not receive frames of seconds ago."""
 
@@ -104,7 +106,7 @@ class SlcanServer(can.BusABC):
 
     def _take_frames(self, line: "_TcpLine") -> None:
         adapter = self._adapters[line]
-        while (frame := adapter.recv(timeout=0)) is not None:
+        for frame in adapter.take_frames():
             self._received.append(frame)
             for other in self._adapters.values():
                 if other is not adapter:

@@ -185,7 +185,7 @@ class Cia402Drive(Generic[Section]):
         self._was_enabled = False
         self._homing_due_s = math.inf
         self._reports = DriveReports(link, node_id, (self.report_pdo, self.load_pdo))
-        self._reports_load = False
+        self._reports_load = self._is_awaited = False
         self._current: tuple[Entry, float] | None = None
         link.network.subscribe(0x700 + node_id, self._on_heartbeat)
         link.network.subscribe(0x080 + node_id, self._on_emergency)
@@ -563,11 +563,11 @@ class Cia402Drive(Generic[Section]):
             pdo: layout for pdo, layout in layouts.items() if self._map(pdo, layout) and self._switch_on(pdo)
         }
 
-    def _load_entries(self) -> tuple[Entry, ...]:
+    def _load_entries(self, *, with_current: bool = True) -> tuple[Entry, ...]:
         """Return the objects of motor current and inputs that are to be reported, each once."""
         if not self._reports_load:
             return ()
-        current = () if self._current is None else (self._current[0],)
+        current = () if self._current is None or not with_current else (self._current[0],)
         return tuple(dict.fromkeys((*current, *(place.entry for place in self._input_places.values()))))
 
     @cached_property
@@ -621,17 +621,21 @@ class Cia402Drive(Generic[Section]):
 
     def expect_report(self) -> None:
         """Drop earlier reports: the next `report` is that of the coming SYNC."""
+        self._is_awaited = True
         self._reports.expect()
 
     def report(self) -> dict[Entry, int]:
         """Return statusword, position [counts] and load, as reported; by SDO what is not expected or does not arrive.
+
+        The motor current is only in a report that was expected: who looks in between asks for it if the axis lags.
 
         Raises
         ------
         DriveError, BusError
         """
         values = self._reports.take(_REPORT_PATIENCE * self._link.answer_timeout_s)
-        for entry in (*_REPORTED, *self._load_entries()):
+        with_current, self._is_awaited = self._is_awaited, False
+        for entry in (*_REPORTED, *self._load_entries(with_current=with_current)):
             if entry not in values:
                 values[entry] = self.upload(entry)
         self._note_state(values[co.STATUSWORD])
@@ -670,7 +674,9 @@ class Cia402Drive(Generic[Section]):
         arrived = self._target is None or (
             bool(statusword & TARGET_REACHED) and abs(counter - self._target) <= self._window_counts
         )
-        current_ma = None if self._current is None else values[self._current[0]] * self._current[1]
+        current_ma = None
+        if self._current is not None and self._current[0] in values:
+            current_ma = values[self._current[0]] * self._current[1]
         inputs = self._convert_inputs(values) if self._reports_load else {}
         return DriveReading(
             self._position(counter), statusword, self.decode(statusword), arrived, current_ma, inputs

@@ -80,8 +80,8 @@ class DriveReading:
     """A reading of a drive: position [mm or rad], statusword, state, and whether its last move has arrived.
 
     `target_reached` is true if the drive says so and the position is within the window around the target. After
-    `report_load` also the motor current [mA], None if the drive does not measure it, and the inputs that the rig file
-    names.
+    `report_load` also the inputs that the rig file names and, if the report was expected, the motor current [mA]; None
+    if the drive does not measure it.
     """
 
     position: float

@@ -143,6 +143,16 @@ def test_a_door_that_opens_while_the_rig_waits_is_noticed() -> None:
         assert opened.hardware.clock.now_s() - opened_s < 0.4
 
 
+def test_an_input_that_the_drive_hides_is_refused() -> None:
+    """An EPOS2 masks general-D to general-F as it comes: they would read off whatever is wired to them."""
+    hidden = simulated_rig("axes.linear.inputs={door: {source: general-D, expected: false}}")
+    with opened_rig(hidden) as opened:
+        with pytest.raises(DriveError, match=r"hides its input general-D.*0xe387, without bit 12"):
+            opened.rig.connect()
+        opened.drives["linear"].objects.values[od.INPUT_MASK] = 0xF387
+        open_again(opened).connect()
+
+
 def test_a_drive_without_the_input_is_refused() -> None:
     """A channel that nobody reads guards nothing."""
     with opened_rig(simulated_rig(DOOR)) as opened:

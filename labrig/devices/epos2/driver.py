@@ -244,11 +244,20 @@ class Epos2(Cia402Drive[Epos2Axis]):
         return od.FOLLOWING_ERROR_ACTUAL
 
     def find_input(self, source: str) -> InputPlace | None:
-        """Return where an input of the drive is read."""
+        """Return where an input of the drive is read. Raises `DriveError` if its mask hides the input."""
         if source in ANALOG_INPUTS:
             return InputPlace(ANALOG_INPUTS[source], volts=_MILLIVOLT)
         bit = self.section.digital_inputs.get(source)
-        return None if bit is None else InputPlace(od.INPUT_STATE, bit=bit)
+        if bit is None:
+            return None
+        mask = self.upload(od.INPUT_MASK)
+        if not mask >> bit & 1:
+            raise DriveError(
+                f"{self.name} hides its input {source}, which would always read off: the mask 0x2071:02 is "
+                f"{mask:#06x}, without bit {bit}",
+                f"set bit {bit} of the mask in EPOS Studio and save it, or use an input that the mask shows",
+            )
+        return InputPlace(od.INPUT_STATE, bit=bit)
 
     def inputs(self) -> dict[str, bool]:
         """Return the digital inputs by function, with the drive's polarity settings applied."""

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminal
 CHAPTER = ROOT / "labrig" / "manual" / "commissioning.md"
 RIG = "calibration/rig-rehearsal.yaml"
 FAST = ("--set", "insertion.withdraw_speed_mm_s=20", "--set", "sheath.speed_mm_s=10")
+"""For insertions: less time for what the tests do not look at."""
 
 
 def _read_blocks(section: str, language: str) -> list[str]:
@@ -44,14 +45,19 @@ def _run(bench: ServingRig, runs: Path, command: list[str], asked: list[str]) ->
     at_rig = [str(bench.rig) if argument == RIG else argument for argument in command]
     if {"run", "withdraw"} & set(command):
         at_rig += ["--runs-dir", str(runs)]
-    return bench.run(*at_rig, *(FAST if command[0] == "run" else ()), answer=answer)
+    return bench.run(*at_rig, *(FAST if "protocols/steerability.yaml" in command else ()), answer=answer)
 
 
 def test_every_command_of_the_chapter_is_run_here() -> None:
     """No section has commands beside those that the tests below run."""
     sections = re.findall(r"^## (.*)$", CHAPTER.read_text(encoding="utf-8"), re.MULTILINE)
     with_commands = [section for section in sections if _read_blocks(section, "sh")]
-    assert with_commands == [*COMMISSIONING, "The first insertion", "When something fails"]
+    assert with_commands == [
+        *COMMISSIONING,
+        "Calibrate the camera",
+        "The first insertion",
+        "When something fails",
+    ]
     (simulation,) = _read_commands("The rehearsal")
     assert simulation == ["devices", "simulate", "--rig", RIG]
 
@@ -71,6 +77,16 @@ def test_a_bare_bench_is_commissioned_as_the_chapter_says(tmp_path: Path) -> Non
     assert any("search backwards for its stop" in question for question in asked)
     state = json.loads((tmp_path / "rig" / "rehearsal.state.json").read_text())
     assert sorted(state["referenced"]) == ["insertion", "linear", "rotation"]
+
+
+def test_a_camera_is_calibrated_as_the_chapter_says(tmp_path: Path) -> None:
+    """The boards and the paper that are held before the simulated camera give a calibration that is accepted."""
+    asked: list[str] = []
+    (command,) = _read_commands("Calibrate the camera")
+    with serve_rehearsal(tmp_path / "rig") as bench:
+        done = _run(bench, tmp_path / "runs", command, asked)
+    assert (done.exit_code, "calibration accepted" in done.shown) == (0, True), done.shown
+    assert sum(question.startswith("Hold the chessboard") for question in asked) == 16
 
 
 def test_an_insertion_is_rehearsed_to_its_report(labrig: Labrig, tmp_path: Path) -> None:

@@ -142,12 +142,12 @@ class _Handler(BaseHTTPRequestHandler):
         if not stream.enter():
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
             return
+        number = stream.last_number  # its picture was exposed before the client asked; a later one is sent
         try:
             self.send_response(HTTPStatus.OK)
             self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
-            number = stream.last_number  # its picture may be from before the client came
             while (part := stream.wait_for_part(number)) is not None:
                 self.wfile.write(part.data)
                 number = part.number
